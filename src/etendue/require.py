@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from etendue.arrays import Array
+from etendue.types.arrays import Array
 
 
 def that(fine: Any, text: str) -> None:

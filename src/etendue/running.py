@@ -13,7 +13,6 @@ from etendue import interrupts
 from etendue.compute.job import Job
 from etendue.compute.jobs import make_jobs
 from etendue.contract.ports import Keeper, Progress, Sheet
-from etendue.documents import Document
 from etendue.plan.model import CellRef
 from etendue.plan.reports import DONE, LEFT_OUT, Reports
 from etendue.plan.resume import Work
@@ -23,10 +22,11 @@ from etendue.present.terminal import tables
 from etendue.run.batches import Batch, BatchResult
 from etendue.run.schedulers import scheduler as scheduler_of
 from etendue.run.watch import Stop, run_batches
+from etendue.types.documents import Document
 
 if TYPE_CHECKING:
-    from etendue.arrays import Array
     from etendue.session import Options
+    from etendue.types.arrays import Array
 
 Cut = Callable[[Mapping[CellRef, Job], float], list[Batch]]  # jobs into batches of about so many seconds
 

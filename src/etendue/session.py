@@ -19,7 +19,6 @@ from etendue.compute.jobs import make_jobs
 from etendue.contract.ports import CellReport, Keeper, Progress
 from etendue.contract.registry import installed_stages
 from etendue.contract.tables import SHARED
-from etendue.documents import Document, DocumentView
 from etendue.errors import PluginError, RequestError
 from etendue.pipeline.file import (
     Pipeline,
@@ -43,10 +42,11 @@ from etendue.run.peak_memory import workers_of
 from etendue.run.schedulers import How, check_scheduler, far
 from etendue.run.schedulers import scheduler as scheduler_of
 from etendue.run.watch import Stop, run_batches
+from etendue.types.documents import Document, DocumentView
 
 if TYPE_CHECKING:
-    from etendue.arrays import Array
     from etendue.running import Running
+    from etendue.types.arrays import Array
 
 
 @dataclass

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from etendue.arrays import Array, FloatArray
+from etendue.types.arrays import Array, FloatArray
 
 __all__ = ["Array", "FloatArray", "Floats"]
 

@@ -5,7 +5,7 @@ and archives.
 from __future__ import annotations
 
 from etendue.api import hookimpl
-from etendue.documents import Document
+from etendue.types.documents import Document
 
 _CLI = "etendue_lab.cli"
 

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.optimize import brentq
 
-from etendue.documents import Document
+from etendue.types.documents import Document
 
 ROUNDING = 3e-15  # errors below are those of 64 bits
 LARGEST = 0.1  # errors above do not converge yet

@@ -16,12 +16,12 @@ from etendue.accuracy.measuring import Measured, Measurement, from_document
 from etendue.accuracy.pilot import MOST
 from etendue.archive.remembered import recall, remember
 from etendue.contract.registry import Registry
-from etendue.documents import Document, DocumentView, Place
 from etendue.pipeline.file import Pipeline
 from etendue.plan.keys import digest
 from etendue.plan.model import Plan
 from etendue.result_files import finite
 from etendue.session import Options
+from etendue.types.documents import Document, DocumentView, Place
 
 LADDER = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 0.0)
 

@@ -24,7 +24,6 @@ from etendue.contract.capabilities import has_no_mean
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
 from etendue.contract.variables import variable as known
-from etendue.documents import Document, DocumentView, Place
 from etendue.errors import RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan.ancestry import behind
@@ -34,6 +33,7 @@ from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.result_files import finite
 from etendue.session import Collected, Options, collect
+from etendue.types.documents import Document, DocumentView, Place
 
 FORM = 1  # of what is remembered: another number, and it is measured again
 LEFT_OUT, PRECISION = "left out", "precision"

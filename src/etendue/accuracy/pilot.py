@@ -12,9 +12,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from etendue.documents import AxisValue
 from etendue.pipeline.file import Pipeline
 from etendue.plan.model import Axis
+from etendue.types.documents import AxisValue
 
 MOST = 8  # places, unless somebody asks for more
 _BASES = (2, 3, 5, 7, 11, 13, 17, 19)

@@ -17,10 +17,10 @@ from typing import Any
 from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
-from etendue.documents import Document, DocumentView
 from etendue.errors import PluginError
 from etendue.pipeline.derived import each, given
 from etendue.pipeline.file import Pipeline, StageEntry
+from etendue.types.documents import Document, DocumentView
 
 Name = tuple[str, str]  # stage of the pipeline, parameter
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from etendue.accuracy.measuring import Measured
-from etendue.documents import Place
 from etendue.plan.model import CellRef, Plan
+from etendue.types.documents import Place
 
 MARGIN = 3.0  # times the worst that was measured: a few cells stand for many
 

@@ -19,10 +19,10 @@ from etendue.accuracy.reference import Knob, knobs_of
 from etendue.accuracy.trials import PRECISION, Curve, Effort, Told, Trial, Trials
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
-from etendue.documents import Place
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.file import Pipeline
 from etendue.plan.parameters import Unfit, resolve
+from etendue.types.documents import Place
 
 TOLERANCES = tuple(10.0**-n for n in range(1, 9))
 WORTH = 0.9  # by so much a slower setting betters the error, or it is not on the front

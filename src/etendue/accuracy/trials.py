@@ -18,13 +18,13 @@ from etendue.compute.tables import TABLES
 from etendue.contract.dims import banded
 from etendue.contract.registry import Registry
 from etendue.contract.variables import variable as known_variable
-from etendue.documents import DocumentView
 from etendue.errors import RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan.ancestry import behind
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Collected, Options, collect
+from etendue.types.documents import DocumentView
 
 PRECISION = "precision"
 COARSEST = 0.5  # settings cheaper than one with such an error are not tried

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 from etendue.archive.entries import Entry
 from etendue.archive.provenance import in_words
 from etendue.contract.registry import installed_stages
-from etendue.documents import DocumentView
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
+from etendue.types.documents import DocumentView
 
 
 @dataclass(frozen=True)

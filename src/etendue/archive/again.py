@@ -16,9 +16,9 @@ from etendue.archive.inputs import digest_now
 from etendue.archive.manifest import DATA, digest_of, read_manifest
 from etendue.archive.provenance import is_record, record_paths
 from etendue.contract.bounds import MOST_CELLS, more_values
-from etendue.documents import DocumentView
 from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import Pipeline, parse_pipeline
+from etendue.types.documents import DocumentView
 
 _INPUT = re.compile(r'"\.\./inputs/([0-9a-f]{64}[^"/]*)"')
 

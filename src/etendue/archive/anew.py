@@ -34,8 +34,8 @@ from etendue.archive.reading import Form, StoredArchive, StoredCell, StoredChunk
 from etendue.archive.shards import Place, Shard, holds, index_bytes, index_size, read_bytes, read_index
 from etendue.archive.tree import ROOT, Tree
 from etendue.contract.ports import Written
-from etendue.documents import Document
 from etendue.errors import ArchiveError
+from etendue.types.documents import Document
 
 WASTE = 8  # a shard is written anew when more than the eighth of its chunks is nothing
 BESIDE = ("contact_sheet.png", "ro-crate-metadata.json", "CITATION.cff", "measured.json")

@@ -23,9 +23,9 @@ from etendue.archive.parts import PARTS
 from etendue.archive.pieces import Cutter, Window, joined
 from etendue.archive.shards import Place, fits, part_path, read_bytes, read_index
 from etendue.archive.unfolding import refuse_other_size
-from etendue.arrays import Array
 from etendue.contract.ports import Written
 from etendue.errors import ArchiveError
+from etendue.types.arrays import Array
 
 blosc.use_threads = False  # the bits and the time of a chunk must not depend on the threads around it
 CODEC, LEVEL = "lz4", 5

@@ -17,11 +17,11 @@ from etendue.archive.differing import Difference, between, together
 from etendue.archive.naming import cell_name
 from etendue.archive.pieces import Cutter
 from etendue.archive.stored import Stored, StoredArrays
-from etendue.arrays import Array
 from etendue.contract.ports import CellReport, Passing, Sheet, Written
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select
+from etendue.types.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,10 +21,10 @@ from typing import Any
 from etendue.archive import disk
 from etendue.archive.again import Recorded, every_record
 from etendue.archive.manifest import DATA, Manifest
-from etendue.documents import DocumentView
 from etendue.pipeline.about import About
 from etendue.plan.keys import version_of
 from etendue.plan.model import Node, Plan
+from etendue.types.documents import DocumentView
 
 NAME, CITATION = "ro-crate-metadata.json", "CITATION.cff"
 PROFILES = (

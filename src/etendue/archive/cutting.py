@@ -23,8 +23,8 @@ from etendue.archive.layout import Layout, VariableLayout
 from etendue.archive.manifest import DATA
 from etendue.archive.pieces import chunk_of, known_chunk, pieces_of, room_of, windows_of
 from etendue.archive.shards import EXTRA, LARGEST, block_of, shards_of
-from etendue.documents import Document, DocumentView
 from etendue.plan.model import Plan
+from etendue.types.documents import Document, DocumentView
 
 SMALL = 4096  # bytes of a chunk below which compressing takes longer than all else, and saves next to nothing
 Blocks = Mapping[str, Mapping[str, Mapping[str, Any]]]  # by group and variable: block, codec, form, pieces, chunk

@@ -17,8 +17,8 @@ from etendue.archive.manifest import NAME, damaged, read_manifest
 from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record, record_paths
 from etendue.archive.stored import Stored
-from etendue.documents import Document
 from etendue.errors import ArchiveError
+from etendue.types.documents import Document
 
 
 def refuse_changed(folder: Path, running: bool) -> None:

@@ -19,8 +19,8 @@ from typing import Any
 from etendue.archive.differing import Difference, between, together
 from etendue.archive.provenance import latest_record, node_changes
 from etendue.archive.stored import Stored, StoredArrays
-from etendue.documents import AxisValue, Document, DocumentView
 from etendue.errors import ArchiveError
+from etendue.types.documents import AxisValue, Document, DocumentView
 
 _LABEL = re.compile(r""" ([^ =]+)=('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|\S+)""")
 Place = tuple[str, frozenset[tuple[str, Any]]]  # a stage, and axis values by dim

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from etendue import plain_files
-from etendue.documents import Document
 from etendue.errors import ArchiveError
+from etendue.types.documents import Document
 
 PARTIAL = ".partial"
 PART = ".part"  # of a shard in the making: what a journal names of it is kept

@@ -16,9 +16,9 @@ from etendue.contract import seen
 from etendue.contract.capabilities import Viewed
 from etendue.contract.drawn import BY
 from etendue.contract.variables import variable
-from etendue.documents import Document
 from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, Node, Plan
+from etendue.types.documents import Document
 
 
 def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> Document:

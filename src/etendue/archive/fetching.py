@@ -35,7 +35,7 @@ from etendue.archive.reading import StoredArchive
 from etendue.archive.shards import Shard, index_bytes, index_size
 from etendue.archive.standins import STORE
 from etendue.contract.ports import Written
-from etendue.documents import Document, DocumentView
+from etendue.types.documents import Document, DocumentView
 
 TABLE = "objects.json"  # which objects belong to an archive: the tag of each as it was put
 PACK = "documents.zip"  # the small ones of these objects once more, for whoever would fetch them all

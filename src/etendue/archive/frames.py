@@ -15,7 +15,7 @@ from pathlib import Path
 from etendue.archive import disk
 from etendue.archive.manifest import DATA, Manifest
 from etendue.archive.tree import ROOT, Tree
-from etendue.documents import Document, DocumentView
+from etendue.types.documents import Document, DocumentView
 
 FRAMES = "frames"
 

@@ -18,9 +18,9 @@ from typing import Any
 
 from etendue.archive.manifest import DATA
 from etendue.contract.grid import Coordinate, Line
-from etendue.documents import DocumentView
 from etendue.plan.keys import digest
 from etendue.plan.model import Cell, CellRef, Node
+from etendue.types.documents import DocumentView
 
 
 @dataclass(frozen=True)

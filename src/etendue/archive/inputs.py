@@ -21,7 +21,6 @@ from etendue.archive import disk
 from etendue.contract.parameter import Parameter
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import file_behind, file_state, parameters_of
-from etendue.documents import Document, DocumentView
 from etendue.errors import ArchiveError
 from etendue.pipeline import toml
 from etendue.pipeline.file import Pipeline
@@ -29,6 +28,7 @@ from etendue.pipeline.presets import preset
 from etendue.plan.keys import file_digest
 from etendue.plan.model import Plan
 from etendue.plan.parameters import resolve_file
+from etendue.types.documents import Document, DocumentView
 
 _COPY = re.compile(r"\.\./inputs/[0-9a-f]{64}[^/]*")
 LARGEST_COPY = 256 << 20  # a larger input is described, not copied

@@ -40,7 +40,7 @@ from etendue.archive.line_forms import (
     of_kind,
 )
 from etendue.archive.shards import Shard
-from etendue.documents import Document, DocumentView
+from etendue.types.documents import Document, DocumentView
 
 LONGEST_LINE = 32 << 20  # bytes; the longest, that of a record, has some megabytes where axes have 100,000 values
 # Of a damaged line; older versions of msgspec have errors of decoding that are no ``ValueError``.

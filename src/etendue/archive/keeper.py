@@ -18,14 +18,14 @@ from etendue.archive.accepting import former_of
 from etendue.archive.chunks import CellFiles
 from etendue.archive.store import Archive
 from etendue.contract.ports import CellReport, Sheet
-from etendue.documents import DocumentView
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select
+from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
-    from etendue.arrays import Array
     from etendue.session import Options
+    from etendue.types.arrays import Array
 
 
 class ArchiveKeeper:

@@ -22,8 +22,8 @@ from etendue.archive.naming import Names
 from etendue.archive.pieces import known_chunk
 from etendue.archive.reading import Form
 from etendue.archive.tree import Tree
-from etendue.documents import Document
 from etendue.plan.model import Cell, CellRef, Plan
+from etendue.types.documents import Document
 
 Slot = tuple[str, int, int]
 

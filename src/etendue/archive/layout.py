@@ -17,9 +17,9 @@ from etendue.contract import quantities
 from etendue.contract.dims import dim as declared
 from etendue.contract.grid import Bands, Coordinate, Labels, Line
 from etendue.contract.variables import NOT_IN_IT, variable
-from etendue.documents import Document
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Cell, CellRef, Node, Plan
+from etendue.types.documents import Document
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed")
 STATUS_ATTRIBUTES = {

@@ -12,7 +12,7 @@ import msgspec
 
 from etendue.archive.entries import EVENTS
 from etendue.contract.ports import Written
-from etendue.documents import Document
+from etendue.types.documents import Document
 
 LARGEST = 2**62  # of a place in a file
 

@@ -14,11 +14,11 @@ import numpy as np
 import xarray
 
 from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, coordinates_of, layout_of
-from etendue.arrays import Array
 from etendue.contract.ports import CellReport, Passing, Sheet
-from etendue.documents import Document
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 
 
 class Standing(Mapping[CellRef, dict[str, Any]]):

@@ -18,8 +18,8 @@ from numcodecs import VLenUTF8, Zstd
 
 from etendue.archive.chunks import CODEC, LEVEL, RAW
 from etendue.archive.unfolding import refuse_unfolding
-from etendue.documents import Document, DocumentView
 from etendue.errors import ArchiveError
+from etendue.types.documents import Document, DocumentView
 
 CRC = {"name": "crc32c"}
 TEXT = "text"

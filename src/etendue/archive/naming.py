@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from etendue.documents import Place
 from etendue.plan.model import Cell, CellRef, Plan
+from etendue.types.documents import Place
 
 Index = tuple[int, ...]
 

@@ -21,8 +21,8 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
-from etendue.documents import Document
 from etendue.errors import ArchiveError, RequestError, StoreLost, shortened
+from etendue.types.documents import Document
 
 SCHEMES = ("s3", "file", "memory")
 EXTRA = "pip install 'etendue[objects]'"

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from etendue.contract.dims import is_light
-from etendue.documents import DocumentView
 from etendue.plan import cost
+from etendue.types.documents import DocumentView
 
 LARGEST_CHUNK = 64 << 20  # bytes; a cell above it is cut in row bands
 BANDS = 4  # of them together hold about as much as the largest chunk: 16 MB

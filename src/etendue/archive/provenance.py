@@ -21,11 +21,11 @@ from etendue.archive import disk
 from etendue.archive.inputs import Resolved, as_recorded
 from etendue.archive.manifest import Manifest, digest_of
 from etendue.contract.found import Found
-from etendue.documents import Document, DocumentView
 from etendue.plan.code import code_of
 from etendue.plan.keys import canonical, file_digest, parameters_for_key, version_of
 from etendue.plan.model import Node, Plan
 from etendue.plugins.discovery import named
+from etendue.types.documents import Document, DocumentView
 
 OTHER_CODE = "its code has changed"
 LIBRARIES = ("etendue", "numpy", "scipy", "xarray", "dask", "zarr", "numcodecs", "pluggy", "colour-science", "msgspec")

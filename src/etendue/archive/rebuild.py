@@ -24,7 +24,7 @@ from etendue.archive.pieces import pieces_of
 from etendue.archive.store import Archive
 from etendue.archive.stored import Stored
 from etendue.archive.verify import STRAYS
-from etendue.documents import Document, DocumentView
+from etendue.types.documents import Document, DocumentView
 
 RECORD = ".json"
 

@@ -11,7 +11,7 @@ import json
 from pathlib import Path
 
 from etendue.archive import disk
-from etendue.documents import Document, DocumentView
+from etendue.types.documents import Document, DocumentView
 
 NAME = "measured.json"
 SUM = "sum"

@@ -22,8 +22,8 @@ import google_crc32c
 import numpy as np
 
 from etendue.archive import disk, standins
-from etendue.arrays import Array
 from etendue.contract.ports import Written
+from etendue.types.arrays import Array
 
 LARGEST = 64 << 20  # bytes of a shard; beyond it there are more shards
 SMALLEST = 8 << 20  # bytes that a gap may cost before a shard is copied rather than renamed

@@ -41,9 +41,9 @@ from etendue.archive.strangers import check_folder, known_axes, other_stages, re
 from etendue.archive.tree import ROOT, incompatible
 from etendue.contract.names import TABLES
 from etendue.contract.ports import CellReport, Written
-from etendue.documents import DocumentView
 from etendue.errors import ArchiveError, ArchiveInUse, MachineError
 from etendue.plan.model import Cell, CellRef, Plan
+from etendue.types.documents import DocumentView
 
 
 class Archive:

@@ -27,8 +27,8 @@ from etendue.archive.pieces import Window, joined
 from etendue.archive.reading import FINISHED, StoredArchive, StoredChunk, open_archive
 from etendue.archive.shards import Place, fits, read_bytes
 from etendue.archive.unfolding import check_array
-from etendue.arrays import Array
 from etendue.errors import ArchiveError
+from etendue.types.arrays import Array
 
 LEDGER = "ledger"
 LARGEST_TABLE = 128 << 20  # bytes of one column, of as many cells as 16 million

@@ -22,8 +22,8 @@ from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record
 from etendue.archive.tree import ROOT
 from etendue.contract.names import TABLES
-from etendue.documents import Document, DocumentView
 from etendue.errors import ArchiveError, ArchiveInUse
+from etendue.types.documents import Document, DocumentView
 
 
 def check_folder(folder: Path) -> None:

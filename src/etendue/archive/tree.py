@@ -17,8 +17,8 @@ from etendue.archive.chunks import CODEC, encode
 from etendue.archive.cutting import chunk_shapes
 from etendue.archive.metadata import TEXT, array_node, consolidated, document, text_chunk
 from etendue.archive.reading import Form
-from etendue.documents import DocumentView
 from etendue.process import unwarned
+from etendue.types.documents import DocumentView
 
 ROOT = "zarr.json"
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from etendue import plain_files
 from etendue.archive import disk
-from etendue.documents import DocumentView
 from etendue.errors import ArchiveError
+from etendue.types.documents import DocumentView
 
 MOST = 32 << 20  # bytes of a coordinate or a table that may be as small in its file as one likes
 FOLD = 200  # times that a larger one may be larger than in its file

@@ -19,8 +19,8 @@ from etendue.archive.looking import Damage, Look, Told, Verified
 from etendue.archive.manifest import DATA
 from etendue.archive.manifest import NAME as MANIFEST
 from etendue.archive.owner import is_running, is_written, owner_of
-from etendue.documents import Document
 from etendue.errors import ArchiveError, ArchiveInUse
+from etendue.types.documents import Document
 
 STRAYS = "strays"  # where a repair puts what does not belong to an archive
 

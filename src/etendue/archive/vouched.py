@@ -37,10 +37,10 @@ from etendue.archive.reading import StoredArchive, StoredCell, StoredChunk
 from etendue.archive.shards import fits, index_bytes, index_size, read_bytes
 from etendue.archive.tree import ROOT, Tree
 from etendue.archive.unfolding import refuse_codecs, refuse_unfolding
-from etendue.arrays import Array
 from etendue.contract.names import TABLES
-from etendue.documents import DocumentView
 from etendue.errors import ArchiveError
+from etendue.types.arrays import Array
+from etendue.types.documents import DocumentView
 
 LOOKS = 4  # at a chunk of a run that goes on: its part may become a shard while it is looked for
 

@@ -13,12 +13,12 @@ from etendue.archive import places
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.builder.methods import Extended
 from etendue.calls import called_methods
-from etendue.documents import Document
 from etendue.present.plots import glance_page
 from etendue.present.plots.accessor import TreeAccessor
 from etendue.present.plots.glance import Glance, glance, glance_at
 from etendue.run.schedulers import check_scheduler
 from etendue.session import Options
+from etendue.types.documents import Document
 
 if TYPE_CHECKING:
     import xarray

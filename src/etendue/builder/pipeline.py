@@ -22,7 +22,6 @@ from etendue.contract import quantities as shared_quantities
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import Stage
 from etendue.contract.tables import SHARED, preset_keys, tables
-from etendue.documents import Document, DocumentView
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline import toml
 from etendue.pipeline.file import Pipeline as Written
@@ -32,6 +31,7 @@ from etendue.plan.planner import make_plan, summary
 from etendue.run.peak_memory import peak_memory, workers_of
 from etendue.run.schedulers import check_scheduler
 from etendue.session import Options, execute
+from etendue.types.documents import Document, DocumentView
 
 if TYPE_CHECKING:
     from etendue.plan.model import Plan

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
-from etendue.documents import Document
 from etendue.present.terminal.html_tables import rows_of
 from etendue.present.terminal.terminal import human_seconds
 from etendue.telling import human_bytes
+from etendue.types.documents import Document
 
 
 def table_page(title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]], notes: Sequence[str] = ()) -> str:

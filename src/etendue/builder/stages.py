@@ -20,8 +20,8 @@ from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, reads_of, writes_of
 from etendue.contract.tables import tables
 from etendue.contract.units import as_written
-from etendue.documents import Document, DocumentView
 from etendue.errors import Fault, RequestError, nearest
+from etendue.types.documents import Document, DocumentView
 
 
 @dataclasses.dataclass(frozen=True)

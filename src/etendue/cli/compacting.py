@@ -8,7 +8,7 @@ import click
 
 from etendue.cli.options import FOLDER, JSON, PLACE
 from etendue.cli.saying import command, tell
-from etendue.documents import Document
+from etendue.types.documents import Document
 
 SHOWN = 6  # groups of which the name is said
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from etendue.documents import Document
 from etendue.run.schedulers import NAMES
+from etendue.types.documents import Document
 
 if TYPE_CHECKING:
     from etendue.contract.registry import Registry

@@ -12,7 +12,7 @@ import click
 from etendue import streams
 from etendue.cli.options import JSON, PLACE
 from etendue.cli.saying import blaming, command, say, show
-from etendue.documents import Document
+from etendue.types.documents import Document
 
 
 @command("plot")

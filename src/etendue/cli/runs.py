@@ -25,7 +25,7 @@ from etendue.cli.options import (
     progress,
 )
 from etendue.cli.saying import command, say, show, tell
-from etendue.documents import Document
+from etendue.types.documents import Document
 
 
 def _pipeline(given: Given) -> Any:

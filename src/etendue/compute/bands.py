@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from etendue.arrays import Array, FloatArray
 from etendue.compute.job import Job
 from etendue.compute.ownership import for_reading, frozen, guests_of, handed
 from etendue.compute.tables import prepared_of
@@ -29,6 +28,7 @@ from etendue.contract.grid import Bands, Grid
 from etendue.contract.stage import arguments_of, reads_of
 from etendue.errors import PluginError, refused_by_the_machine
 from etendue.telling import foreign
+from etendue.types.arrays import Array, FloatArray
 
 
 class Banded(ABC):

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.bands import Banded, StoredBands, Timed, elsewhere, made_by_band
 from etendue.compute.form import Output, form_of
 from etendue.compute.found import with_found
@@ -29,6 +28,7 @@ from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
 from etendue.plugins import guests
 from etendue.telling import plain, told
+from etendue.types.arrays import Array
 
 
 def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> dict[str, Any]:

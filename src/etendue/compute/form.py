@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.job import Job
 from etendue.compute.tables import Key, key_of_prepared
 from etendue.contract.capabilities import is_transfer
 from etendue.contract.coordinates import coordinates_of
 from etendue.contract.stage import SPECIAL, Stage, optional_ports, patterns_of
 from etendue.contract.variables import Declaration, variable
+from etendue.types.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.bands import Banded
 from etendue.compute.form import form_of
 from etendue.compute.job import Job, Looking
@@ -25,6 +24,7 @@ from etendue.contract.capabilities import Probe
 from etendue.contract.stage import Stage
 from etendue.errors import PluginError
 from etendue.plan.model import CellRef
+from etendue.types.arrays import Array
 
 if TYPE_CHECKING:
     from etendue.contract.grid import Grid

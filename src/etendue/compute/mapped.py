@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array, FloatArray
 from etendue.compute.found import seed_found, stage_found, with_found
 from etendue.compute.given import Clipped, beside, looked_through, not_negative
 from etendue.compute.job import Job
@@ -24,6 +23,7 @@ from etendue.contract.capabilities import Transfer, is_random
 from etendue.contract.stage import Stage, quantities_of, writes_of
 from etendue.errors import PluginError
 from etendue.plan.model import CellRef
+from etendue.types.arrays import Array, FloatArray
 
 Results = Mapping[CellRef, Result]
 Check = Callable[[Job, Any], dict[str, Any]]

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.job import Job
 from etendue.errors import PluginError
 from etendue.plugins import guests
 from etendue.process import FOLDER, WARNED, return_to
+from etendue.types.arrays import Array
 
 if TYPE_CHECKING:
     from etendue.contract.stage import Stage

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from etendue.arrays import Array, FloatArray
+from etendue.types.arrays import Array, FloatArray
 
 TILE = 64  # positions
 

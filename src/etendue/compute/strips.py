@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute import rows as strips
 from etendue.compute.cell import check, kept, undefined
 from etendue.compute.form import Output, form_of
@@ -34,6 +33,7 @@ from etendue.contract.stage import patterns_of, reads_of
 from etendue.errors import ArchiveInUse, MachineError
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
+from etendue.types.arrays import Array
 
 Results = Mapping[CellRef, Result]
 Ended = list[tuple[Result, CellReport]]

@@ -16,13 +16,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from etendue.arrays import FloatArray
 from etendue.compute.random import tiled_normal, tiled_uniform
 from etendue.contract.capabilities import bands_of
 from etendue.contract.coordinates import coordinates_of
 from etendue.contract.grid import Bands, Grid, Line
 from etendue.contract.stage import Stage, state_of
 from etendue.telling import foreign
+from etendue.types.arrays import FloatArray
 
 LARGEST_CACHE = 256 << 20
 LARGEST_PATTERN = (

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import re
 
-from etendue.documents import DocumentView
 from etendue.errors import Fault
+from etendue.types.documents import DocumentView
 
 LARGEST_FILE = 1 << 20  # bytes
 MOST_KEYS = 10_000  # in one file: tables, keys and the entries of tables in lists

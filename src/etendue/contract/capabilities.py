@@ -31,7 +31,7 @@ from etendue.contract.stage import (
 )
 
 if TYPE_CHECKING:
-    from etendue.arrays import Array
+    from etendue.types.arrays import Array
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.grid import Bands, Grid, Line
+from etendue.types.arrays import Array
 
 
 def coordinates_of(grids: Mapping[str, Grid], prefix: str = "") -> dict[str, Array]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from etendue.contract.seen import flat_dims
 from etendue.contract.variables import Variable, variable
-from etendue.documents import Document, DocumentView, Place
+from etendue.types.documents import Document, DocumentView, Place
 
 BY = "drawn_by"  # attributes of some places on the axes alone, as JSON: [[{dim: value}, {attribute: value}], ...]
 

@@ -20,7 +20,7 @@ from etendue.errors import PluginError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from etendue.arrays import Array
+    from etendue.types.arrays import Array
 
 _Kind = TypeVar("_Kind", bound=type[Stage])
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
-from etendue.documents import Document, DocumentView
+from etendue.types.documents import Document, DocumentView
 
 if TYPE_CHECKING:
-    from etendue.arrays import Array
     from etendue.plan.model import Cell, CellRef, Plan
     from etendue.plan.resume import Work
+    from etendue.types.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,7 @@ from etendue.plugins import discovery
 from etendue.plugins.discovery import table_file
 
 if TYPE_CHECKING:
-    from etendue.arrays import Array
+    from etendue.types.arrays import Array
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 

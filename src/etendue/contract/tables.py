@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache
 
-from etendue.documents import DocumentView
 from etendue.plugins import discovery
+from etendue.types.documents import DocumentView
 
 SHARED = "shared"
 

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 
-from etendue.documents import DocumentView
 from etendue.plugins import discovery
+from etendue.types.documents import DocumentView
 
 _FORM = re.compile(r"^\s*(?:(?P<name>[\w.*]+)\s*:)?\s*(?P<dims>[^\[\]]*?)\s*\[(?P<unit>[^\]]*)\]\s*(?P<flags>.*?)\s*$")
 DTYPES = ("float", "uint8", "uint16", "uint32")

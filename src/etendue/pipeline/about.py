@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from etendue.contract.units import as_written
-from etendue.documents import Document, DocumentView
 from etendue.errors import Fault, nearest, unprintable
+from etendue.types.documents import Document, DocumentView
 
 KEYS = ("title", "license", "author")
 OF_AN_AUTHOR = ("name", "orcid", "affiliation")

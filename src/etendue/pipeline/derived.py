@@ -10,9 +10,9 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from etendue.documents import DocumentView
 from etendue.pipeline.file import Pipeline, StageEntry
 from etendue.pipeline.presets import preset
+from etendue.types.documents import DocumentView
 
 
 def given(entry: StageEntry, values: DocumentView, but: Collection[str] = ()) -> StageEntry:

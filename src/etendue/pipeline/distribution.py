@@ -20,9 +20,9 @@ from etendue.contract.dims import dim
 from etendue.contract.names import unfit_stage
 from etendue.contract.registry import OWN, Registry
 from etendue.contract.stage import identity_of, parameters_of, reads_of, writes_of
-from etendue.documents import DocumentView
 from etendue.errors import Fault, RequestError, nearest
 from etendue.plugins import discovery
+from etendue.types.documents import DocumentView
 
 
 @dataclass(frozen=True)

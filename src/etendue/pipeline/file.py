@@ -22,12 +22,12 @@ from etendue.contract.bounds import LARGEST_FILE, MOST_CELLS, MOST_LISTED, docum
 from etendue.contract.names import unfit_stage
 from etendue.contract.tables import Table, table_in, tables
 from etendue.contract.units import as_written
-from etendue.documents import Document, DocumentView
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.about import About, read_about
 from etendue.pipeline.form import Words
 from etendue.pipeline.overrides import TOP, apply_overrides, axes_of, axis_name, by_one_name
 from etendue.pipeline.presets import preset
+from etendue.types.documents import Document, DocumentView
 
 PRECISIONS, NORMS = ("auto", "float32", "float64"), ("rms", "max")
 

@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 from etendue.contract.names import LONGEST
 from etendue.contract.units import as_written
-from etendue.documents import DocumentView
 from etendue.errors import Fault, unprintable
+from etendue.types.documents import DocumentView
 
 T = TypeVar("T")
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from etendue.contract import quantities
 from etendue.contract.tables import table_in, tables
-from etendue.documents import Document, DocumentView
 from etendue.errors import Fault, RequestError, nearest
+from etendue.types.documents import Document, DocumentView
 
 TOP = (
     "name",

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from etendue.contract.tables import Table, tables
-from etendue.documents import Document
 from etendue.errors import RequestError, nearest
 from etendue.plugins import discovery
 from etendue.telling import plain
+from etendue.types.documents import Document
 
 TYPICAL = "typical"
 SPOKEN = (TYPICAL, "definition", "seed paper")  # how a source begins that is no address

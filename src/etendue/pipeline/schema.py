@@ -18,10 +18,10 @@ from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, reads_of
 from etendue.contract.tables import Table, tables
-from etendue.documents import Document, DocumentView
 from etendue.errors import PluginError
 from etendue.pipeline.about import KEYS, OF_AN_AUTHOR
 from etendue.pipeline.presets import preset_names
+from etendue.types.documents import Document, DocumentView
 
 PLAIN = r"^[^\x00-\x1f\x7f]*$"  # no control characters
 TEXT_OF_A_NUMBER = r"^\s*[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?(\s*[^\d\s].*)?$|^\s*inf(inite)?\s*$"

@@ -13,13 +13,13 @@ from etendue.contract.capabilities import is_transfer
 from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.stage import Stage, parameters_of, writes_of
 from etendue.contract.units import as_written
-from etendue.documents import Document, DocumentView
 from etendue.errors import PluginError, nearest
 from etendue.pipeline.file import StageEntry
 from etendue.plan.code import code_digest
 from etendue.plan.model import Alternative, Axis
 from etendue.plan.parameters import Unfit, expected, resolve
 from etendue.plan.request import Request
+from etendue.types.documents import Document, DocumentView
 
 Entries = Mapping[str, tuple[Alternative, ...]]  # by the name of the stage
 

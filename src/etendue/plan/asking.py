@@ -18,9 +18,9 @@ from etendue.contract.facts import UNKNOWN, Facts
 from etendue.contract.found import NotKnown
 from etendue.contract.grid import Grid
 from etendue.contract.stage import Stage, writes_of
-from etendue.documents import DocumentView
 from etendue.errors import PluginError
 from etendue.telling import foreign, plain
+from etendue.types.documents import DocumentView
 
 KNOWN_BY = ("proved", "fitted", "measured", "unknown")
 

@@ -52,7 +52,6 @@ MOVES = {
     "etendue.accuracy.*": _AFTER,
     "etendue.api": "hands on: what is taken out of it is followed to where it stands",
     "etendue.archive.*": "stores and reads back bytes, under digests of their own",
-    "etendue.arrays": "names of types",
     "etendue.builder.*": "writes the pipeline's file",
     "etendue.cache": "keeps bytes between runs, under keys that hold what they depend on",
     "etendue.calls": _WORDS,
@@ -72,7 +71,6 @@ MOVES = {
     "etendue.contract.registry": "loads the class of a stage, whose code stands in its key",
     "etendue.contract.tables": _WORDS,
     "etendue.contract.stated": f"stated errors decide which knobs are set: {_DECIDES}",
-    "etendue.documents": "names of types",
     "etendue.errors": _WORDS,
     "etendue.interrupts": "signals",
     "etendue.pipeline.*": f"reads the pipeline's file; {_VALUES}",
@@ -91,6 +89,7 @@ MOVES = {
     "etendue.testing.*": _AFTER,
     "etendue.transfer": _WORDS,
     "etendue.trust.*": _AFTER,
+    "etendue.types.*": "names in annotations",
 }
 # Of the rooms that move, what a process holds that computes cells and does nothing else: another of their modules would
 # be found by a test.

@@ -13,7 +13,6 @@ from etendue.contract.dims import is_light
 from etendue.contract.names import LOOKS, OWN, beside
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, quantities_of, writes_of
-from etendue.documents import Document, DocumentView
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.pipeline.file import Pipeline
 from etendue.plan import asking
@@ -27,6 +26,7 @@ from etendue.plan.request import Request
 from etendue.plan.swapped import fitted_to_overrides
 from etendue.plugins import discovery
 from etendue.telling import plain
+from etendue.types.documents import Document, DocumentView
 
 
 @dataclass

@@ -17,8 +17,8 @@ from typing import Any
 from etendue import plain_files
 from etendue.contract.found import Found
 from etendue.contract.stage import Stage, file_state, files_of, parameters_of
-from etendue.documents import Document
 from etendue.plugins.discovery import named
+from etendue.types.documents import Document
 
 
 def digest(data: bytes) -> str:

@@ -29,8 +29,8 @@ from etendue.contract.facts import Facts
 from etendue.contract.grid import Coordinate, Grid
 from etendue.contract.stage import Stage, per_kind, quantities_of, reads_of, writes_of
 from etendue.contract.variables import Declaration
-from etendue.documents import DocumentView
 from etendue.pipeline.file import Pipeline
+from etendue.types.documents import DocumentView
 
 CellRef = tuple[str, tuple[int, ...]]
 

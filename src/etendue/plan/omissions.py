@@ -12,9 +12,9 @@ from dataclasses import replace
 from typing import Any
 
 from etendue.contract.stage import parameters_of
-from etendue.documents import Document
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import Approximated, Cell, Node
+from etendue.types.documents import Document
 
 LEAST_TOLD = 1e-3  # seconds that are worth a word
 

@@ -18,9 +18,9 @@ from typing import Any, get_args, get_origin
 from etendue import plain_files
 from etendue.contract.parameter import Parameter
 from etendue.contract.units import UnitError, as_written, to_unit
-from etendue.documents import Document
 from etendue.errors import nearest, unprintable
 from etendue.plugins.discovery import is_table_file
+from etendue.types.documents import Document
 
 SMALLEST, LARGEST = 1e-30, 1e30  # sizes of numbers: their products fit 64 bits
 MOST_STEPS = 100_000

@@ -15,7 +15,6 @@ from types import MappingProxyType
 from etendue.contract.names import LOOKS
 from etendue.contract.registry import Registry
 from etendue.contract.stage import Stage, parameters_of
-from etendue.documents import Document
 from etendue.errors import Fault, PluginError, RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan import asking, cost, omissions
@@ -28,6 +27,7 @@ from etendue.plan.request import Choice
 from etendue.plan.swapped import fitted_to_overrides
 from etendue.plugins.guests import Guest
 from etendue.telling import plain
+from etendue.types.documents import Document
 
 INSTALLED: Mapping[str, str] = MappingProxyType({})
 

@@ -14,12 +14,12 @@ from etendue.contract import quantities
 from etendue.contract.parameter import MISSING
 from etendue.contract.tables import Table
 from etendue.contract.units import as_written
-from etendue.documents import DocumentView
 from etendue.errors import RequestError, nearest
 from etendue.pipeline.presets import preset, preset_names
 from etendue.plan.model import Axis
 from etendue.plan.parameters import Unfit, resolve
 from etendue.plan.request import Request
+from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
     from etendue.plan.quantities import Declared

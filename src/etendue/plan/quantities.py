@@ -16,13 +16,13 @@ from etendue.contract.found import Found
 from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.stage import parameters_of, writes_of
 from etendue.contract.units import as_written
-from etendue.documents import Document
 from etendue.errors import nearest
 from etendue.plan.alternatives import Entries, meaning
 from etendue.plan.model import Axis
 from etendue.plan.parameters import Unfit, resolve
 from etendue.plan.presets import preset_axis
 from etendue.plan.request import Request
+from etendue.types.documents import Document
 
 
 class Declared(NamedTuple):

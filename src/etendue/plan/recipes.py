@@ -12,13 +12,13 @@ from typing import Any
 
 from etendue.contract.capabilities import Sampled, draws_anew, is_random
 from etendue.contract.stage import Stage, looks, looks_at_stages, parameters_of, quantities_of, reads_of
-from etendue.documents import Document
 from etendue.plan import asking, words
 from etendue.plan.code import code_digest, libraries_of
 from etendue.plan.cost import too_large
 from etendue.plan.forms import Draft, Form
 from etendue.plan.keys import digest, key_of, parameters_for_key, plain_text, version_of
 from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, light_of, pixel_of, scene_of
+from etendue.types.documents import Document
 
 NONE: Mapping[str, str] = {}  # never written to; a mapping proxy could not be pickled
 Lines = frozenset[str]

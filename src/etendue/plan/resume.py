@@ -13,10 +13,10 @@ from typing import Any
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import looks_at_stages
 from etendue.contract.tables import preset_keys
-from etendue.documents import AxisValue, DocumentView
 from etendue.errors import RequestError
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
+from etendue.types.documents import AxisValue, DocumentView
 
 
 @dataclass

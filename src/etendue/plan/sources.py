@@ -18,8 +18,8 @@ from functools import cache
 from pathlib import Path
 
 from etendue import cache as kept
-from etendue.documents import Document
 from etendue.plan.keys import digest
+from etendue.types.documents import Document
 
 PACKAGE = Path(__file__).parent.parent
 SETTLED = 2.0  # s; a file edited more recently may be edited again within the same tick of its clock

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 
 import pluggy
 
-from etendue.documents import DocumentView
+from etendue.types.documents import DocumentView
 
 PROJECT = "etendue"
 GROUP = "etendue"

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib.metadata import EntryPoint
 
-from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue.plugins import discovery
+from etendue.types.documents import Document
 
 
 def shared_out() -> bool:

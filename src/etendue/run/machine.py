@@ -11,13 +11,13 @@ import shutil
 from pathlib import Path
 
 from etendue.compute.tables import LARGEST_CACHE
-from etendue.documents import AxisValue
 from etendue.errors import MachineError
 from etendue.plan import machine
 from etendue.plan.cost import alike, cell_bytes
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.run.peak_memory import kept_bytes, peak_memory
 from etendue.telling import human_bytes
+from etendue.types.documents import AxisValue
 
 
 def check_machine(plan: Plan, archive: Path | None, workers: int = 1, pictures: bool = True) -> None:

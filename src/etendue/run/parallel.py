@@ -11,11 +11,11 @@ from functools import partial
 from typing import Any
 from uuid import uuid4
 
-from etendue.documents import Document
 from etendue.plan.model import CellRef
 from etendue.run.batches import Batch, BatchResult, run_batch
 from etendue.run.schedulers import How
 from etendue.run.workers import Crew
+from etendue.types.documents import Document
 
 Before = Callable[[Batch], None]
 After = Callable[[Batch, BatchResult], None]

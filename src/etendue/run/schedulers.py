@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from etendue.documents import DocumentView
 from etendue.errors import RequestError, nearest
+from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
     from etendue.run.watch import Stop

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from etendue.arrays import Array
 from etendue.compute.cell import compute, smallest
 from etendue.compute.job import Job, Looking, Walk
 from etendue.compute.joined.segments import Result
@@ -32,6 +31,7 @@ from etendue.contract.variables import Declaration
 from etendue.plan.forms import output_grid
 from etendue.plan.model import CellRef
 from etendue.testing.examples import GUESSED, Blur, BlurAndSum, edges, edges_of, exemplary, sheet
+from etendue.types.arrays import Array
 
 Frame = tuple[int, int]
 Arrays = Mapping[str, Any]

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract import quantities
 from etendue.contract.capabilities import is_source
 from etendue.contract.facts import Facts
@@ -38,6 +37,7 @@ from etendue.testing.bench import (
     largest_difference,
 )
 from etendue.testing.measured import hold, magnified, ratio_of, told, within
+from etendue.types.arrays import Array
 
 
 def in_a_fresh_thread(bench: Bench, inputs: Arrays, precision: str) -> Trial:

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract import wording
 from etendue.contract.capabilities import Noisy
 from etendue.testing.bench import LARGE, SMALL, Bench, full_scale
 from etendue.testing.checks import bound_of
 from etendue.testing.digits import UNSTATED
 from etendue.testing.measured import hold, magnified, ratio_of, within
+from etendue.types.arrays import Array
 
 BRIGHTER = (1 + 1e-6, 1.01, 2.0, 1e3)
 SIGMAS = 5.0  # by which a measured variance may be off: once in two million, and the draws are the same in every run

@@ -14,7 +14,6 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import DTypeLike
 
-from etendue.arrays import Array
 from etendue.compute.tables import prepared_of
 from etendue.contract.capabilities import Transfer, is_random
 from etendue.plan.parameters import SMALLEST
@@ -22,6 +21,7 @@ from etendue.testing.bench import FRAME, LARGE, Arrays, Bench, Frame, Trial, ful
 from etendue.testing.checks import bound_of
 from etendue.testing.examples import edges
 from etendue.testing.measured import ratio_of, within
+from etendue.types.arrays import Array
 
 LONG = "longdouble"
 UNSTATED = {

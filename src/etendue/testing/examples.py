@@ -10,11 +10,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract import dims
 from etendue.contract.capabilities import Sheet, Summed, Transfer
 from etendue.contract.grid import Coordinate, Labels, Line
 from etendue.plugins import discovery
+from etendue.types.arrays import Array
 
 EDGES = (500.0, 520.0, 540.0, 560.0, 580.0, 600.0)  # of bins, where their dim has no example
 GUESSED = Labels((0.0, 1.0, 2.0))  # of a dim of which nothing is known

@@ -13,7 +13,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.cell import compute
 from etendue.compute.joined.segments import Result
 from etendue.contract.capabilities import Sampled, is_random, mean_arguments_of, rounds
@@ -23,6 +22,7 @@ from etendue.plan.model import CellRef
 from etendue.testing.bench import Arrays, Bench, LawBroken
 from etendue.testing.checks import along_ladder
 from etendue.testing.measured import hold
+from etendue.types.arrays import Array
 
 DRAWS = 24
 ERRORS = 6.0  # standard errors of the mean of so many draws

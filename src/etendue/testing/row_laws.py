@@ -10,11 +10,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.rows import has_rows
 from etendue.contract.capabilities import halo_of
 from etendue.testing.bench import FRAME, PRECISIONS, Bench, LawBroken, digests
 from etendue.testing.measured import hold
+from etendue.types.arrays import Array
 
 
 class RowLaws:

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.rows import has_rows
 from etendue.contract import dims, quantities, seen, variables
 from etendue.contract.capabilities import draws_anew, halo_of, is_transfer
@@ -22,6 +21,7 @@ from etendue.contract.variables import Declaration
 from etendue.plugins import discovery
 from etendue.testing.bench import Bench, Frame, full_scale
 from etendue.testing.measured import hold, ratio_of, within
+from etendue.types.arrays import Array
 
 FIRST: tuple[Frame, ...] = ((1, 0), (0, 1), (1, 1))  # pixels at which windows begin
 AT_LEAST = 12  # pixels of a window, down and across

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from etendue.arrays import Array, FloatArray
 from etendue.transfer.cells import (
     BLOCK,
     Axis,
@@ -22,6 +21,7 @@ from etendue.transfer.cells import (
     overlaps,
     planes_of,
 )
+from etendue.types.arrays import Array, FloatArray
 
 
 def evaluated(

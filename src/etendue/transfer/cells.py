@@ -22,7 +22,7 @@ import scipy
 from numpy.typing import NDArray
 
 from etendue import require
-from etendue.arrays import Array, FloatArray
+from etendue.types.arrays import Array, FloatArray
 
 Transfer = Callable[[FloatArray, FloatArray], Array]  # fy (n, 1), fx (1, m) cycles/um -> (n, m)
 Weights = Callable[[FloatArray], Array]  # frequency index K = 0, 1, 2... -> factor; that of -K is the conjugate

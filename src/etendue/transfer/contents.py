@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array, FloatArray
 from etendue.contract.bounds import MOST_VALUES
 from etendue.contract.capabilities import Banded, Source, is_random
 from etendue.contract.coordinates import coordinates_of
@@ -24,6 +23,7 @@ from etendue.errors import EtendueError
 from etendue.process import unwarned
 from etendue.telling import foreign
 from etendue.transfer import rings as scene_rings
+from etendue.types.arrays import Array, FloatArray
 
 LARGEST = 1 << 25  # values that are looked at; of more, some bands stand for their neighbours
 AT_ONCE = 1 << 24  # values that are made together: of one band, or of all where the source makes no single ones

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array, FloatArray
 from etendue.contract.capabilities import Transfer
 from etendue.contract.facts import Content
 from etendue.contract.stage import state_of
 from etendue.transfer import rings as scene_rings
 from etendue.transfer.products import Product, alone
+from etendue.types.arrays import Array, FloatArray
 
 DIRECTIONS = 8  # over a half turn, in which a transfer function that is not radial is asked
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etendue.arrays import FloatArray
+from etendue.types.arrays import FloatArray
 
 ComplexArray = NDArray[np.complexfloating]
 

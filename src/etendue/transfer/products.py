@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etendue.arrays import Array
 from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer, bands_of
 from etendue.contract.coordinates import coordinates_of
 from etendue.contract.dims import dim
@@ -23,6 +22,7 @@ from etendue.contract.grid import Bands, Grid
 from etendue.contract.stage import Stage
 from etendue.errors import PluginError
 from etendue.telling import foreign
+from etendue.types.arrays import Array
 
 EVERY = slice(None)
 

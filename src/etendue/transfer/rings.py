@@ -12,8 +12,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from etendue.arrays import FloatArray
 from etendue.transfer import sampling
+from etendue.types.arrays import FloatArray
 
 PER_OCTAVE = 6
 BLOCK = 1 << 19  # values of a transform that are looked at together

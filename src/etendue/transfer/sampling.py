@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from etendue.arrays import FloatArray
+from etendue.types.arrays import FloatArray
 
 FEW = 64  # outputs for each row of a transform, up to which two matrix products are cheaper than an inverse transform
 

@@ -18,12 +18,12 @@ from etendue.archive.manifest import DATA
 from etendue.archive.provenance import record_paths
 from etendue.archive.stored import LEDGER, Stored
 from etendue.contract.names import TABLES
-from etendue.documents import Document, DocumentView
 from etendue.errors import ArchiveError, RequestError
 from etendue.trust import sayings
 from etendue.trust.comparing import ELSEWHERE, differences, of_array, shown, skipped
 from etendue.trust.remade import Again, array_of, as_document, chunks_out_of_place, record_again, store_files
 from etendue.trust.sayings import Difference
+from etendue.types.documents import Document, DocumentView
 
 OF_CODE = ("code", "distributions", "versions")  # of a stage: what was installed then
 

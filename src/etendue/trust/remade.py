@@ -36,7 +36,6 @@ from etendue.archive.stored import LEDGER, Stored
 from etendue.archive.tree import ROOT, Tree
 from etendue.contract.ports import CellReport, Sheet
 from etendue.contract.registry import installed_stages
-from etendue.documents import Document
 from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import from_document
 from etendue.pipeline.overrides import apply_overrides
@@ -45,6 +44,7 @@ from etendue.plan.planner import make_plan
 from etendue.plan.reports import Reports
 from etendue.plan.resume import is_of_names, with_stored_values
 from etendue.present.terminal import tables
+from etendue.types.documents import Document
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,11 @@ from etendue.archive.verify import document as of_verified
 from etendue.archive.verify import verify
 from etendue.contract.ports import Progress
 from etendue.contract.registry import installed_stages
-from etendue.documents import Document
 from etendue.errors import ArchiveError
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
+from etendue.types.documents import Document
 
 
 @dataclass

@@ -30,7 +30,6 @@ from etendue.archive.stored import Stored
 from etendue.archive.verify import verify
 from etendue.contract.ports import CellReport, Progress, Sheet
 from etendue.contract.registry import installed_stages
-from etendue.documents import Document
 from etendue.errors import ArchiveError, ArchiveInUse, Fault, RequestError
 from etendue.plan.keys import version_of
 from etendue.plan.model import CellRef, Plan
@@ -43,6 +42,7 @@ from etendue.trust.comparing import unchecked
 from etendue.trust.remade import Again, column
 from etendue.trust.sayings import Difference
 from etendue.trust.verdict import CellResult, Reproduction, judged_cell
+from etendue.types.documents import Document
 
 WORST = 20  # cells that are named
 

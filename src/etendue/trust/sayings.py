@@ -16,8 +16,8 @@ from etendue.archive import crate, disk, frames
 from etendue.archive.manifest import DATA
 from etendue.archive.provenance import record_paths
 from etendue.archive.stored import LEDGER, Stored
-from etendue.documents import Document
 from etendue.trust.remade import Again
+from etendue.types.documents import Document
 
 JOURNAL, MANIFEST = "journal.jsonl", "manifest.json"
 

@@ -17,11 +17,11 @@ from typing import Any
 from etendue.archive.comparing import Compared
 from etendue.archive.looking import Damage
 from etendue.contract.ports import CellReport
-from etendue.documents import Document, DocumentView
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
 from etendue.trust.comparing import NotChecked
 from etendue.trust.sayings import Difference
+from etendue.types.documents import Document, DocumentView
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import Any
 
-from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue.pipeline.presets import Sourced, preset, preset_names
 from etendue.plugins.discovery import OWN
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.types.documents import Document
 
 
 def sensor_document(name: str) -> Document:

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from etendue.contract.registry import installed_stages
-from etendue.documents import Document
 from etendue.errors import Fault, RequestError
 from etendue.present.plots.places import is_called, read_at
+from etendue.types.documents import Document
 from etendue_camera.electronics import amplifier
 from etendue_camera.export import dng, png, tiff
 from etendue_camera.export.frames import FINISHED, ArchivedFrame, Shelf, chosen, described, plain

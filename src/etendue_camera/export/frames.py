@@ -24,12 +24,12 @@ from etendue.archive.provenance import latest_record
 from etendue.archive.reading import metadata_of
 from etendue.archive.stored import Stored
 from etendue.archive.vouched import VouchedStore
-from etendue.documents import Document, DocumentView, Place
 from etendue.errors import ArchiveError, Fault, RequestError, nearest
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.opening import opened
 from etendue.present.plots.places import is_called, is_value
 from etendue.present.plots.strip import white_of
+from etendue.types.documents import Document, DocumentView, Place
 from etendue_camera.arrays import Array, FloatArray
 
 PLANE = ("channel", "y", "x")

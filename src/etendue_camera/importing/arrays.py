@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from etendue import plain_files
-from etendue.documents import Document, DocumentView
 from etendue.errors import RequestError, nearest
+from etendue.types.documents import Document, DocumentView
 from etendue_camera.arrays import Array
 from etendue_camera.importing.cube import Cube, needed
 

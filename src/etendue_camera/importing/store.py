@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from etendue.documents import Document
 from etendue.errors import RequestError
+from etendue.types.documents import Document
 from etendue_camera.importing.cube import RADIANCE, Cube
 
 CHUNK = 512  # pixels along y and x

@@ -16,13 +16,13 @@ from etendue.contract import quantities as camera
 from etendue.contract.capabilities import Probe
 from etendue.contract.registry import Registry
 from etendue.contract.stage import reads_of
-from etendue.documents import AxisValue, Document
 from etendue.errors import Fault, PluginError, RequestError, nearest
 from etendue.pipeline.derived import at_value, wanting
 from etendue.pipeline.file import Pipeline
 from etendue.pipeline.overrides import axis_name
 from etendue.plan.alternatives import unlike
 from etendue.plan.model import Node
+from etendue.types.documents import AxisValue, Document
 from etendue_camera.roles import REFERENCE
 
 SENSOR = "sensor"  # the word for presets of a camera

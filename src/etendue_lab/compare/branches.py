@@ -19,7 +19,6 @@ from typing import Any
 
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, quantities_of, reads_of
-from etendue.documents import Document, DocumentView
 from etendue.errors import PluginError, RequestError
 from etendue.pipeline.derived import each, free_name
 from etendue.pipeline.file import Pipeline, StageEntry
@@ -27,6 +26,7 @@ from etendue.plan import asking
 from etendue.plan.graph import Graph, build_graph
 from etendue.plan.model import Node
 from etendue.plan.quantities import to_be_found
+from etendue.types.documents import Document, DocumentView
 from etendue_camera.roles import REFERENCE, RESTORING
 from etendue_camera.sensor import cfa
 from etendue_lab.compare import installed

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
 from etendue.errors import EtendueError, RequestError
@@ -24,6 +23,7 @@ from etendue.pipeline.file import Pipeline
 from etendue.plan.model import Node, Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
+from etendue.types.arrays import Array
 from etendue_camera.resolution.slanted_edge import slanted_edge
 from etendue_camera.roles import EdgeScene, FlatScene
 from etendue_lab.compare import installed

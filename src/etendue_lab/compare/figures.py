@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
+from etendue.types.arrays import Array
 from etendue_camera.colour import difference
 from etendue_camera.quality import artefacts, fidelity
 

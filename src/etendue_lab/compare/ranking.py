@@ -18,11 +18,11 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from etendue.documents import Document
 from etendue.present.pictures.crops import Strip, strip
 from etendue.present.terminal.terminal import escape
 from etendue.present.terminal.work_precision import Point, work_precision
 from etendue.result_files import finite, write_whole
+from etendue.types.documents import Document
 from etendue_lab.compare.compared import FIGURES, Row
 from etendue_lab.compare.study import Comparison
 

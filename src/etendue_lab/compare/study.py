@@ -18,19 +18,19 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.cell import compute
 from etendue.compute.jobs import make_jobs
 from etendue.compute.joined.segments import Result
 from etendue.contract.capabilities import Viewed, is_source, is_transfer
 from etendue.contract.registry import Registry, installed_stages
-from etendue.documents import AxisValue
 from etendue.errors import RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan.model import CellRef
 from etendue.present.pictures.crops import Plane
 from etendue.run.one_thread import ONE_THREAD
 from etendue.session import Options, execute
+from etendue.types.arrays import Array
+from etendue.types.documents import AxisValue
 from etendue_camera.colour.matrices import D65_XY, xyz_from_xy
 from etendue_lab.compare import edge
 from etendue_lab.compare.alternatives import camera_of, keeping_inputs, planned, values_of, wanted_of

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from etendue.documents import Document, Place
+from etendue.types.documents import Document, Place
 from etendue_camera.electronics import emva
 
 FIGURES = (

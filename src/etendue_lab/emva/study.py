@@ -29,13 +29,13 @@ from etendue.contract.capabilities import is_source
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, writes_of
-from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue.pipeline.derived import free_name, stage_in_front, wanting, with_values, without_stages
 from etendue.pipeline.file import Pipeline, StageEntry
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
+from etendue.types.documents import Document
 from etendue_camera.roles import LENS, FlatScene
 from etendue_lab.compare.axis import one_camera
 from etendue_lab.emva.levels import RAW, lit, of_plan, raw_node, saturation

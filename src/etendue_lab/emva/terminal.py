@@ -10,8 +10,8 @@ import math
 
 from rich.table import Table
 
-from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.types.documents import Document
 
 NAMES = {
     "gain": "system gain K",

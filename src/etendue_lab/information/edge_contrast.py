@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.registry import Registry
-from etendue.documents import Document
 from etendue.pipeline.derived import wanting
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera.resolution.slanted_edge import slanted_edge
 from etendue_camera.sensor import cfa
 from etendue_lab.compare.edge import ANGLE, edge_and_field

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.cell import compute
 from etendue.compute.found import with_found
 from etendue.compute.jobs import make_jobs
@@ -32,6 +31,7 @@ from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
 from etendue.transfer.products import Product, alone, behind_filters, between, weights
+from etendue.types.arrays import Array
 from etendue_camera.resolution import information, noise_power
 from etendue_camera.roles import Scaled
 from etendue_lab.noise.flat_field import MOSAIC, REACH, FlatField, another, followed, in_front_of_grey

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from etendue.documents import Document
+from etendue.types.documents import Document
 
 ENDS = (0.0, 0.25, 0.5)  # cycles/pixel at which the table says NEQ
 FAINTEST = 1e-2  # of the largest NEQ, below which found and predicted are not held against each other

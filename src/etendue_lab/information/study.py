@@ -18,14 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
-from etendue.documents import Document
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan.model import Plan
 from etendue.session import Options
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera.resolution import information as kernel
 from etendue_camera.resolution import noise_power
 from etendue_lab.compare.axis import one_camera

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _print_whole, escape
+from etendue.types.documents import Document
 
 if TYPE_CHECKING:
     from rich.console import Console

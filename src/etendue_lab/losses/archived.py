@@ -14,11 +14,11 @@ from pathlib import Path
 from etendue.archive.again import recorded
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of
-from etendue.documents import Document, Place
 from etendue.errors import EtendueError
 from etendue.pipeline.derived import at_value
 from etendue.pipeline.file import Pipeline
 from etendue.result_files import finite
+from etendue.types.documents import Document, Place
 from etendue_lab.compare.axis import SENSOR
 from etendue_lab.losses.study import RUNS, losses
 

@@ -21,12 +21,12 @@ import numpy as np
 
 from etendue.contract.registry import Registry
 from etendue.contract.stage import reads_of
-from etendue.documents import Document
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline import derived
 from etendue.pipeline.file import Pipeline
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
+from etendue.types.documents import Document
 from etendue_camera.colour import difference
 from etendue_camera.roles import Displaying
 from etendue_lab.compare.axis import one_camera

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.types.documents import Document
 
 PAIRS = 3  # with the strongest interactions, that are named
 

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
-from etendue.documents import Document
 from etendue.errors import RequestError
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera import spectra
 from etendue_camera.colour.difference import lab
 from etendue_camera.colour.matrices import von_kries_matrix, xyz_from_xy

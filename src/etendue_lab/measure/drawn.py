@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from etendue.documents import Document
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.documents import Document
 from etendue_lab.measure.photograph import ENCODED, Photograph, open_photograph
 
 WIDEST, INCHES = 1600, 9.0  # pixels of the picture that are drawn along its longer side

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import scipy
 
-from etendue.arrays import Array
-from etendue.documents import Document
 from etendue.errors import RequestError
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera.electronics.rounding import both, lasting_error
 from etendue_camera.resolution.edge_interval import CLIPPED, EdgeResolution, edge_resolution
 from etendue_camera.resolution.edge_rewritten import AGAIN

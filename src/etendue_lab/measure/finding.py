@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
+from etendue.types.arrays import Array
 from etendue_camera.resolution.edge_region import FoundEdge, find_edges
 from etendue_lab.measure.photograph import Photograph
 from etendue_lab.measure.regions import Window

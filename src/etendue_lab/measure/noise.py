@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from etendue.documents import Document
 from etendue.errors import RequestError
+from etendue.types.documents import Document
 from etendue_camera.quality.patch_noise import PatchNoise, patch_noise
 from etendue_lab.measure.photograph import Photograph
 from etendue_lab.measure.regions import window

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from etendue import plain_files
-from etendue.arrays import Array
-from etendue.documents import Document
 from etendue.errors import RequestError
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera.colour import encoding as transfer
 from etendue_camera.picture_files import check_directories, read_picture
 from etendue_camera.quality.block_coding import BLOCK, coded

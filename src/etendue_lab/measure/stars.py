@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
-from etendue.documents import Document
 from etendue.errors import RequestError
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera.resolution.star_interval import Bootstrap, count_cycles, star_resolution
 from etendue_lab.measure.photograph import Photograph
 from etendue_lab.measure.regions import Circle, circle

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.documents import Document
 from etendue_camera import spectra
 from etendue_camera.colour_notes import is_named
 from etendue_lab.measure.chart import measured_chart

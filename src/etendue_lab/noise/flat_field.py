@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.cell import compute
 from etendue.compute.found import with_found
 from etendue.compute.jobs import make_jobs
@@ -28,6 +27,7 @@ from etendue.errors import RequestError
 from etendue.pipeline.derived import each, given
 from etendue.pipeline.file import Pipeline, StageEntry
 from etendue.plan.model import CellRef, Node, Plan
+from etendue.types.arrays import Array
 from etendue_camera.roles import FlatScene, Scaled
 from etendue_camera.sensor import cfa
 from etendue_lab.compare import installed

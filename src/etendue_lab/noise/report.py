@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from etendue.documents import Document
+from etendue.types.documents import Document
 
 
 @dataclass

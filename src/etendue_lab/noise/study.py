@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.capabilities import Noisy
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
@@ -31,6 +30,7 @@ from etendue.pipeline.file import Pipeline
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
+from etendue.types.arrays import Array
 from etendue_camera.colour import noise_propagation as propagation
 from etendue_camera.roles import Scaled
 from etendue_lab.compare.axis import one_camera

@@ -6,8 +6,8 @@ Out: two tables: the mosaic, and every picture made of it.
 
 from __future__ import annotations
 
-from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.types.documents import Document
 
 
 def print_noise(document: Document) -> None:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from etendue.arrays import Array
+from etendue.types.arrays import Array
 from etendue_camera.colour import difference
 from etendue_camera.colour.matrices import apply_matrix
 from etendue_camera.quality import artefacts, fidelity, scielab

@@ -20,10 +20,10 @@ from typing import Any
 from etendue.contract.capabilities import ends_in_sum, is_transfer
 from etendue.contract.registry import Registry
 from etendue.contract.stage import Stage, parameters_of, reads_of, writes_of
-from etendue.documents import Document, DocumentView
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.derived import origin_without, wanting, without_stages
 from etendue.pipeline.file import Pipeline, StageEntry
+from etendue.types.documents import Document, DocumentView
 from etendue_camera.roles import DISTORTION, LENS, RESTORING, SHADING, InSilicon
 from etendue_lab.compare.axis import without_sweep
 from etendue_lab.compare.branches import Reference, nodes_of, writer

@@ -18,7 +18,6 @@ import numpy as np
 
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
-from etendue.documents import Document, Place
 from etendue.errors import RequestError
 from etendue.pipeline.derived import wanting
 from etendue.pipeline.file import Pipeline
@@ -27,6 +26,7 @@ from etendue.plan.planner import make_plan
 from etendue.present.terminal.tables import floored
 from etendue.result_files import check_folder, finite, write_whole
 from etendue.session import Options, Outcome, execute
+from etendue.types.documents import Document, Place
 from etendue_camera.colour.matrices import RGB_TO_XYZ_SRGB
 from etendue_camera.roles import Displaying
 from etendue_lab.quality.figures import FLAT_SIZES, UNITS, Shot, figures

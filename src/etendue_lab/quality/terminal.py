@@ -14,9 +14,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from etendue.arrays import Array
-from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _table, escape, short_axes
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera.colour import matrices
 from etendue_camera.colour.encoding import srgb_encode
 

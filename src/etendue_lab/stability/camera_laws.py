@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 import scipy
 
-from etendue.arrays import Array, FloatArray
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, writes_of
 from etendue.testing import measured
+from etendue.types.arrays import Array, FloatArray
 
 Document = dict[str, Any]
 Run = Callable[[Document], Any]  # a document to its tree

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.telling import said
+from etendue.types.arrays import Array
 from etendue_camera.colour import difference, encoding
 from etendue_camera.constants import ELEMENTARY_CHARGE
 from etendue_camera.electronics import distributions, dynamic_range

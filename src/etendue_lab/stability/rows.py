@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from etendue.documents import Document
+from etendue.types.documents import Document
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.job import Job
 from etendue.compute.tables import TABLES, Made, prepared_for
 from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer
 from etendue.contract.grid import Grid
 from etendue.contract.stage import Stage, state_of
 from etendue.transfer.products import Product, behind_filters, between, weights
+from etendue.types.arrays import Array
 
 REMEMBERED = (
     64  # frequencies from which on a table is kept: the coarse grid of a search is the same in every cell of a sweep

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.bands import Banded, in_order
 from etendue.compute.job import Job
 from etendue.compute.ownership import frozen
@@ -26,6 +25,7 @@ from etendue.plan.model import CellRef
 from etendue.transfer import expansion, sampling
 from etendue.transfer.products import Product
 from etendue.transfer.products import weights as weights_of
+from etendue.types.arrays import Array
 
 if TYPE_CHECKING:
     from etendue.compute.joined.segments import Result

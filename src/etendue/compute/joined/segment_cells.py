@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.bands import Banded, in_order
 from etendue.compute.job import Job
 from etendue.compute.tables import TABLES, prepared_of, prepared_on
@@ -27,6 +26,7 @@ from etendue.plan.model import CellRef
 from etendue.transfer import cell_pixels, cells, sampling
 from etendue.transfer.products import Product
 from etendue.transfer.products import weights as weights_of
+from etendue.types.arrays import Array
 
 if TYPE_CHECKING:
     from etendue.compute.joined.segments import Result

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.compute.bands import Banded
 from etendue.compute.job import Job
 from etendue.compute.joined.segment_bands import from_bands, places
@@ -24,6 +23,7 @@ from etendue.contract.stage import state_of
 from etendue.plan.model import CellRef
 from etendue.transfer import sampling
 from etendue.transfer.products import Product, weights
+from etendue.types.arrays import Array
 
 
 @dataclass

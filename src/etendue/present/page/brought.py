@@ -14,11 +14,11 @@ from typing import Any
 
 from etendue.archive.vouched import open_archive
 from etendue.contract import dims, quantities, wording
-from etendue.documents import Document
 from etendue.errors import ArchiveError, PluginError
 from etendue.plugins import discovery
 from etendue.plugins.shares import shared_out
 from etendue.present.page.opened import Opened
+from etendue.types.documents import Document
 
 PNG = b"\x89PNG\r\n\x1a\n"
 DATA = "data:image/png;base64,"

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
-from etendue.documents import Document
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 
 KINDS: dict[str, np.dtype[Any]] = {
     "f4": np.dtype("<f4"),

@@ -19,7 +19,6 @@ from etendue.contract import quantities
 from etendue.contract.tables import preset_keys, tables
 from etendue.contract.variables import variable, without
 from etendue.contract.wording import prefix_of
-from etendue.documents import Document, DocumentView
 from etendue.present.page.brought import wordings
 from etendue.present.page.columns import Columns
 from etendue.present.page.figures import Coordinate, Figure, figures
@@ -27,6 +26,7 @@ from etendue.present.page.looks import pictured
 from etendue.present.page.opened import Opened
 from etendue.present.page.opening import opening
 from etendue.present.page.tables import NUMBERS, WORDS, Ledger, failures, ledger, measured, omissions, stage_rows
+from etendue.types.documents import Document, DocumentView
 
 FORMAT = 1
 MOST_ROWS = 400_000  # cells whose rows are in the page; of more there are the sums

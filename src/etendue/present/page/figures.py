@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.variables import variable, without
 from etendue.errors import ArchiveError
 from etendue.present.page.opened import PLANE, Group, Opened
+from etendue.types.arrays import Array
 
 LARGEST = 4096  # numbers of a cell: what has more is neither figure nor curve
 MOST = 4_000_000  # numbers of one figure over all cells

@@ -13,8 +13,8 @@ import json
 from functools import cache
 from importlib.resources import files
 
-from etendue.documents import DocumentView
 from etendue.present.page.document import plain
+from etendue.types.documents import DocumentView
 
 SCRIPTS = (
     "base.js",

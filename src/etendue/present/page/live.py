@@ -21,7 +21,6 @@ from etendue.archive.journal import NAME as JOURNAL
 from etendue.contract.dims import banded
 from etendue.contract.seen import flat_dims
 from etendue.contract.wording import Unit, units
-from etendue.documents import Document
 from etendue.errors import ArchiveError
 from etendue.present.page.brought import sections
 from etendue.present.page.document import document, plain
@@ -30,6 +29,7 @@ from etendue.present.page.looks import Picture, picture, pictured
 from etendue.present.page.opened import FINISHED, Opened
 from etendue.present.page.report import about_stages
 from etendue.present.page.shots import strip
+from etendue.types.documents import Document
 
 HELD = 768 * 2**20  # bytes of arrays that are kept at hand
 PATIENCE = 2.0  # seconds between two looks at a growing archive, at least

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import xarray
 
-from etendue.arrays import Array
 from etendue.contract import seen as seen_as
 from etendue.contract.drawn import Drawn, Pictured, read
 from etendue.errors import ArchiveError
 from etendue.present.page.opened import PLANE, Group, Opened
 from etendue.present.pictures.appearance import as_bytes, seen
 from etendue.present.plots import pictures
+from etendue.types.arrays import Array
 
 LARGEST = 64 * 2**20  # numbers of an array that is shown
 

@@ -26,8 +26,8 @@ from etendue.archive.provenance import latest_record, records
 from etendue.archive.reading import metadata_of
 from etendue.archive.stored import Stored
 from etendue.archive.unfolding import check_group
-from etendue.documents import AxisValue, Document
 from etendue.errors import ArchiveError
+from etendue.types.documents import AxisValue, Document
 
 PLANE = ("y", "x")
 FINISHED = ("done", "left_out")

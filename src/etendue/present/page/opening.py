@@ -19,15 +19,15 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.variables import Variable
 from etendue.contract.variables import variable as known
 from etendue.contract.wording import Subject, subjects
-from etendue.documents import Document, DocumentView
 from etendue.present.page.figures import Figure
 from etendue.present.page.opened import Axis
 from etendue.present.page.tables import Ledger
 from etendue.present.plots.pareto import front
+from etendue.types.arrays import Array
+from etendue.types.documents import Document, DocumentView
 
 OTHER = "other"
 MOST_OPEN = 8

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from etendue.contract.registry import installed_stages
-from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue.present.page.brought import sections
 from etendue.present.page.document import document
@@ -21,6 +20,7 @@ from etendue.present.page.html import page
 from etendue.present.page.opened import Opened
 from etendue.present.page.shots import shots
 from etendue.telling import printable
+from etendue.types.documents import Document
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from itertools import product
 
 import numpy as np
 
-from etendue.arrays import Array
-from etendue.documents import Document
 from etendue.errors import ArchiveError
 from etendue.present.page.looks import Picture, drawn_of, picture, pictured
 from etendue.present.page.opened import Opened
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 
 MOST_CELLS = 64
 BUDGET = 3_300_000  # bytes of all pictures: 4.4 MB as text

@@ -17,9 +17,9 @@ import xarray
 from etendue.archive.manifest import DATA
 from etendue.archive.remembered import documents
 from etendue.archive.unfolding import check_group
-from etendue.arrays import Array
-from etendue.documents import Document
 from etendue.present.page.opened import Opened
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed", "reused")
 WORDS = ("stage", "status", "how", "approximated", "why_left_out", "message")

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract import seen as kinds
 from etendue.contract.drawn import Drawn, Pictured, lit_by
 from etendue.present.pictures.fitting import LARGEST, coloured, fitted, tinted
+from etendue.types.arrays import Array
 
 BRIGHT, SHARE = 0.995, 0.9  # this quantile of the brightest channel is shown at this share of white
 HATCH = (225, 120, 112), (250, 232, 230)  # stripes where there is nothing to be seen

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.variables import variable as known
 from etendue.present.pictures.details import SIDE
+from etendue.types.arrays import Array
 
 if TYPE_CHECKING:
     from PIL import Image

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from etendue.arrays import Array
 from etendue.present.pictures.appearance import encoded as on_screen
+from etendue.types.arrays import Array
 
 SIDE, SHOWN, COLUMNS = 56, 280, 5  # samples of a crop, its size on the screen, crops in a row
 COARSE = 28  # samples of a crop of the coarsest of pictures whose pixels differ

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.grid import Grid, Line
 from etendue.transfer.resampling import area_weights
+from etendue.types.arrays import Array
 
 SIDE = 132  # dots, and samples at most, along the side of a part as it is drawn
 BAND = 1 << 18  # samples of the coarsest picture that are kept at full resolution

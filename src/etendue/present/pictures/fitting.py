@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.transfer.resampling import area_weights
+from etendue.types.arrays import Array
 
 LARGEST = 256  # samples on either side
 Decode = Callable[[Any], Any]

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.drawn import Drawn, Pictured
 from etendue.contract.ports import Sheet
 from etendue.contract.quantities import declared
@@ -28,6 +27,7 @@ from etendue.present.pictures.contact_sheet import contact_sheet, with_maps
 from etendue.present.pictures.details import Window, limited, lines_of, part_of, side_of
 from etendue.present.pictures.fitting import LARGEST
 from etendue.present.pictures.thumbnails import Thumbnail, window_of
+from etendue.types.arrays import Array
 
 
 @dataclass

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.variables import variable as known
 from etendue.contract.wording import first
-from etendue.documents import AxisValue
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, CellRef, Node, Plan
 from etendue.plan.shown import shown_cells
 from etendue.present.pictures.contact_sheet import font
+from etendue.types.arrays import Array
+from etendue.types.documents import AxisValue
 
 if TYPE_CHECKING:
     from PIL import ImageDraw

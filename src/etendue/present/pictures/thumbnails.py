@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.dims import banded
 from etendue.contract.seen import flat_dims
 from etendue.contract.variables import variable as known
@@ -25,6 +24,7 @@ from etendue.plan.model import Cell, CellRef, Plan
 from etendue.present.pictures.appearance import Appearance, appearance
 from etendue.present.pictures.details import Window, band_of, lines_of
 from etendue.present.pictures.fitting import LARGEST, Fitted, Rows, Tinted, as_float, fitted
+from etendue.types.arrays import Array
 
 
 @dataclass(frozen=True)

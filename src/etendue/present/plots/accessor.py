@@ -15,7 +15,6 @@ from typing import Any
 import xarray
 
 from etendue.calls import called, called_methods
-from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue.present.plots import glance_page
 from etendue.present.plots.asked import Asked
@@ -26,6 +25,7 @@ from etendue.present.plots.opening import opened
 from etendue.present.plots.places import resolved_in
 from etendue.present.plots.plot import Plot
 from etendue.present.plots.strip import show_array
+from etendue.types.documents import Document
 
 NAME = "etendue"
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from etendue.contract.wording import first, prefix
-from etendue.documents import Place
 from etendue.errors import RequestError, nearest
 from etendue.present.plots.holdings import Held
 from etendue.present.plots.labels import name_text, value_text
+from etendue.types.documents import Place
 
 MOST_PANELS = 16
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from etendue.documents import Document, DocumentView, Place
 from etendue.present.plots.budget import budget
 from etendue.present.plots.curves import curves
 from etendue.present.plots.holdings import Held, Holdings
@@ -18,6 +17,7 @@ from etendue.present.plots.pareto import pareto
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot
 from etendue.present.plots.strip import show, strip
+from etendue.types.documents import Document, DocumentView, Place
 
 
 @dataclass(frozen=True)

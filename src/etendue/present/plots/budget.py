@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from etendue.contract.wording import words as called
-from etendue.documents import AxisValue, DocumentView
 from etendue.errors import RequestError
 from etendue.plugins.shares import shared_out
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import number_text
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.documents import AxisValue, DocumentView
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,7 +16,6 @@ import numpy as np
 
 from etendue.contract.variables import variable as known
 from etendue.contract.wording import first
-from etendue.documents import Document, Place
 from etendue.errors import RequestError, nearest
 from etendue.present.plots.arrangement import Arrangement, Dim, arranged, dims_of
 from etendue.present.plots.holdings import Held, Holdings
@@ -25,6 +24,7 @@ from etendue.present.plots.maps import preferred
 from etendue.present.plots.panels import wrapped
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.documents import Document, Place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -29,7 +29,6 @@ from etendue.archive.provenance import latest_record
 from etendue.archive.vouched import open_archive
 from etendue.contract.drawn import Pictured
 from etendue.contract.wording import first
-from etendue.documents import Document, Place
 from etendue.errors import ArchiveError, EtendueError
 from etendue.present.plots import pictures
 from etendue.present.plots.glance_cells import counts_of, failed_cells, omitted_cells, stages_of, state_of
@@ -37,6 +36,7 @@ from etendue.present.plots.holdings import FINISHED, Held, Holdings
 from etendue.present.plots.kinds import shown_at
 from etendue.present.plots.labels import places_text, unit_text, value_text
 from etendue.present.plots.strip import Tile, drawn_of, of_frames, picture_of
+from etendue.types.documents import Document, Place
 
 MOST_FIGURES, MOST_PICTURES, MOST_ROWS, MOST_VALUES = 6, 24, 8, 8
 RANGED = 50_000  # cells of a figure, up to which its least and most are read

@@ -22,10 +22,10 @@ from etendue.archive.journal import read
 from etendue.archive.layout import STATUS
 from etendue.archive.manifest import read_manifest
 from etendue.archive.owner import is_running
-from etendue.documents import DocumentView
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import places_text
 from etendue.present.terminal.terminal import human_rate, human_seconds
+from etendue.types.documents import DocumentView
 
 UNKNOWN = "unknown"  # of a cell whose row of the ledger is lost: a fill value
 

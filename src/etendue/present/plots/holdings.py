@@ -15,13 +15,13 @@ import numpy as np
 import xarray
 
 from etendue.archive.layout import BOUNDS
-from etendue.arrays import Array
 from etendue.contract.names import TABLES
 from etendue.contract.variables import Variable, without
 from etendue.contract.variables import variable as known
-from etendue.documents import AxisValue, Document, DocumentView, Place
 from etendue.errors import ArchiveError, EtendueError, RequestError, nearest
 from etendue.present.plots.labels import title_text
+from etendue.types.arrays import Array
+from etendue.types.documents import AxisValue, Document, DocumentView, Place
 
 PLANE = ("y", "x")
 FINISHED = (0, 1)  # of status: done, left out

@@ -13,7 +13,6 @@ from functools import cache
 from importlib.metadata import EntryPoint
 from typing import Any
 
-from etendue.documents import Document
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.plugins import discovery
 from etendue.present.plots.asked import Asked
@@ -22,6 +21,7 @@ from etendue.present.plots.holdings import Held, Holdings
 from etendue.present.plots.labels import unit_text, value_text
 from etendue.present.plots.places import dim_of
 from etendue.present.plots.plot import Plot
+from etendue.types.documents import Document
 
 _HERE = "etendue.present.plots.asked"
 

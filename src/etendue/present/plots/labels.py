@@ -13,7 +13,7 @@ from typing import Any
 
 from etendue.contract import wording
 from etendue.contract.quantities import long_name
-from etendue.documents import AxisValue
+from etendue.types.documents import AxisValue
 
 SAID = {
     "1": "",

@@ -12,10 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.variables import without
 from etendue.contract.wording import first
-from etendue.documents import Place
 from etendue.errors import RequestError
 from etendue.present.plots.arrangement import Arrangement, Dim, arranged, dims_of
 from etendue.present.plots.holdings import Held, Holdings
@@ -23,6 +21,8 @@ from etendue.present.plots.labels import bare_text, unit_text
 from etendue.present.plots.panels import Sides, map_of_figures, map_of_names
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot
+from etendue.types.arrays import Array
+from etendue.types.documents import Place
 
 if TYPE_CHECKING:
     import xarray

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etendue.arrays import Array
-from etendue.documents import AxisValue
 from etendue.present.plots.labels import number_text
 from etendue.present.plots.plot import new_figure
+from etendue.types.arrays import Array
+from etendue.types.documents import AxisValue
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

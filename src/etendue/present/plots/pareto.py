@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray
 
-from etendue.arrays import Array
 from etendue.contract.wording import first as goes_first
-from etendue.documents import AxisValue, Place
 from etendue.errors import RequestError, nearest
 from etendue.present.plots.arrangement import Dim, dims_of
 from etendue.present.plots.holdings import Held, Holdings
@@ -23,6 +21,8 @@ from etendue.present.plots.labels import number_text, places_text, unit_text
 from etendue.present.plots.panels import wrapped
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.arrays import Array
+from etendue.types.documents import AxisValue, Place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,12 +14,12 @@ import numpy as np
 import xarray
 
 from etendue.archive.layout import BOUNDS
-from etendue.arrays import Array
 from etendue.contract.dims import banded
 from etendue.contract.drawn import Drawn, Pictured, lit_by, read
 from etendue.contract.seen import flat_dims
 from etendue.errors import RequestError
 from etendue.present.pictures.appearance import Appearance, appearance, as_bytes, brightness, seen, striped
+from etendue.types.arrays import Array
 
 ENDS = ("band_from", "band_to")
 

@@ -13,10 +13,10 @@ from typing import Any
 
 from etendue.contract.tables import tables
 from etendue.contract.units import UnitError, to_unit
-from etendue.documents import Document, Place
 from etendue.errors import Fault, RequestError, nearest
 from etendue.present.plots.holdings import Held
 from etendue.present.plots.labels import value_text
+from etendue.types.documents import Document, Place
 
 SAME = 1e-9  # relative: the value of an axis written once more, with a unit perhaps
 

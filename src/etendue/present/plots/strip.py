@@ -15,10 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray
 
-from etendue.arrays import Array
 from etendue.contract.drawn import Drawn, Pictured, read
 from etendue.contract.wording import first
-from etendue.documents import Place
 from etendue.errors import RequestError, nearest
 from etendue.present.pictures.details import part_of, side_of
 from etendue.present.plots import pictures
@@ -27,6 +25,8 @@ from etendue.present.plots.holdings import Held, Holdings
 from etendue.present.plots.labels import places_text, value_text
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.arrays import Array
+from etendue.types.documents import Place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from etendue.contract.wording import words as called
-from etendue.documents import Document, DocumentView
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.present.terminal.work_precision import Series, diagrams
+from etendue.types.documents import Document, DocumentView
 
 UNBOUNDED = 132  # columns where nobody's terminal ends
 TABLE, DOCUMENT, DIAGRAM = "accuracy.csv", "accuracy.json", "accuracy.png"

@@ -18,10 +18,10 @@ from etendue.contract.parameter import MISSING
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, reads_of, writes_of
 from etendue.contract.tables import tables
-from etendue.documents import Document
 from etendue.errors import PluginError
 from etendue.plugins import discovery
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.types.documents import Document
 
 
 def stage_document(registry: Registry, name: str) -> Document:

@@ -12,8 +12,8 @@ from typing import Any
 
 from rich.console import Console
 
-from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _table, escape, human_seconds, short_axes
+from etendue.types.documents import Document
 
 SHOWN = 10  # rows; what is smaller is told in one line
 

@@ -10,9 +10,9 @@ import os
 import shlex
 from typing import Any
 
-from etendue.documents import Document
 from etendue.present.pictures.small_maps import small_maps
 from etendue.telling import printable
+from etendue.types.documents import Document
 
 
 def next_commands(outcome: Any) -> list[str]:

@@ -11,9 +11,9 @@ from typing import Any
 
 from rich.console import Console
 
-from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _product, escape, human_rate, human_seconds, short_axes
 from etendue.telling import human_bytes
+from etendue.types.documents import Document
 
 
 def _span(sizes: list[int]) -> str:

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.variables import variable
 from etendue.contract.wording import first
-from etendue.documents import Document
 from etendue.plan import omissions
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, Cell, CellRef, Plan
 from etendue.plan.reports import DONE, FAILED, LEFT_OUT, NOTHING, REUSED, SKIPPED, STATUSES, Reports
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 
 Table = dict[str, Any]
 

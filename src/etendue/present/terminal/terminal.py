@@ -16,12 +16,12 @@ from rich.markup import escape as without_markup
 from rich.table import Table
 
 from etendue.contract.stage import parameters_of
-from etendue.documents import Document
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
 from etendue.present.terminal.looking import next_commands
 from etendue.present.terminal.tables import floored, headlines, stage_rows
 from etendue.telling import human_bytes, printable
+from etendue.types.documents import Document
 
 MOST_STORED = 6  # variables whose bytes are told one by one
 

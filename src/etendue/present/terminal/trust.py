@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
 
-from etendue.documents import Document
 from etendue.present.terminal.stored import short
 from etendue.present.terminal.terminal import _out, _table, escape, human_seconds
 from etendue.telling import human_bytes
+from etendue.types.documents import Document
 
 MOST = 16  # lines of a kind; --json has all
 LONGEST = 1000  # characters of a path

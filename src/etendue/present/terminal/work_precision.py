@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-from etendue.documents import Document
+from etendue.types.documents import Document
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

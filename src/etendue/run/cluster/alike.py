@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from etendue.contract.stage import Stage
-from etendue.documents import Document, DocumentView
 from etendue.errors import MachineError, shortened
 from etendue.plan.code import code_digest
 from etendue.plan.keys import version_of
 from etendue.run.memory import keep_freed_memory
 from etendue.telling import said
+from etendue.types.documents import Document, DocumentView
 
 Platform = Callable[[], Mapping[str, Any]]  # what bits depend on, of the process that asks
 Mark = tuple[str, bytes]  # a file that all who compute must see, and what it holds
