@@ -107,6 +107,8 @@ HELD = (
     "etendue.plugins.hookspecs",
     "etendue.run.batches",
     "etendue.run.order",
+    "etendue.types.arrays",
+    "etendue.types.documents",
 )
 
 
