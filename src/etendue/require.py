@@ -10,7 +10,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from etendue.types.arrays import Array
 
 
 def that(fine: Any, text: str) -> None:
@@ -51,25 +53,25 @@ def shape(fine: Any, name: str, array: Any, what: str) -> None:
         raise ValueError(f"{name} has shape {array.shape}; allowed is {what}")
 
 
-def equal_shapes(name: str, array: NDArray, other: str, reference: NDArray) -> None:
+def equal_shapes(name: str, array: Array, other: str, reference: Array) -> None:
     if array.shape != reference.shape:
         raise ValueError(f"{name} has shape {array.shape} and {other} {reference.shape}; allowed are equal shapes")
 
 
-def floating(values: ArrayLike) -> NDArray:
+def floating(values: ArrayLike) -> Array:
     """Return an array in its own precision; integers become double precision."""
     array = np.asarray(values)
     return array if array.dtype.kind == "f" else array.astype(np.float64)
 
 
-def at_least_zero(name: str, values: ArrayLike, unit: str = "") -> NDArray:
+def at_least_zero(name: str, values: ArrayLike, unit: str = "") -> Array:
     array = floating(values)
     if not (array >= 0).all():
         raise ValueError(f"{name} is {_worst(array)!r}{unit}; allowed are numbers at or above 0")
     return array
 
 
-def above_zero(name: str, values: ArrayLike) -> NDArray:
+def above_zero(name: str, values: ArrayLike) -> Array:
     array = floating(values)
     if not (array > 0).all():
         raise ValueError(f"{name} is {_worst(array)!r}; allowed are numbers above 0")
@@ -83,5 +85,5 @@ def amount(name: str, value: float) -> float:
     return value
 
 
-def _worst(array: NDArray) -> float:
+def _worst(array: Array) -> float:
     return float(np.min(array))  # NaN is reported first, as it should be

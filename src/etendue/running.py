@@ -7,7 +7,7 @@ Out: reports, arrays of what is shown, the pictures. ``session`` begins and ends
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from etendue import interrupts
 from etendue.compute.job import Job
@@ -17,13 +17,16 @@ from etendue.plan.model import CellRef
 from etendue.plan.reports import DONE, LEFT_OUT, Reports
 from etendue.plan.resume import Work
 from etendue.present.pictures import pictures, small_maps, thumbnails
+from etendue.present.pictures.thumbnails import Thumbnail
 from etendue.present.terminal import tables
 from etendue.run.batches import Batch, BatchResult
 from etendue.run.schedulers import scheduler as scheduler_of
 from etendue.run.watch import Stop, run_batches
+from etendue.types.documents import Document
 
 if TYPE_CHECKING:
     from etendue.session import Options
+    from etendue.types.arrays import Array
 
 Cut = Callable[[Mapping[CellRef, Job], float], list[Batch]]  # cuts jobs into batches of about this many seconds
 
@@ -43,8 +46,8 @@ class Running:
         self.work, self.plan, self.shown, self.keeper, self.progress = work, work.plan, shown, keeper, progress
         self.looks = thumbnails.looks(self.plan, shown.values()) if keeper.draws else {}
         self.reports = Reports(self.plan)
-        self.arrays: dict[CellRef, dict[str, Any]] = {}
-        self.small: dict[CellRef, dict[str, Any]] = {}
+        self.arrays: dict[CellRef, dict[str, Array]] = {}
+        self.small: dict[CellRef, dict[str, Thumbnail]] = {}
         self.earlier: list[CellRef] = []
 
     def compute(self, options: Options, cut: Cut) -> None:
@@ -99,7 +102,7 @@ class Running:
 
     # -- after the last cell -----------------------------------------------------------------------------------------
 
-    def tables(self) -> dict[str, Any]:
+    def tables(self) -> dict[str, Document]:
         return {"ledger": tables.ledger(self.plan, self.reports), "summary": tables.summary(self.plan, self.reports)}
 
     @property
@@ -121,7 +124,7 @@ class Running:
             return pictures.same_pictures(keeper.folder, self._maps)
         return None
 
-    def _maps(self) -> list[Any]:
+    def _maps(self) -> list[Array]:
         """Return the maps of metrics over the sweep, as on the contact sheet."""
         chosen = small_maps.small_maps(self.plan) if self.keeper.folder else []
         refs = dict.fromkeys(ref for one in chosen for ref in one.cells)
@@ -131,7 +134,7 @@ class Running:
         lost = [ref for ref, state in states.items() if state in ("failed", "skipped")]
         return small_maps.all_drawn(chosen, figures, lost)
 
-    def standing(self) -> Mapping[CellRef, dict[str, Any]]:
+    def standing(self) -> Mapping[CellRef, dict[str, Array]]:
         """Return the arrays of all computed cells, as stored; of shown cells of earlier runs, their metrics."""
         self.arrays.update(self.keeper.stored(self.there, figures_only=True))
         return self.keeper.standing(self.arrays)

@@ -44,9 +44,11 @@ from etendue.run.peak_memory import workers_of
 from etendue.run.schedulers import How, check_scheduler, far
 from etendue.run.schedulers import scheduler as scheduler_of
 from etendue.run.watch import Stop, run_batches
+from etendue.types.documents import Document, DocumentView
 
 if TYPE_CHECKING:
     from etendue.running import Running
+    from etendue.types.arrays import Array
 
 
 @dataclass
@@ -88,7 +90,7 @@ class Outcome:
     archive: Path | str | None = None
     tree: Any = None
     pictures: list[Path] = field(default_factory=list)
-    arrays: Mapping[CellRef, dict[str, Any]] = field(default_factory=dict)
+    arrays: Mapping[CellRef, dict[str, Array]] = field(default_factory=dict)
     shown_at: str = ""  # axis values of the cells in pictures and headline metrics
     removed: int = 0  # cells of earlier runs at other axis values whose results are outdated
     pruned: int = 0  # finished cells removed on request
@@ -122,7 +124,7 @@ class Outcome:
 class Collected:
     """Arrays of the requested cells, and the reports of all that were computed."""
 
-    arrays: dict[CellRef, dict[str, Any]] = field(default_factory=dict)
+    arrays: dict[CellRef, dict[str, Array]] = field(default_factory=dict)
     reports: dict[CellRef, CellReport] = field(default_factory=dict)
 
 
@@ -138,9 +140,7 @@ class _Silent:
     def end(self) -> None: ...
 
 
-def load(
-    source: str | Path | Mapping[str, Any] | PipelineSource, overrides: Mapping[str, Any] | None = None
-) -> PipelineFile:
+def load(source: str | Path | DocumentView | PipelineSource, overrides: DocumentView | None = None) -> PipelineFile:
     """Return a pipeline from a file, TOML text or mapping, or from one that was read or written in Python."""
     if isinstance(source, PipelineSource):
         return overridden(source.written(), overrides) if overrides else source.written()
@@ -286,7 +286,7 @@ def check_timeout(options: Options) -> None:
 
 @called
 def simulate(
-    pipeline: str | Path | Mapping[str, Any] | PipelineSource,
+    pipeline: str | Path | DocumentView | PipelineSource,
     *,
     archive: str | Path | None = None,
     want: str | Iterable[str] | None = None,
@@ -320,7 +320,7 @@ def simulate(
     >>> float(tree["exposure_report"]["clipped_fraction"].max()) < 1
     True
     """
-    overrides: dict[str, Any] = {}
+    overrides: Document = {}
     for name, value in parameters.items():
         key = name.replace("__", ".")
         if hasattr(value, "tolist"):

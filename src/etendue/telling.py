@@ -11,10 +11,13 @@ import os
 import re
 import sys
 import unicodedata
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from etendue.errors import EtendueError, PluginError
 from etendue.interrupts import is_ours
+
+if TYPE_CHECKING:
+    from types import TracebackType
 
 MOST_LINES = 20
 LONGEST_LINE = 500
@@ -135,7 +138,9 @@ class foreign:
     def __enter__(self) -> None:
         return None
 
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> Literal[False]:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> Literal[False]:
         if error is not None and not isinstance(error, EtendueError | ValueError) and not is_ours(error):
             raise PluginError(f"{self.what} failed: {where(error)}{said(error)}") from error
         return False

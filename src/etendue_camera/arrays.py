@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from etendue.types.arrays import Array, FloatArray
 
-FloatArray = NDArray[np.floating]
+__all__ = ["Array", "FloatArray", "Floats"]
+
 Floats = Any  # a float or a FloatArray; the output has the shape of the input

@@ -21,6 +21,7 @@ import numpy as np
 from etendue import plain_files, require
 from etendue.contract.values.bounds import beyond
 from etendue.process import unwarned
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.colour_notes import colour_note, exif_note, png_note
 
 MOST_DIRECTORIES = 10_000  # in a TIFF file
@@ -59,7 +60,7 @@ _TURNS: dict[int, Any] = {  # EXIF and TIFF orientation: the operation that turn
 class FilePicture:
     """Values in the file's own encoding, their divisor, and notes on what is not applied."""
 
-    values: Any  # (rows, columns, 1 or 3), unsigned integers or floats
+    values: Array  # (rows, columns, 1 or 3), unsigned integers or floats
     full: float
     note: str = ""
     table: Any = None  # (8, 8): luma quantisation steps of a JPEG, y first
@@ -218,7 +219,7 @@ def _plain(path: str) -> FilePicture:
     return FilePicture(_TURNS.get(turn, _TURNS[1])(values), 255.0 if values.dtype == np.uint8 else 65535.0, note, table)
 
 
-def _steps(tables: Any, turn: int) -> Any:
+def _steps(tables: Any, turn: int) -> FloatArray | None:
     """Return the first quantisation table of a JPEG, oriented as the upright picture."""
     if not tables or len(tables.get(0, ())) != 64:
         return None
@@ -342,7 +343,7 @@ def _check_kind(path: str, page: Any, colours: str) -> None:
     )
 
 
-def _opaque(path: str, values: Any, full: float) -> Any:
+def _opaque(path: str, values: Array, full: float) -> Array:
     """Return (rows, columns, 1 or 3) samples without the alpha channel, which must be opaque."""
     values = values[..., None] if values.ndim == 2 else values
     if values.ndim != 3 or values.shape[2] not in (1, 2, 3, 4):
@@ -355,7 +356,7 @@ def _opaque(path: str, values: Any, full: float) -> Any:
     return values
 
 
-def _by_pillow(path: str) -> Any:
+def _by_pillow(path: str) -> Array:
     """Return 8-bit values of a TIFF file whose compression only Pillow supports; Pillow turns them upright itself."""
     from PIL import Image
 
@@ -371,7 +372,7 @@ def _by_pillow(path: str) -> Any:
         )
 
 
-def _check_floats(path: str, values: Any) -> None:
+def _check_floats(path: str, values: Array) -> None:
     """Check floats, which are sRGB-encoded reflectances from 0 to 1."""
     bad = ~((values >= 0) & (values <= 1))
     if bad.any():

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any
 
 from etendue.contract.stage import Stage
+from etendue_camera.arrays import FloatArray
 
 LENS = ("lens", "distortion", "glare", "low-pass filter")  # spreads or moves light before the sensor
 DISTORTION = "distortion"
@@ -64,5 +64,5 @@ class Displaying(Stage):
     """A stage that writes linear display values, and knows the display primaries."""
 
     @abstractmethod
-    def to_xyz(self) -> Any:
+    def to_xyz(self) -> FloatArray:
         """Return the matrix (3, 3) from linear RGB to XYZ, Y = 1 for the display's white."""

@@ -11,13 +11,14 @@ import numpy as np
 
 from etendue.contract.arrays.drawn import Drawn
 from etendue_camera import spectra
+from etendue_camera.arrays import FloatArray
 from etendue_camera.colour import matrices
 from etendue_camera.sensor import cfa
 
 TO_RGB = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB)
 
 
-def of_wavelength(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
+def of_wavelength(drawn: Drawn, edges: Any, names: Sequence[str]) -> FloatArray:
     """Return weights (3, wavelength) that show bands, with edges in nm, as an eye sees them; for numbers, their
     mean."""
     return (
@@ -25,7 +26,7 @@ def of_wavelength(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
     )
 
 
-def of_channel(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
+def of_channel(drawn: Drawn, edges: Any, names: Sequence[str]) -> FloatArray | None:
     """Return weights (3, channel): tristimulus values as seen by a viewer adapted to their white; red, green and blue
     unchanged.
     """
@@ -48,5 +49,5 @@ def of_pattern(text: str) -> tuple[tuple[str, ...], dict[str, tuple[float, float
     return mask.rows, {channel: cfa.tint(channel) for channel in mask.channels}
 
 
-def _mean(planes: int) -> Any:
+def _mean(planes: int) -> FloatArray:
     return np.full((3, planes), 1 / planes)

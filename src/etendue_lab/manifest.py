@@ -4,15 +4,14 @@ archives.
 
 from __future__ import annotations
 
-from typing import Any
-
 from etendue.api import hookimpl
+from etendue.types.documents import Document
 
 _CLI = "etendue_lab.cli"
 
 
 @hookimpl
-def etendue_commands() -> dict[str, Any]:
+def etendue_commands() -> Document:
     return {
         name: {"place": f"{_CLI}.{place}", "usage": usage, "doc": doc}
         for name, place, usage, doc in (
@@ -52,7 +51,7 @@ def etendue_shares() -> dict[str, str]:
 
 
 @hookimpl
-def etendue_plots() -> dict[str, Any]:
+def etendue_plots() -> Document:
     return {
         "limits": {
             "place": "etendue.present.plots.asked:names_of",

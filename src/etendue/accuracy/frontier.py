@@ -14,6 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.optimize import brentq
 
+from etendue.types.documents import Document
+
 ROUNDING = 3e-15  # smaller errors are rounding in 64 bits
 LARGEST = 0.1  # larger errors do not converge yet
 PLATEAU = 0.9  # errors that fall by less have reached a plateau
@@ -122,7 +124,7 @@ def front(points: Sequence[_Point], of: Callable[[_Point], tuple[float, float]],
     return chosen
 
 
-def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most: int) -> list[dict[str, Any]]:
+def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most: int) -> list[Document]:
     """Return combinations of settings worth a trial, from the finest to the cheapest, without duplicates.
 
     For every price of error each knob takes the setting with the least seconds + price x error: if errors and seconds
@@ -134,7 +136,7 @@ def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most
     choices : by knob: (setting, error, seconds)
     most : largest number of combinations
     """
-    found: dict[tuple[tuple[str, int], ...], dict[str, Any]] = {}
+    found: dict[tuple[tuple[str, int], ...], Document] = {}
     for exponent in np.linspace(16, -4, 201):
         price = 10.0**exponent
         best = {}
@@ -151,7 +153,7 @@ def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most
             best[knob] = min(within, key=lambda i: own[i][2])
         found.setdefault(tuple(sorted(best.items())), {knob: choices[knob][i][0] for knob, i in best.items()})
 
-    def error_of(settings: dict[str, Any]) -> float:
+    def error_of(settings: Document) -> float:
         return sum(
             next(error for setting, error, _ in choices[knob] if setting == own) for knob, own in settings.items()
         )

@@ -21,6 +21,7 @@ from etendue.plan.identity.keys import digest
 from etendue.plan.model import Plan
 from etendue.result_files import finite
 from etendue.session import Options
+from etendue.types.documents import Document, DocumentView, Place
 
 LADDER = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 0.0)
 
@@ -42,13 +43,13 @@ class HeldTolerance:
     seconds: float = 0.0
     remembered: bool = False
     key: str = ""
-    places: tuple[Mapping[str, Any], ...] = ()
+    places: tuple[Place, ...] = ()
 
     @property
     def held(self) -> bool:
         return not self.missed
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         return {
             "asked": self.asked,
             "tolerance": self.tolerance,
@@ -132,7 +133,7 @@ def _equal(one: Plan, other: Plan) -> bool:
     return one.precision == other.precision and all(cell.key == other.cells[ref].key for ref, cell in one.cells.items())
 
 
-def _remembered(document: Mapping[str, Any] | None, asked: float, norm: str) -> HeldTolerance | None:
+def _remembered(document: DocumentView | None, asked: float, norm: str) -> HeldTolerance | None:
     """Return the result of an earlier run; None if the document has another form."""
     try:
         if document is None:

@@ -33,6 +33,7 @@ from etendue.plan.planner import make_plan
 from etendue.plan.wiring.graph import build_graph
 from etendue.result_files import finite
 from etendue.session import Collected, Options, collect
+from etendue.types.documents import Document, DocumentView, Place
 
 FORM = 1  # version of the cached documents: increase it to discard earlier ones
 LEFT_OUT, PRECISION = "left out", "precision"
@@ -52,7 +53,7 @@ class GlobalError:
     max: float | None
     scale: float | None
     how: str
-    at: Mapping[str, Any] = field(default_factory=dict)
+    at: Place = field(default_factory=dict)
     linear: tuple[float | None, float | None] | None = None
     why: str = ""
     below: float = 0.0  # possible error of the reference itself
@@ -74,7 +75,7 @@ class MeasuredErrors:
     seconds: float  # thread time of the runs
     remembered: bool = False  # from an earlier run
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the document that is stored."""
         errors = {name: {**asdict(error), "at": dict(error.at)} for name, error in self.errors.items()}
         return {"errors": errors, "cells": self.cells, "seconds": self.seconds}
@@ -85,7 +86,7 @@ class MeasuredErrors:
         return max((e.rms for e in self.errors.values() if e.rms is not None), default=None)
 
 
-def from_document(document: Mapping[str, Any]) -> MeasuredErrors | None:
+def from_document(document: DocumentView) -> MeasuredErrors | None:
     """Return the stored result; None if it has another form."""
     try:
         errors = {
@@ -224,10 +225,10 @@ class Measurement:
                     asked.setdefault(linear[0], set()).add(linear[1])
         return asked
 
-    def cells_of(self, plan: Plan, stage: str) -> list[tuple[CellRef, Mapping[str, Any]]]:
+    def cells_of(self, plan: Plan, stage: str) -> list[tuple[CellRef, Place]]:
         """Return the cells of a stage at the places, each once, with their axis values."""
         axes = [plan.axis(dim) for dim in plan.node(stage).axes]
-        found: dict[CellRef, Mapping[str, Any]] = {}
+        found: dict[CellRef, DocumentView] = {}
         for place in self.places:
             ref = (stage, tuple(axis.values.index(place[axis.dim]) for axis in axes))
             found.setdefault(ref, {axis.key: place[axis.dim] for axis in axes})
@@ -283,7 +284,7 @@ class Measurement:
         self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any
     ) -> GlobalError:
         """Return the error of the worst cell of one variable."""
-        worst: tuple[VariableError, CellRef, Mapping[str, Any]] | None = None
+        worst: tuple[VariableError, CellRef, Place] | None = None
         doubt = self.own_error_behind(stage)
         for ref, at in self.cells_of(plan, stage):
             own = _difference(plan, found, self.exact, truth, ref, name)

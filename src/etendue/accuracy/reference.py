@@ -20,6 +20,7 @@ from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.errors import PluginError
 from etendue.pipeline.derived import each, given
 from etendue.pipeline.file import PipelineFile, StageEntry
+from etendue.types.documents import Document, DocumentView
 
 Name = tuple[str, str]  # stage of the pipeline, parameter
 
@@ -120,7 +121,7 @@ def reference_of(pipeline: PipelineFile, registry: Registry, knobs: Iterable[Kno
 def with_settings(pipeline: PipelineFile, settings: Mapping[tuple[str, str, str], Any]) -> PipelineFile:
     """Return the pipeline with values for (stage, use, parameter) written in, also in a sweep that swaps stages."""
 
-    def own(stage: str, use: Any, but: Collection[str] = ()) -> dict[str, Any]:
+    def own(stage: str, use: Any, but: Collection[str] = ()) -> Document:
         return {name: v for (at, of, name), v in settings.items() if (at, of) == (stage, use) and name not in but}
 
     def alternative(stage: str, one: Any) -> Any:
@@ -136,13 +137,13 @@ def with_settings(pipeline: PipelineFile, settings: Mapping[tuple[str, str, str]
     return replace(each(pipeline, lambda entry: given(entry, own(entry.name, entry.use))), sweep=sweep)
 
 
-def _uses(pipeline: PipelineFile, entry: StageEntry) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def _uses(pipeline: PipelineFile, entry: StageEntry) -> Iterator[tuple[str, DocumentView]]:
     """Yield each stage class that may be used at an entry, once, with the values written for it."""
     swapped = pipeline.sweep.get(f"{entry.name}.use")
     if not isinstance(swapped, list | tuple):
         yield entry.use, entry.values
         return
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, Document] = {}
     for one in swapped:
         table = {"use": one} if isinstance(one, str) else one
         if isinstance(table, dict) and isinstance(table.get("use"), str):

@@ -24,6 +24,7 @@ from etendue.plan.ancestry import behind
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Collected, Options, collect
+from etendue.types.documents import DocumentView
 
 PRECISION = "precision"
 COARSEST = 0.5  # if a setting has a larger error, cheaper ones are not tried
@@ -34,7 +35,7 @@ Told = Callable[[str], None]
 class SettingTrial:
     """One combination of settings, by knob; knobs that are not named are at their reference."""
 
-    settings: Mapping[str, Any]
+    settings: DocumentView
     error: float | None  # rms of the worst wanted variable, relative to full scale
     variable: str  # name of that variable
     stage_errors: Mapping[str, float | None]  # by knob: at the first picture or metrics after its stage
@@ -101,7 +102,7 @@ class Trials:
         self.notes: list[str] = []
         self.floor = 0.0
 
-    def trial(self, settings: Mapping[str, Any]) -> SettingTrial:
+    def trial(self, settings: DocumentView) -> SettingTrial:
         """Return a combination, run once and cached."""
         moved = {k.key: settings[k.key] for k in self.knobs if k.key in settings and settings[k.key] != k.reference}
         name = tuple(sorted(moved.items()))
@@ -127,7 +128,7 @@ class Trials:
         values = {k.key: k.value for k in self.knobs}
         return self.run(own, values)
 
-    def run(self, pipeline: PipelineFile, settings: Mapping[str, Any]) -> SettingTrial:
+    def run(self, pipeline: PipelineFile, settings: DocumentView) -> SettingTrial:
         try:
             plan = self.measurement.plan(pipeline)
         except RequestError as error:

@@ -35,6 +35,7 @@ from etendue.archive.remote.stubs import STORE
 from etendue.archive.sharding.shards import Shard, index_bytes, index_size
 from etendue.archive.write.clearing import CHUNK
 from etendue.contract.ports import WrittenChunk
+from etendue.types.documents import Document, DocumentView
 
 TABLE = "objects.json"  # the objects of an archive, with the tag that each had when it was put
 PACK = "documents.zip"  # the small ones of these objects in one, for readers that would fetch them all
@@ -262,7 +263,7 @@ def _backed(data: bytes, found: Mapping[str, StoredObject]) -> bytes:
         if one.get("event") == "shard" and one.get("path") in found:
             last[one["path"]] = Shard(one["size"], tuple(tuple(run) for run in one["kept"]))
 
-    def there(one: Mapping[str, Any]) -> bool:
+    def there(one: DocumentView) -> bool:
         if one.get("event") == "shard":
             return one.get("path") in found
         if one.get("event") != "done":
@@ -273,7 +274,7 @@ def _backed(data: bytes, found: Mapping[str, StoredObject]) -> bytes:
     return b"".join(line + b"\n" for line, one in zip(lines, decoded, strict=True) if there(one))
 
 
-def _document(line: bytes) -> dict[str, Any]:
+def _document(line: bytes) -> Document:
     try:
         found = msgspec.json.decode(line)
     except UNFIT:

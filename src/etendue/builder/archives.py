@@ -25,6 +25,7 @@ from etendue.present.plots.summary.contents import Glance, glance, glance_at
 from etendue.run.schedulers import check_scheduler
 from etendue.session import Options
 from etendue.trust import reproducing
+from etendue.types.documents import Document
 
 if TYPE_CHECKING:
     import xarray
@@ -87,32 +88,32 @@ class Archive(Extended):
             to = Path(output) if output is not None else Path(f"{folder.resolve().name}-report.html")
             return report_page.report(folder, to, shares_at() if blame else None).path
 
-    def verify(self) -> dict[str, Any]:
+    def verify(self) -> Document:
         """Check whether every byte is as it was written; return what ``etendue verify --json`` prints."""
         with places.reading(self.place, exact=True) as folder:
-            found: dict[str, Any] = places.named(verifying.document(verifying.verify(folder)), folder, self.place)
+            found: Document = places.named(verifying.document(verifying.verify(folder)), folder, self.place)
         return found
 
-    def reproduce(self, scheduler: str = "threads", workers: int = 0) -> dict[str, Any]:
+    def reproduce(self, scheduler: str = "threads", workers: int = 0) -> Document:
         """Compute every cell again from the archive alone and compare.
 
         Return what ``etendue reproduce --json`` prints.
         """
         with places.reading(self.place, exact=True) as folder:
-            found: dict[str, Any] = places.named(
+            found: Document = places.named(
                 reproducing.document(reproducing.reproduce(folder, Options(check_scheduler(scheduler), workers))),
                 folder,
                 self.place,
             )
         return found
 
-    def diff(self, other: Archive | str | Path) -> dict[str, Any]:
+    def diff(self, other: Archive | str | Path) -> Document:
         """Compare with another archive: which cells differ, by how much, and why; return what ``etendue diff --json``
         prints.
         """
         place = other.place if isinstance(other, Archive) else other
         with places.reading(self.place, inputs=False) as a, places.reading(place, inputs=False) as b:
-            found: dict[str, Any] = places.named(
+            found: Document = places.named(
                 places.named(differences.document(a, b, differences.differences(a, b)), a, self.place), b, place
             )
         return found

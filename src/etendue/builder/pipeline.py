@@ -32,6 +32,7 @@ from etendue.present.terminal.progress import TerminalProgress
 from etendue.run.peak_memory import peak_memory, workers_of
 from etendue.run.schedulers import check_scheduler
 from etendue.session import Options, execute, opened
+from etendue.types.documents import Document, DocumentView
 
 if TYPE_CHECKING:
     from etendue.plan.model import Plan
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 APART = {"stages", "sweep", "about"}  # keys of a pipeline file that have methods of their own
 
 
-def span(first: Any, last: Any, steps: int, spacing: str = "linear") -> dict[str, Any]:
+def span(first: Any, last: Any, steps: int, spacing: str = "linear") -> Document:
     """Return evenly spaced values for an axis: ``span("1 um", "3 um", 5)``; ``spacing``: ``linear`` or ``log``.
 
     Examples
@@ -62,7 +63,7 @@ class Planned:
     def cells(self) -> int:
         return len(self.plan.cells)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return what ``etendue plan --json`` prints."""
         return summary(self.plan, peak_memory(self.plan, workers_of("threads", 0)).bytes)
 
@@ -100,10 +101,10 @@ class Pipeline(Extended, PipelineSource):
     """
 
     stages: tuple[Placed, ...]
-    words: Mapping[str, Any] = field(default_factory=dict)
-    quantities: Mapping[str, Any] = field(default_factory=dict)
-    axes: Mapping[str, Any] = field(default_factory=dict)
-    told: Mapping[str, Any] = field(default_factory=dict)
+    words: DocumentView = field(default_factory=dict)
+    quantities: DocumentView = field(default_factory=dict)
+    axes: DocumentView = field(default_factory=dict)
+    told: DocumentView = field(default_factory=dict)
     table: str = SHARED  # the name of the table of shared quantities
     folder: Path = Path(".")
 
@@ -245,7 +246,7 @@ class Pipeline(Extended, PipelineSource):
 
     # -- results -----------------------------------------------------------------------------------------------------
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the content of a pipeline file."""
         parts = {self.table: self.quantities, "sweep": self.axes, "about": self.told}
         own = {name: dict(table) for name, table in parts.items() if table}
@@ -340,7 +341,7 @@ def replaced(pipeline: Pipeline, stages: tuple[Any, ...]) -> Pipeline:
     return pipeline._with(stages=stages)
 
 
-def _placed(table: Mapping[str, Any]) -> Placed:
+def _placed(table: DocumentView) -> Placed:
     own = {key: value for key, value in table.items() if key not in ("use", "name", "from")}
     return Placed(table["use"], own, table.get("name", table["use"]), table.get("from", {}))
 

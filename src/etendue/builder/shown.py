@@ -14,6 +14,7 @@ from etendue.present.terminal.cells import cells
 from etendue.present.terminal.html_tables import rows_of
 from etendue.present.terminal.terminal import human_seconds, plan_columns
 from etendue.telling import human_bytes
+from etendue.types.documents import Document
 
 
 def table_page(title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]], notes: Sequence[str] = ()) -> str:
@@ -22,7 +23,7 @@ def table_page(title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]], 
     return f"<div><b>{escape(title)}</b>{rows_of(heads, rows)}{below}</div>"
 
 
-def plan_page(document: dict[str, Any]) -> str:
+def plan_page(document: Document) -> str:
     """Return what ``etendue plan`` prints, as HTML."""
     columns = plan_columns(lambda axes: " \u00d7 ".join(axes) or "-")
     whole = (

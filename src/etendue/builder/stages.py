@@ -21,6 +21,7 @@ from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.contract.values.tables import tables
 from etendue.contract.values.units import as_written
 from etendue.errors import Fault, RequestError, nearest
+from etendue.types.documents import Document, DocumentView
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,13 +29,13 @@ class Placed:
     """One stage of a pipeline: its kind, name, parameters as written, and the stages that it reads from."""
 
     use: str
-    values: Mapping[str, Any]
+    values: DocumentView
     name: str
     reads_from: Mapping[str, str]
 
-    def table(self) -> dict[str, Any]:
+    def table(self) -> Document:
         """Return its ``[[stages]]`` table of a pipeline file."""
-        own: dict[str, Any] = {"use": self.use}
+        own: Document = {"use": self.use}
         if self.name != self.use:
             own["name"] = self.name
         if self.reads_from:
@@ -185,7 +186,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _unknown(name: str, own: Mapping[str, Any], every: Mapping[str, Any]) -> str:
+def _unknown(name: str, own: DocumentView, every: DocumentView) -> str:
     if name in every:
         return f"{name} is shared by stages; set it with Pipeline.{next(iter(tables()))}({name}=...)"
     return f"unknown parameter{nearest(name, own) or '; the stage has none'}"

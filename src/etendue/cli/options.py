@@ -16,6 +16,7 @@ import click
 
 from etendue.errors import Fault, RequestError
 from etendue.run.schedulers import NAMES, check_scheduler
+from etendue.types.documents import Document
 
 if TYPE_CHECKING:
     from etendue.contract.registry import Registry
@@ -218,7 +219,7 @@ def knob_settings(words: tuple[str, ...]) -> dict[str, tuple[Any, ...]]:
     return found
 
 
-def overrides(given: Given) -> dict[str, Any]:
+def overrides(given: Given) -> Document:
     """Return the values that override those of the file.
 
     Raises
@@ -226,7 +227,7 @@ def overrides(given: Given) -> dict[str, Any]:
     RequestError
         A setting is not ``name=value``.
     """
-    found: dict[str, Any] = {}
+    found: Document = {}
     faults = []
     for option, texts in (("--set", given.settings), ("--sweep", given.sweeps)):
         for text in texts:

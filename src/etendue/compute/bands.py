@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from etendue.compute.job import Job
 from etendue.compute.ownership import for_reading, frozen, guests_of, handed
@@ -27,13 +28,14 @@ from etendue.contract.capabilities import is_source
 from etendue.contract.stage import arguments_of, reads_of
 from etendue.errors import PluginError, refused_by_the_machine
 from etendue.telling import foreign
+from etendue.types.arrays import Array, FloatArray
 
 
 class BandArray(ABC):
     """A (band, y, x) array that is computed band by band."""
 
     shape: tuple[int, ...]
-    dtype: Any
+    dtype: np.dtype[Any]
     ndim = 3
     on_demand = True  # asking for a band costs its computation
 
@@ -49,10 +51,10 @@ class BandArray(ABC):
         return self.shape[0]
 
     @abstractmethod
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         """Return one band, (y, x)."""
 
-    def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> FloatArray:
         whole = np.empty(self.shape, dtype=dtype or self.dtype)
         for band in range(self.shape[0]):
             whole[band] = self[band]
@@ -71,7 +73,7 @@ class StoredBands(BandArray):
         self.shape = _shape(self.job, self.variable)
         self.dtype = np.dtype(self.job.precision)
 
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         assert self.job.target is not None
         with refused_by_the_machine():
             return self.job.target.read_band(self.variable, band)
@@ -83,7 +85,7 @@ class StageBands(BandArray):
 
     job: Job
     variable: str
-    given: Mapping[str, Any]  # by port: arrays, or bands of them
+    given: Mapping[str, Array | BandArray]  # by port: arrays, or bands of them
 
     def __post_init__(self) -> None:
         self.shape = _shape(self.job, self.variable)
@@ -117,7 +119,7 @@ def _cut(grid: Grid, bands: slice) -> Grid:
     return grid.replace(**{grid.banded: Bands(grid.bands().edges[bands.start : bands.stop + 1])})
 
 
-def _of_bands(array: Any, dims: tuple[str, ...], grid: Grid, bands: slice) -> Any:
+def _of_bands(array: Array | BandArray, dims: tuple[str, ...], grid: Grid, bands: slice) -> Any:
     if not grid.banded or dims[:1] != (grid.banded,):
         return array
     if isinstance(array, BandArray):
@@ -125,7 +127,7 @@ def _of_bands(array: Any, dims: tuple[str, ...], grid: Grid, bands: slice) -> An
     return array[bands]
 
 
-def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = True) -> Mapping[str, Any]:
+def run_bands(job: Job, given: Mapping[str, Array | BandArray], bands: slice, pixels: bool = True) -> Mapping[str, Any]:
     """Call ``run`` of a stage on some of its bands; without ``pixels`` on one pixel, for outputs without y and x."""
     stage: Any = job.stage
     declared = reads_of(type(stage))
@@ -168,7 +170,7 @@ def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = T
         return found
 
 
-def made_by_band(job: Job, given: Mapping[str, Any]) -> dict[str, Any]:
+def made_by_band(job: Job, given: Mapping[str, Array | BandArray]) -> dict[str, Any]:
     """Return what a stage writes: large variables as bands computed on demand, small ones now."""
     arrays: dict[str, Any] = {}
     small = [v for v in job.writes if v not in job.by_band]
@@ -188,7 +190,7 @@ class Timed:
     def __init__(self, bands: BandArray) -> None:
         self.bands, self.seconds = bands, 0.0
 
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         began = time.thread_time()
         try:
             return self.bands[band]
@@ -205,10 +207,10 @@ class _Elsewhere(threading.local):
 elsewhere = _Elsewhere()
 
 
-def in_order(light: Any) -> Iterator[Any]:
+def in_order(light: Array | BandArray) -> Iterator[Array]:
     """Yield every band; the next one is computed in a thread while this one is used."""
 
-    def made(band: int) -> tuple[Any, float]:
+    def made(band: int) -> tuple[Array, float]:
         began = time.thread_time()
         return light[band], time.thread_time() - began
 

@@ -22,12 +22,13 @@ from etendue.compute.job import Job
 from etendue.compute.joined.segments import Result, transferred
 from etendue.compute.mapped import one_by_one
 from etendue.compute.ownership import as_array, for_reading, frozen, guests_of, handed, taken, undisturbed
-from etendue.contract.ports import CellReport
+from etendue.contract.ports import CellReport, Written
 from etendue.errors import ArchiveInUse, EtendueError, MachineError, PluginError, refused_by_the_machine
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
 from etendue.plugins import guests
 from etendue.telling import plain, told
+from etendue.types.arrays import Array
 
 
 def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> dict[str, Any]:
@@ -39,7 +40,7 @@ def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> d
         raise PluginError(f"{name}.run gave {type(arrays).__name__}, not a dict of the variables it writes")
     if arrays.keys() != (form.writes.keys() if outputs is None else {output.variable for output in outputs}):
         raise PluginError(f"{name}.run gave {sorted(map(str, arrays))}, but declares {sorted(job.writes)}")
-    checked, arrays = {}, dict(arrays)
+    checked, arrays = dict[str, Any](), dict(arrays)
     for output in form.outputs if outputs is None else outputs:
         variable, wanted = output.variable, output.dtype
         array = arrays.pop(variable)
@@ -68,13 +69,13 @@ def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> d
     return checked
 
 
-def smallest(array: Any) -> float:
+def smallest(array: Array) -> float:
     """Return the smallest value of an array; NaN if any value is NaN or infinite."""
     low, high = float(array.min()), float(array.max())
     return low if np.isfinite(low) and np.isfinite(high) else float("nan")
 
 
-def finite(array: Any) -> bool:
+def finite(array: Array) -> bool:
     """Return True if no value is NaN or infinite. One pass over the sum of squares; only if that overflows are the
     values tested one by one.
     """
@@ -84,7 +85,7 @@ def finite(array: Any) -> bool:
     return math.isfinite(flat.dot(flat)) or bool(np.isfinite(flat).all())
 
 
-def undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
+def undefined(job: Job, arrays: Mapping[str, Array]) -> dict[str, float]:
     """Return NaN for each float array with undefined values; raise if these were not declared."""
     found = {}
     for variable, array in arrays.items():
@@ -139,7 +140,7 @@ def kept(
 ) -> tuple[Result, CellReport]:
     """Store the variables of a cell that are kept, and leave in its result what others read."""
     seconds = seconds_of()
-    written: tuple[Any, ...] = ()
+    written: tuple[Written, ...] = ()
     if job.target and job.store:
         given = {v: Timed(arrays[v]) if isinstance(arrays[v], BandArray) else arrays[v] for v in job.store}
         with refused_by_the_machine():

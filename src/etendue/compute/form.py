@@ -20,6 +20,7 @@ from etendue.contract.arrays.coordinates import coordinates_of
 from etendue.contract.arrays.variables import Declaration, variable
 from etendue.contract.capabilities import is_transfer
 from etendue.contract.stage import SPECIAL, Stage, optional_ports, patterns_of
+from etendue.types.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Output:
     variable: str
     declaration: Declaration
     shape: tuple[int, ...]
-    dtype: Any
+    dtype: np.dtype[Any]
     counted: bool
 
     @property
@@ -92,7 +93,7 @@ class StageForm:
         return tuple(name for name in patterns_of(self.kind) if name in self.beside)
 
     @cached_property
-    def coordinates(self) -> Mapping[str, Any]:
+    def coordinates(self) -> Mapping[str, Array]:
         return {**coordinates_of(self.grids), **coordinates_of(self.input_grids), **coordinates_of(self.grids, "out_")}
 
     def key_of_prepared(self, stage: Stage) -> Key:

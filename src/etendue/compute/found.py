@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue.compute.job import Found, Job
 from etendue.contract.stage import Stage, quantities_of
@@ -17,8 +17,11 @@ from etendue.plan.expansion.seed_words import line, seed_of
 from etendue.plan.model import CellRef
 from etendue.plan.stage_calls import made
 
+if TYPE_CHECKING:
+    from etendue.compute.joined.segments import Result
 
-def with_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...] = ()) -> Job:
+
+def with_found(job: Job, results: Mapping[CellRef, Result], at: tuple[int, ...] = ()) -> Job:
     """Return the job with the found values; ``at``: the slice being computed, for quantities with a value per slice."""
     if not job.awaited:
         return job
@@ -32,19 +35,23 @@ def with_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...] = (
 
 
 def _each(
-    stages: tuple[Any, ...], found: tuple[Found, ...], results: Mapping[CellRef, Any], job: Job, at: tuple[int, ...]
+    stages: tuple[Stage, ...],
+    found: tuple[Found, ...],
+    results: Mapping[CellRef, Result],
+    job: Job,
+    at: tuple[int, ...],
 ) -> Any:
     return tuple(_made_again(stage, own, results, job, at) for stage, own in zip(stages, found, strict=True))
 
 
-def stage_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) -> Stage:
+def stage_found(job: Job, results: Mapping[CellRef, Result], at: tuple[int, ...]) -> Stage:
     """Return the stage of a job with the values found for it, or for a slice of it."""
     return (
         _made_again(job.stage, job.waiting.found, results, job, at) if job.waiting and job.waiting.found else job.stage
     )
 
 
-def seed_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) -> bytes:
+def seed_found(job: Job, results: Mapping[CellRef, Result], at: tuple[int, ...]) -> bytes:
     """Return the complete words of a job's random seed."""
     if not (job.waiting and job.waiting.words):
         return job.seed
@@ -68,7 +75,7 @@ def _closed(seed: bytes) -> frozenset[str]:
     return frozenset(seed.decode().split("\n")) - {""}
 
 
-def _made_again(stage: Stage, found: Found, results: Mapping[CellRef, Any], job: Job, at: tuple[int, ...]) -> Stage:
+def _made_again(stage: Stage, found: Found, results: Mapping[CellRef, Result], job: Job, at: tuple[int, ...]) -> Stage:
     """Return a stage with the found values.
 
     Raises
@@ -88,7 +95,7 @@ def _made_again(stage: Stage, found: Found, results: Mapping[CellRef, Any], job:
     return made(type(stage), values)
 
 
-def _value(results: Mapping[CellRef, Any], ref: CellRef, variable: str, job: Job, at: tuple[int, ...]) -> Any:
+def _value(results: Mapping[CellRef, Result], ref: CellRef, variable: str, job: Job, at: tuple[int, ...]) -> Any:
     """Return the value that a cell has found: a number (that of the slice), or all values if slices end there."""
     array = results[ref].arrays[variable]
     if at and job.mapped:

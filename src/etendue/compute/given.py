@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,10 @@ from etendue.contract.capabilities import Probe
 from etendue.contract.stage import Stage
 from etendue.errors import PluginError
 from etendue.plan.model import CellRef
+from etendue.types.arrays import Array
+
+if TYPE_CHECKING:
+    from etendue.contract.arrays.grid import Grid
 
 NOTHING = Looking()
 Clipped = list[tuple[float, float]]  # share of values that were negative, and their share of the flux
@@ -63,7 +67,7 @@ def looked_through(job: Job, results: Mapping[CellRef, Result], port: str, ref: 
     return array
 
 
-def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: Any, clipped: Clipped) -> Any:
+def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: Array, clipped: Clipped) -> Array:
     """Return the array of a port, or a slice of it, with negative values set to 0 if the stage clips them."""
     if job.stage.negative != "clip":
         return array
@@ -76,7 +80,7 @@ def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: 
     return frozen(np.maximum(array, 0))
 
 
-def clipped_figures(array: Any) -> tuple[int, Any, Any]:
+def clipped_figures(array: Array) -> tuple[int, Array, Array]:
     """Return the number of negative values, and per row the sum of these and of all magnitudes. Sums are per row, so
     that those of a frame equal those of its strips.
     """
@@ -118,7 +122,7 @@ class _Seen(Sequence[tuple[Any, ...]]):
     """(stage name, array) of what a stage looks at, or (stage name, array, grid). Light computed by band is computed
     whole on access, so that a loop over the stages holds that of one at a time."""
 
-    def __init__(self, seen: list[tuple[str, Any]], grids: Sequence[Any]) -> None:
+    def __init__(self, seen: list[tuple[str, Any]], grids: Sequence[Grid]) -> None:
         self.seen, self.grids = seen, grids
 
     def given(self) -> Sequence[tuple[Any, ...]]:

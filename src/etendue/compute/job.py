@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from etendue.contract.arrays.grid import Coordinate, Grid
 from etendue.contract.arrays.variables import Declaration
@@ -22,6 +22,9 @@ from etendue.plan.expansion.seed_words import Open
 from etendue.plan.model import CellRef
 
 # (quantity, cell, variable): where the value of a shared quantity is found
+if TYPE_CHECKING:
+    from etendue.compute.form import Form
+
 Found = tuple[tuple[str, CellRef, str], ...]
 
 
@@ -138,7 +141,7 @@ class Job:
     walk: Walk | None = None
     look: CellObserver | None = None  # the caller's reduction of its arrays, applied where they are computed
 
-    form: Any = field(init=False, default=None, repr=False)  # set on first use by ``compute.form``
+    form: Form | None = field(init=False, default=None, repr=False)  # set on first use by ``compute.form``
 
     @property
     def averages(self) -> bool:

@@ -7,11 +7,11 @@ Out: jobs for these cells and for the stored ones they read.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections.abc import Callable, Hashable, Iterator, Mapping, Set
 from functools import cached_property, partial
 from itertools import accumulate
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue.compute.job import CellObserver, Found, Job, Looking, Mapped, Segment, Waiting
 from etendue.compute.rows import by_band, is_large, walker
@@ -23,6 +23,9 @@ from etendue.contract.stage import looks_at_stages, patterns_of, reads_of
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.identity.once import Once
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of
+
+if TYPE_CHECKING:
+    pass
 
 
 def make_jobs(
@@ -81,7 +84,7 @@ class Jobs(Mapping[CellRef, Job]):
         self.transforms, self.included = bytearray(plan.numbers.count), bytearray(plan.numbers.count)
         self.costs: Once[tuple[float, tuple[str, ...]]] = Once()
         self.grids: dict[str, tuple[Mapping[str, Grid], Mapping[str, Grid]]] = {}
-        self.looked: dict[str, tuple[Any, Looking]] = {}
+        self.looked: dict[str, tuple[Hashable, Looking]] = {}
         for ref, cell in plan.cells.items():
             if self.nodes[cell.node].segment and (found := _direct(plan, self.nodes, cell)) is not None:
                 self.direct[ref] = found

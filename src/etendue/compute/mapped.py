@@ -22,12 +22,13 @@ from etendue.contract.capabilities import Transfer, is_random
 from etendue.contract.stage import Stage, quantities_of, writes_of
 from etendue.errors import PluginError
 from etendue.plan.model import CellRef
+from etendue.types.arrays import Array, FloatArray
 
 Results = Mapping[CellRef, Result]
 Check = Callable[[Job, Any], dict[str, Any]]
 
 
-def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> dict[str, Any]:
+def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> dict[str, Array]:
     """Return every variable with the mapped dims first; ``check`` compares a result with the declaration."""
     slices = _Slices(job, results, clipped)
     if isinstance(job.stage, Transfer):
@@ -57,7 +58,7 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
     return arrays
 
 
-def _put(arrays: dict[str, Any], found: Any, slices: _Slices, at: tuple[int, ...]) -> None:
+def _put(arrays: dict[str, Array], found: Any, slices: _Slices, at: tuple[int, ...]) -> None:
     """Put one more slice in its place; it must have the form of the first one."""
     name = type(slices.core.stage).__name__
     if not isinstance(found, dict) or found.keys() != arrays.keys():
@@ -137,7 +138,7 @@ class _Slices:
             for name in every[0]
         }
 
-    def at_once(self, names: tuple[str, ...], check: Check) -> dict[str, Any]:
+    def at_once(self, names: tuple[str, ...], check: Check) -> dict[str, Array]:
         """Compute all slices in one call, for an elementwise stage; outputs without the mapped dims are broadcast."""
         given = {port: for_reading(array) for port, array, _ in self.given} | beside(self.core, self.results)
         for port in self.negative:
@@ -153,7 +154,7 @@ class _Slices:
     def words(self, at: tuple[int, ...]) -> bytes:
         return "".join(f"|{dim}={own[i]}" for dim, own, i in zip(self.dims, self.labels, at, strict=True)).encode()
 
-    def whole(self, name: str, first: Any) -> Any:
+    def whole(self, name: str, first: FloatArray) -> FloatArray:
         """Return an array for all slices with the first one in its place."""
         if name not in self.led:
             return first

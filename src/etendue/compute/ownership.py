@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import Context
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -22,18 +22,22 @@ from etendue.compute.job import Job
 from etendue.errors import PluginError
 from etendue.plugins import guests
 from etendue.process import FOLDER, WARNED, return_to
+from etendue.types.arrays import Array
+
+if TYPE_CHECKING:
+    from etendue.contract.stage import Stage
 
 _NOBODY = nullcontext()
 _Given = ParamSpec("_Given")
 _Found = TypeVar("_Found")
 
 
-def for_reading(array: Any) -> Any:
+def for_reading(array: Array) -> Array:
     """Return a read-only view of a read-only array; anything else unchanged."""
     return array.view() if type(array) is np.ndarray and not array.flags.writeable else array
 
 
-def handed(stage: Any, given: dict[str, Any]) -> dict[str, Any]:
+def handed(stage: Stage, given: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments for ``run`` of a stage. Stages of other distributions get copies: numpy's read-only flag
     does not bind code outside numpy.
     """
@@ -48,16 +52,16 @@ def _apart(value: Any) -> Any:
     return value.apart() if hasattr(value, "apart") else value
 
 
-def frozen(array: Any) -> Any:
+def frozen(array: Array) -> Array:
     """Make an array and everything it is a view of read-only."""
-    at = array
+    at: Array | None = array
     while isinstance(at, np.ndarray):
         at.flags.writeable = False
         at = at.base
     return array
 
 
-def taken(arrays: dict[str, Any], variable: str) -> Any:
+def taken(arrays: dict[str, Array], variable: str) -> Array:
     """Take an array out of a stage's result: contiguous and frozen, copied if anybody else could change it."""
     array = arrays.pop(variable)
     if not array.flags.c_contiguous:  # arrays read back from an archive are, and the order of sums must not differ
@@ -65,7 +69,7 @@ def taken(arrays: dict[str, Any], variable: str) -> Any:
     return frozen(array if _alone(array) else array.copy(order="C"))
 
 
-def _alone(array: Any) -> bool:
+def _alone(array: Array) -> bool:
     """Return True if only the caller's variable refers to an array and to what it is a view of."""
     if sys.getrefcount(array) > _HELD:
         return False
@@ -80,14 +84,14 @@ def _calibrate() -> tuple[int, int]:
     """Measure the reference counts of an otherwise unreferenced array, as ``_alone`` sees them within ``taken``."""
     seen = []
 
-    def alone(array: Any) -> bool:
+    def alone(array: Array) -> bool:
         seen.append(sys.getrefcount(array))
         while array.base is not None:
             array = array.base
             seen.append(sys.getrefcount(array))
         return True
 
-    def taken_like(arrays: dict[str, Any], variable: str) -> Any:
+    def taken_like(arrays: dict[str, Array], variable: str) -> Array:
         array = arrays.pop(variable)
         return frozen(array if alone(array) else np.empty(0))
 
@@ -99,7 +103,7 @@ def _calibrate() -> tuple[int, int]:
 _HELD, _BASE = _calibrate()
 
 
-def as_array(name: str, variable: str, value: Any) -> Any:
+def as_array(name: str, variable: str, value: Any) -> Array:
     """Return a value that a stage returned, as a plain array of numbers."""
     if isinstance(value, np.ma.MaskedArray):
         raise PluginError(

@@ -11,6 +11,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from etendue.types.arrays import Array, FloatArray
+
 TILE = 64  # positions
 
 
@@ -55,7 +57,7 @@ def renamed(generator: np.random.Generator, seed_words: bytes) -> np.random.Gene
     return generator
 
 
-def _philox_key(seed_words: bytes) -> NDArray:
+def _philox_key(seed_words: bytes) -> NDArray[np.uint64]:
     return np.frombuffer(hashlib.blake2b(seed_words, digest_size=16).digest(), "<u8").astype(np.uint64)
 
 
@@ -66,7 +68,7 @@ def tiled_normal(
     rows: int,
     columns: int,
     dtype: DTypeLike = np.float32,
-) -> NDArray:
+) -> Array:
     """Return standard normals tied to absolute positions.
 
     Parameters
@@ -98,7 +100,7 @@ def tiled_normal(
     return _tiled(_normal_tile, seed_words, first_row, first_column, rows, columns, dtype)
 
 
-def tiled_uniform(seed_words: bytes, first_row: int, first_column: int, rows: int, columns: int) -> NDArray:
+def tiled_uniform(seed_words: bytes, first_row: int, first_column: int, rows: int, columns: int) -> FloatArray:
     """Return uniforms, 0 <= u < 1, tied to absolute positions; arguments, errors and tiles as in `tiled_normal`.
 
     Returns
@@ -110,23 +112,23 @@ def tiled_uniform(seed_words: bytes, first_row: int, first_column: int, rows: in
     return _tiled(_uniform_tile, seed_words, first_row, first_column, rows, columns, np.float64)
 
 
-def _normal_tile(generator: np.random.Generator) -> NDArray:
+def _normal_tile(generator: np.random.Generator) -> FloatArray:
     return generator.standard_normal((TILE, TILE), dtype=np.float32)
 
 
-def _uniform_tile(generator: np.random.Generator) -> NDArray:
+def _uniform_tile(generator: np.random.Generator) -> FloatArray:
     return generator.random((TILE, TILE))
 
 
 def _tiled(
-    draw: Callable[[np.random.Generator], NDArray],
+    draw: Callable[[np.random.Generator], FloatArray],
     seed_words: bytes,
     first_row: int,
     first_column: int,
     rows: int,
     columns: int,
     dtype: DTypeLike,
-) -> NDArray:
+) -> FloatArray:
     if rows < 0 or columns < 0:
         raise ValueError(f"the size of the window must not be negative; it is {rows} x {columns}")
     window = np.empty((rows, columns), dtype)

@@ -33,6 +33,7 @@ from etendue.contract.stage import patterns_of, reads_of
 from etendue.errors import ArchiveInUse, MachineError
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
+from etendue.types.arrays import Array
 
 Results = Mapping[CellRef, Result]
 Ended = list[tuple[Result, CellReport]]
@@ -106,14 +107,14 @@ class _Flow:
     """A variable that is written and read row by row; ``whole``: the array for all of it, if it is needed outside."""
 
     whole: Any = None
-    parts: list[tuple[int, int, Any]] = field(default_factory=list)
+    parts: list[tuple[int, int, Array]] = field(default_factory=list)
     end: int = 0
     readers: list[_Member] = field(default_factory=list)
     undefined: bool = False
     seen: Any = None  # collects a small result from the rows, if the caller wants only that
     figure: Any = None  # for a variable without rows: its value from the first strip
 
-    def put(self, start: int, stop: int, rows: Any) -> None:
+    def put(self, start: int, stop: int, rows: Array) -> None:
         if self.whole is not None:
             self.whole[..., start:stop, :] = rows
         if self.seen is not None:
@@ -164,7 +165,7 @@ class _Member:
                     place = walk.places.get(name)
                     fits = place is not None and (place.shape, place.dtype) == (o.shape, o.dtype)
                     flow.whole = place if fits else np.empty(o.shape, o.dtype)
-        self.figures: dict[str, list[Any]] = {
+        self.figures: dict[str, list[Array]] = {
             name: [] for name, o in self.outputs.items() if not has_rows(o.declaration.dims)
         }
         self.sizes: list[int] = []
@@ -233,7 +234,7 @@ class _Member:
                     variable, self._rows(port, start, stop) if port in self.cut else self._fixed(port), start, stop
                 )
 
-    def _put(self, variable: str, array: Any, start: int, stop: int) -> None:
+    def _put(self, variable: str, array: Array, start: int, stop: int) -> None:
         flow = self.flows[variable]
         if variable not in self.figures:
             flow.put(start, stop, array)
@@ -344,7 +345,7 @@ class _Member:
         return check(self.job, found, tuple(self.outputs[name] for name in self.figures))
 
 
-def _read_only(array: Any) -> Any:
+def _read_only(array: Array) -> Array:
     """Return an array that is complete, read-only; a view if it is part of the caller's array."""
     if array.base is None:
         return frozen(array)
@@ -360,7 +361,7 @@ class _Negative:
         self.below, self.taken, self.flux = 0, [], []  # type: ignore[var-annotated]
         self.size = 0
 
-    def taken_off(self, rows: Any) -> Any:
+    def taken_off(self, rows: Array) -> Array:
         self.size += rows.size
         below, taken, flux = clipped_figures(rows)
         self.below += below

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from etendue.contract.arrays.grid import Bands, Grid, Line
 from etendue.contract.capabilities import bands_of
 from etendue.contract.stage import Stage, state_of
 from etendue.telling import foreign
+from etendue.types.arrays import FloatArray
 
 LARGEST_CACHE = 256 << 20
 LARGEST_PATTERN = (
@@ -37,7 +38,7 @@ class Key:
 
     __slots__ = ("taken", "value")
 
-    def __init__(self, value: Any) -> None:
+    def __init__(self, value: Hashable) -> None:
         self.value, self.taken = value, hash(value)
 
     def __hash__(self) -> int:
@@ -54,6 +55,9 @@ class _Entry:
     run: int  # the last run that used it
 
 
+Made = TypeVar("Made")
+
+
 class Cache:
     """Values by key, bounded in bytes (least recently used dropped first) and in unused runs of the process.
 
@@ -62,23 +66,25 @@ class Cache:
 
     def __init__(self, largest: int) -> None:
         self.largest, self.held, self.runs = largest, 0, 0
-        self.entries: OrderedDict[Any, _Entry] = OrderedDict()
+        self.entries: OrderedDict[Hashable, _Entry] = OrderedDict()
         self.lock = threading.Lock()
-        self.making: dict[Any, threading.Lock] = {}
+        self.making: dict[Hashable, threading.Lock] = {}
 
-    def get(self, key: Any, make: Callable[[], Any]) -> Any:
+    def get(self, key: Hashable, make: Callable[[], Made]) -> Made:
         with self.lock:
             found = self.entries.get(key)
             if found is not None:
                 self.entries.move_to_end(key)
                 found.run = self.runs
-                return found.value
+                held: Made = found.value
+                return held
             # One lock per key, so that threads wait for a value being computed instead of computing it twice.
             making = self.making.setdefault(key, threading.Lock())
         with making:
             with self.lock:
                 if key in self.entries:
-                    return self.entries[key].value
+                    held = self.entries[key].value
+                    return held
             try:
                 value = make()
                 size = _size(value)
@@ -104,7 +110,7 @@ class Cache:
                 while self.entries and self.entries[oldest := next(iter(self.entries))].run < self.runs - LASTING:
                     self._drop(oldest)
 
-    def _drop(self, key: Any) -> None:
+    def _drop(self, key: Hashable) -> None:
         entry = self.entries.pop(key, None)
         self.held -= entry.size if entry is not None else 0
 
@@ -150,16 +156,16 @@ class PatternRandom:
         self.own = True
         return self
 
-    def normal(self, pattern: str) -> Any:
+    def normal(self, pattern: str) -> FloatArray:
         """Return (y, x) standard normals of the pattern of this name, such as ``"grain"``."""
         return self._normals("normal", pattern, self.pixels)
 
-    def spread(self, pattern: str, rms: float) -> Any:
+    def spread(self, pattern: str, rms: float) -> FloatArray:
         """Return (y, x) factors about 1 with this relative deviation, never negative: 1 + rms times the normals of this
         name. Cached.
         """
 
-        def make() -> Any:
+        def make() -> FloatArray:
             if self.pixels[2] * self.pixels[3] <= LARGEST_SHARED:
                 known = self.normal(pattern)
                 factor = known * known.dtype.type(rms)
@@ -171,7 +177,7 @@ class PatternRandom:
 
         return self._kept(("spread", pattern, rms), self.pixels, self.precision, make)
 
-    def uniform(self, pattern: str) -> Any:
+    def uniform(self, pattern: str) -> FloatArray:
         """Return (y, x) uniforms, 0 <= u < 1, in float64 in every run, so that a share of 1e-8 holds in any
         precision.
         """
@@ -180,15 +186,15 @@ class PatternRandom:
             ("uniform", pattern), self.pixels, np.dtype(np.float64), lambda: tiled_uniform(words, *self.pixels)
         )
 
-    def row_normal(self, pattern: str) -> Any:
+    def row_normal(self, pattern: str) -> FloatArray:
         """Return (y, 1) standard normals, one per row, independent of the columns in the window."""
         return self._normals("row", pattern, self.rows)
 
-    def column_normal(self, pattern: str) -> Any:
+    def column_normal(self, pattern: str) -> FloatArray:
         """Return (1, x) standard normals, one per column."""
         return self._normals("column", pattern, self.columns)
 
-    def _normals(self, how: str, pattern: str, window: Window) -> Any:
+    def _normals(self, how: str, pattern: str, window: Window) -> FloatArray:
         words = self._words(how, pattern)
         return self._kept((how, pattern), window, self.precision, lambda: tiled_normal(words, *window, self.precision))
 
@@ -196,10 +202,12 @@ class PatternRandom:
         """Return the seed words of a pattern. A serial holds no line break, so no two patterns have the same words."""
         return b"\n".join((self.serial, how.encode(), pattern.encode()))
 
-    def _kept(self, what: tuple[Any, ...], window: Window, dtype: Any, make: Callable[[], Any]) -> Any:
+    def _kept(
+        self, what: tuple[str | float, ...], window: Window, dtype: np.dtype[Any], make: Callable[[], FloatArray]
+    ) -> FloatArray:
         """Return a cached read-only array; computed anew for strips of very large frames, see ``LARGEST_PATTERN``."""
 
-        def read_only() -> Any:
+        def read_only() -> FloatArray:
             array = make()
             array.flags.writeable = False
             return array
@@ -227,7 +235,7 @@ def prepared_of(
     """Return ``stage.prepare``, computed once per (parameters, coordinates) and process; ``key``: if known already."""
     if type(stage).prepare is Stage.prepare:
         return None
-    own: Any = stage
+    own: Stage = stage
 
     def make() -> Any:
         with foreign(f"{type(stage).__name__}.prepare"):

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue.compute.job import Job, Walk
 from etendue.compute.rows import Walker, has_rows, is_large, rows_of
@@ -21,6 +21,9 @@ from etendue.contract.capabilities import Haloed
 from etendue.contract.stage import looks_at_stages
 from etendue.plan.identity.once import Once
 from etendue.plan.model import CellRef
+
+if TYPE_CHECKING:
+    pass
 
 
 def with_walks(

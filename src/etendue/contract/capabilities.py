@@ -13,7 +13,7 @@ import inspect
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from etendue.contract.arrays.dims import banded, is_light
 from etendue.contract.arrays.facts import Facts
@@ -29,6 +29,9 @@ from etendue.contract.stage import (
     writes_of,
 )
 
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Source(Stage):
@@ -37,7 +40,7 @@ class Source(Stage):
     @abstractmethod
     def describe(self) -> tuple[Facts, Mapping[str, Grid]]: ...
 
-    def white_light(self, edges: tuple[float, ...]) -> Any:
+    def white_light(self, edges: tuple[float, ...]) -> Array | None:
         """(band,): light of a white surface in bands with these edges, in any scale, by which metrics weight the bands.
         None: unknown, and metrics assume light that is equally strong in all bands."""
         return None
@@ -48,7 +51,7 @@ class Tinting(Stage):
     """A stage that absorbs light by band, uniformly over the frame, as a filter does."""
 
     @abstractmethod
-    def transmission(self, grid: Grid) -> Any:
+    def transmission(self, grid: Grid) -> Array:
         """(band,): the transmission in the bands of a grid."""
 
 
@@ -60,7 +63,7 @@ class Transfer(Stage):
     radial: ClassVar[bool] = False
 
     @abstractmethod
-    def transfer(self, *given: Any, **named: Any) -> Any:
+    def transfer(self, *given: Any, **named: Any) -> Array:
         """Return the transfer function at separable frequencies ``(fy, fx, centres of the bands)``, in cycles/um and in
         the unit in which the dim of the bands is asked; ``prepared`` is given too if ``prepare`` returns something."""
 
@@ -70,11 +73,11 @@ class Summed(Transfer):
     """A transfer function that ends in a weighted sum over the bands, as a pixel under its filters does."""
 
     @abstractmethod
-    def weights(self, prepared: Any) -> Any:
+    def weights(self, prepared: Any) -> Array:
         """(channel, band): the weights of the sum."""
 
     def segment_error(
-        self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str
+        self, before: tuple[Transfer, ...], facts: Any, grid: Mapping[str, Grid], precision: str
     ) -> tuple[float | None, str]:
         """Return its error, and the basis, after the stages that are joined before it."""
         return self.error(facts, grid, precision)
@@ -96,7 +99,7 @@ class ChannelTransfer(Stage):
     """
 
     @abstractmethod
-    def channel_transfer(self, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
+    def channel_transfer(self, fy: Array, fx: Array, light: Array, prepared: Any) -> Array:
         """(collecting channel, channel of the filter, m, n): the transfer at fy (m,), fx (n,), cycles/um.
 
         ``light``: (band,), of a white surface, in any scale.
@@ -115,7 +118,7 @@ class Banded(Stage):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         """Return the part of ``prepared`` for these bands."""
 
-    def constants(self, prepared: Any) -> Mapping[str, Any]:
+    def constants(self, prepared: Any) -> Mapping[str, Array]:
         """Return, for a source, what it writes that has no position."""
         return {}
 
@@ -134,7 +137,7 @@ class Haloed(Stage):
         """Return the rows above and below that a row depends on; None: the whole frame, with these parameters."""
         return 0
 
-    def joined(self, parts: Mapping[str, Sequence[Any]], sizes: Sequence[int]) -> Mapping[str, Any]:
+    def joined(self, parts: Mapping[str, Sequence[Array]], sizes: Sequence[int]) -> Mapping[str, Array]:
         """Return what is written without rows, from the results of all strips; ``sizes``: values of each strip's first
         variable. By default they must be equal in all strips; a stage without a halo may override this."""
         apart = [name for name, values in parts.items() if any(not _equal(values[0], value) for value in values[1:])]
@@ -161,7 +164,7 @@ class Sampled(Stage):
     """
 
     @abstractmethod
-    def mean(self, *given: Any, **named: Any) -> Any:
+    def mean(self, *given: Any, **named: Any) -> Mapping[str, Array]:
         """Return what ``run`` returns on average, before rounding: the same variables, as floats. It may ask by name
         for what ``run`` may ask for, except random numbers."""
 
@@ -224,7 +227,7 @@ class Viewed(Stage):
     """A stage whose pictures are meant for an eye adapted to a white of their own."""
 
     @abstractmethod
-    def viewing_white(self) -> Any:
+    def viewing_white(self) -> Array | None:
         """Return XYZ of that white, or None if it is the display's."""
 
 
@@ -324,7 +327,7 @@ def is_transfer(kind: type[Stage]) -> bool:
     return issubclass(kind, Transfer)
 
 
-def _equal(one: Any, other: Any) -> bool:
+def _equal(one: Array, other: Array) -> bool:
     """Return whether two plain values are equal; NaN equals itself."""
     same = (one == other) | ((one != one) & (other != other))
     return bool(same.all() if hasattr(same, "all") else same)

@@ -20,6 +20,8 @@ from etendue.errors import PluginError
 if TYPE_CHECKING:
     import xarray as xr
 
+    from etendue.types.arrays import Array
+
 _Kind = TypeVar("_Kind", bound=type[Stage])
 
 
@@ -51,7 +53,7 @@ def labelled(kind: _Kind) -> _Kind:
     )
     wanted = [name for own in dims for name in ((own, f"{own}_um") if own in PLACE else (own,))]
 
-    def run(self: Stage, *arrays: Any, **given: Any) -> dict[str, Any]:
+    def run(self: Stage, *arrays: Any, **given: Any) -> dict[str, Array]:
         given |= dict(zip(names[1:], arrays, strict=False))
         data = _dataset({port: (d, given[port]) for port, d in reads.items() if port in given}, dims, given)
         found = body(self, data, **{name: given[name] for name in asked})
@@ -67,7 +69,7 @@ def labelled(kind: _Kind) -> _Kind:
 
 
 def _dataset(
-    arrays: Mapping[str, tuple[Declaration, Any]], dims: Iterable[str], given: Mapping[str, Any]
+    arrays: Mapping[str, tuple[Declaration, Array]], dims: Iterable[str], given: Mapping[str, Array]
 ) -> xr.Dataset:
     """Return what is read, with labels, and the coordinates of what is to be written."""
     import xarray as xr
@@ -89,7 +91,7 @@ def _dataset(
     return xr.Dataset(variables, coords=coordinates)
 
 
-def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.Dataset) -> dict[str, Any]:
+def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.Dataset) -> dict[str, Array]:
     """Return what was written, as arrays with their dims in declared order.
 
     Raises
@@ -102,7 +104,7 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
 
     if not isinstance(found, Mapping):
         raise PluginError(f"{name}.run returned {type(found).__name__}, not a Dataset of the variables it writes")
-    arrays: dict[str, Any] = {}
+    arrays: dict[str, Array] = {}
     extra = sorted(
         set(map(str, found)) - {d.variable for d in writes.values()} - set(data.variables) - {"y_um", "x_um"}
     )

@@ -11,9 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
+from etendue.types.documents import Document, DocumentView
+
 if TYPE_CHECKING:
     from etendue.plan.model import Cell, CellRef, Plan
     from etendue.plan.resume import Work
+    from etendue.types.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +36,9 @@ class Target(Protocol):
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[WrittenChunk, ...]: ...
 
-    def read(self, variable: str) -> Any: ...
+    def read(self, variable: str) -> Array: ...
 
-    def read_band(self, variable: str, band: int) -> Any: ...
+    def read_band(self, variable: str, band: int) -> Array: ...
 
     def settle(self) -> None:
         """Called after the last cell of a batch: all that was written must be in its files before it is reported."""
@@ -76,7 +79,7 @@ class ContactSheet:
     that draws them into one PNG.
     """
 
-    table: dict[str, Any]
+    table: Document
     draw: Callable[[Path], None]
     shown: tuple[CellRef, ...]
     at: str  # their axis values
@@ -122,18 +125,18 @@ class Keeper(Protocol):
 
     def stored(
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
-    ) -> dict[CellRef, dict[str, Any]]: ...
+    ) -> dict[CellRef, dict[str, Array]]: ...
 
-    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+    def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
         """Return, at the end, the arrays of all cells that it has taken, and ``others``, which it was given and does
         not keep.
         """
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool: ...
 
-    def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...
+    def interrupted(self, tables: DocumentView, abandoned: bool) -> None: ...
 
-    def close(self, tables: dict[str, Any], sheet: ContactSheet | None, failed: bool) -> tuple[Any, list[Path]]:
+    def close(self, tables: Document, sheet: ContactSheet | None, failed: bool) -> tuple[Any, list[Path]]:
         """End a run in order; return the tree of results if it is in memory, and the files of pictures."""
 
 
@@ -155,7 +158,7 @@ class Passing:
 
     def stored(
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
-    ) -> dict[CellRef, dict[str, Any]]:
+    ) -> dict[CellRef, dict[str, Array]]:
         return {}
 
-    def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...
+    def interrupted(self, tables: DocumentView, abandoned: bool) -> None: ...

@@ -14,9 +14,9 @@ import inspect
 import os
 import stat
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from functools import cache, lru_cache
-from typing import Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from etendue.contract.arrays.dims import UNDECLARED, dim
 from etendue.contract.arrays.facts import UNKNOWN, Facts
@@ -26,6 +26,9 @@ from etendue.contract.values.names import unfit_variable
 from etendue.contract.values.parameter import Parameter
 from etendue.plugins import discovery
 from etendue.plugins.discovery import table_file
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -96,33 +99,33 @@ class Stage:
         """Whether random numbers are the same for all parameter values."""
         return False
 
-    def grid(self, inputs: Any) -> Mapping[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
         """Return {variable: Grid} where the grid changes, from {port: Grid}."""
         return {}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         """Return tables and matrices, computed once per (parameters, coordinates)."""
         return None
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """Return what is known of its output, from {port: Facts} and {port: Grid}."""
         return UNKNOWN
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
+    def error(self, facts: Any, grid: Mapping[str, Grid], precision: str) -> tuple[float | None, str]:
         """Return an error bound relative to full scale, and its basis: proved, fitted, measured. For constants:
         ``error = proved(2e-7, 4e-16)``.
         """
         return None, "unknown"
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         """Return what a user should know about these values."""
         return []
 
-    def warn_among(self, others: Any) -> list[str]:
+    def warn_among(self, others: Mapping[str, type[Stage]]) -> list[str]:
         """Return the same about the stages of the pipeline: classes by the name under which they are used."""
         return []
 
-    def assumes(self) -> Mapping[str, Any]:
+    def assumes(self) -> Mapping[str, Hashable]:
         """Return its assumptions about things that other stages also assume; the plan notes an earlier stage with
         another value.
         """

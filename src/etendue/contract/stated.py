@@ -6,8 +6,13 @@ Out: the value of a class's ``error``, instead of a method.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from etendue.contract.arrays.facts import Facts
+    from etendue.contract.arrays.grid import Grid
 
 
 @dataclass(frozen=True)
@@ -18,7 +23,9 @@ class Stated:
     float64: float
     how: str
 
-    def __call__(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def __call__(
+        self, facts: Facts | Mapping[str, Facts], grid: Mapping[str, Grid], precision: str
+    ) -> tuple[float, str]:
         return (self.float32 if precision == "float32" else self.float64), self.how
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from etendue.contract.values.units import as_written
 from etendue.errors import Fault, nearest, unprintable
+from etendue.types.documents import Document, DocumentView
 
 KEYS = ("title", "license", "author")
 OF_AN_AUTHOR = ("name", "orcid", "affiliation")
@@ -40,7 +41,7 @@ class About:
     license: str = ""
     authors: tuple[Author, ...] = ()
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the table as written in a pipeline file, without empty entries."""
         authors = [{name: value for name in OF_AN_AUTHOR if (value := getattr(one, name))} for one in self.authors]
         said = {"title": self.title, "license": self.license, "author": authors}
@@ -66,7 +67,7 @@ def read_about(table: Any, faults: list[Fault]) -> About:
     return About(_text(table, "title", faults), license, tuple(authors))
 
 
-def _text(table: Mapping[str, Any], key: str, faults: list[Fault], place: str = "about") -> str:
+def _text(table: DocumentView, key: str, faults: list[Fault], place: str = "about") -> str:
     value = table.get(key, "")
     if not isinstance(value, str) or unprintable(value):
         faults.append(Fault(f"{place}.{key}", f"expected text, got {as_written(value)}"))

@@ -12,9 +12,10 @@ from typing import Any
 
 from etendue.pipeline.file import PipelineFile, StageEntry
 from etendue.pipeline.presets import preset
+from etendue.types.documents import DocumentView
 
 
-def given(entry: StageEntry, values: Mapping[str, Any], but: Collection[str] = ()) -> StageEntry:
+def given(entry: StageEntry, values: DocumentView, but: Collection[str] = ()) -> StageEntry:
     """Return a stage with these values added to its own, without those named in ``but``."""
     own = {name: value for name, value in entry.values.items() if name not in but}
     return replace(entry, values={**own, **values})
@@ -25,9 +26,7 @@ def each(pipeline: PipelineFile, change: Callable[[StageEntry], StageEntry]) -> 
     return replace(pipeline, stages=tuple(map(change, pipeline.stages)))
 
 
-def with_values(
-    pipeline: PipelineFile, stage: str, values: Mapping[str, Any], but: Collection[str] = ()
-) -> PipelineFile:
+def with_values(pipeline: PipelineFile, stage: str, values: DocumentView, but: Collection[str] = ()) -> PipelineFile:
     """Return the pipeline with these values for the named stage, as in ``given``."""
     return each(pipeline, lambda entry: given(entry, values, but) if entry.name == stage else entry)
 

@@ -22,6 +22,7 @@ from etendue.contract.stage import identity_of, parameters_of, reads_of, writes_
 from etendue.contract.values.names import unfit_stage
 from etendue.errors import Fault, RequestError, nearest
 from etendue.plugins import discovery
+from etendue.types.documents import DocumentView
 
 
 @dataclass(frozen=True)
@@ -238,7 +239,7 @@ def _free(kind: Any) -> str:
     )
 
 
-def _listed(word: str, ports: Mapping[str, Any]) -> str:
+def _listed(word: str, ports: DocumentView) -> str:
     told = [f"``{port}``: {str(declared).removeprefix(f'{port}: ')}" for port, declared in ports.items()]
     return f"{word} {'; '.join(told) or 'nothing'}."
 

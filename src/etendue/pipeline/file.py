@@ -28,6 +28,7 @@ from etendue.pipeline.about import About, read_about
 from etendue.pipeline.form import Words
 from etendue.pipeline.overrides import TOP, apply_overrides, axes_of, axis_name, by_one_name
 from etendue.pipeline.presets import preset
+from etendue.types.documents import Document, DocumentView
 
 PRECISIONS, NORMS = ("auto", "float32", "float64"), ("rms", "max")
 
@@ -38,7 +39,7 @@ class StageEntry:
 
     name: str
     use: str
-    values: Mapping[str, Any]
+    values: DocumentView
     origin: Mapping[str, str]  # from = { port = "stage" }
     place: str
 
@@ -57,11 +58,11 @@ class PipelineFile(PipelineSource):
 
     name: str
     stages: tuple[StageEntry, ...]
-    shared: Mapping[str, Any] = field(default_factory=dict)  # quantities that stages share
+    shared: DocumentView = field(default_factory=dict)  # quantities that stages share
     table: Table = field(default_factory=Table)  # the table of the file that holds them
     preset_name: str = ""
-    preset: Mapping[str, Any] = field(default_factory=dict)  # the preset's values; ``shared`` overrides them
-    sweep: Mapping[str, Any] = field(default_factory=dict)
+    preset: DocumentView = field(default_factory=dict)  # the preset's values; ``shared`` overrides them
+    sweep: DocumentView = field(default_factory=dict)
     wanted: tuple[str, ...] | None = None
     keep: tuple[str, ...] | None = None  # None: all that is computed; LOOKS: pictures and metrics
     seed: int = 0
@@ -90,7 +91,7 @@ class PipelineFile(PipelineSource):
         """Whether presets are an axis of the sweep."""
         return bool(self.table.preset) and self.table.preset in self.sweep
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the document of a file that reads as this pipeline."""
         lists, tables = ("wanted", "keep", "requires"), ("stages", "sweep", "about")
         words = {word: getattr(self, word) for word in TOP if word not in (*lists, *tables)}
@@ -121,7 +122,7 @@ class PipelineFile(PipelineSource):
         return self.lines.get(place, 0) or None
 
 
-def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> PipelineFile:
+def read_pipeline(path: Path, overrides: DocumentView | None = None) -> PipelineFile:
     """Read a file and apply overrides such as ``{"TABLE.NAME": "4", "sweep.NAME": [...]}``.
 
     Raises
@@ -161,7 +162,7 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
 
 
 def parse_pipeline(
-    text: str, file: str = "", folder: Path = Path("."), overrides: Mapping[str, Any] | None = None
+    text: str, file: str = "", folder: Path = Path("."), overrides: DocumentView | None = None
 ) -> PipelineFile:
     """Return the pipeline in a TOML text; ``file`` and ``folder`` are for messages and relative paths.
 
@@ -185,7 +186,7 @@ def parse_pipeline(
     return replace(from_document(document, file), folder=folder, text=text, lines=lines, overrides=tuple(given.items()))
 
 
-def overridden(pipeline: PipelineFile, overrides: Mapping[str, Any]) -> PipelineFile:
+def overridden(pipeline: PipelineFile, overrides: DocumentView) -> PipelineFile:
     """Return a pipeline with other values, as if its file had contained them."""
     document = pipeline.document()
     given = by_one_name(overrides, document)
@@ -202,7 +203,7 @@ def overridden(pipeline: PipelineFile, overrides: Mapping[str, Any]) -> Pipeline
     )
 
 
-def refuse_large(document: Mapping[str, Any], file: str = "", lines: Mapping[str, int] = {}) -> None:
+def refuse_large(document: DocumentView, file: str = "", lines: Mapping[str, int] = {}) -> None:
     """Refuse a document that is too large: too many keys, nested too deeply, a number of too many digits."""
     fault = document_fault(document)
     if fault:
@@ -258,7 +259,7 @@ def _lines(text: str) -> dict[str, int]:
     return {**axes, **found}
 
 
-def from_document(document: Mapping[str, Any], file: str = "") -> PipelineFile:
+def from_document(document: DocumentView, file: str = "") -> PipelineFile:
     """Return a pipeline from a document. Faults of its form are in ``faults``; a document beyond the size limits is
     refused.
     """
@@ -318,7 +319,7 @@ def _meant(key: str, table: Table) -> str:
     return nearest(key, [*TOP, *tables()])
 
 
-def _preset(table: Table, shared: Mapping[str, Any], faults: list[Fault]) -> tuple[str, dict[str, Any]]:
+def _preset(table: Table, shared: DocumentView, faults: list[Fault]) -> tuple[str, Document]:
     """Return the preset that a table names, and its values; the name itself is not a quantity."""
     name, place = shared.get(table.preset, "") if table.preset else "", table.place(table.preset)
     if not isinstance(name, str):

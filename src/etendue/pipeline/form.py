@@ -6,13 +6,13 @@ Out: plain values; for each entry of another form a fault, and the default inste
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from decimal import Decimal
 from typing import Any, TypeVar
 
 from etendue.contract.values.names import LONGEST
 from etendue.contract.values.units import as_written
 from etendue.errors import Fault, unprintable
+from etendue.types.documents import DocumentView
 
 T = TypeVar("T")
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 class Words:
     """The entries of one document. ``faults``: the list to which its faults are added."""
 
-    def __init__(self, document: Mapping[str, Any], faults: list[Fault]) -> None:
+    def __init__(self, document: DocumentView, faults: list[Fault]) -> None:
         self.document, self.faults = document, faults
 
     def refused(self, key: str, value: Any, expected: str, default: T) -> T:
@@ -67,7 +67,7 @@ class Words:
         value = self.document.get(key, default)
         return value if isinstance(value, bool) else self.refused(key, value, "true or false", default)
 
-    def table(self, key: str) -> Mapping[str, Any]:
+    def table(self, key: str) -> DocumentView:
         value = self.document.get(key, {})
         return value if isinstance(value, dict) else self.refused(key, value, "a table", {})
 

@@ -8,12 +8,10 @@ axis.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from etendue.contract.values import quantities
 from etendue.contract.values.tables import table_in, tables
 from etendue.errors import Fault, RequestError, nearest
+from etendue.types.documents import Document, DocumentView
 
 TOP = (
     "name",
@@ -34,7 +32,7 @@ TOP = (
 )
 
 
-def axis_name(key: str, document: Mapping[str, Any]) -> str:
+def axis_name(key: str, document: DocumentView) -> str:
     """Return the name of an axis: for a quantity its bare name, even if written ``TABLE.NAME``. A stage may have the
     same name as a table.
     """
@@ -44,11 +42,11 @@ def axis_name(key: str, document: Mapping[str, Any]) -> str:
     return name
 
 
-def by_one_name(overrides: Mapping[str, Any], document: Mapping[str, Any]) -> dict[str, Any]:
+def by_one_name(overrides: DocumentView, document: DocumentView) -> Document:
     """Return the overrides under the names by which an archive records them; of two with one meaning the last
     counts.
     """
-    found: dict[str, Any] = {}
+    found: Document = {}
     for key, value in overrides.items():
         if key.startswith("sweep."):
             key = f"sweep.{axis_name(key.removeprefix('sweep.'), document)}"
@@ -61,9 +59,9 @@ def by_one_name(overrides: Mapping[str, Any], document: Mapping[str, Any]) -> di
     return found
 
 
-def flat(sweep: Mapping[str, Any]) -> dict[str, Any]:
+def flat(sweep: DocumentView) -> Document:
     """Return a sweep with one key per axis: TOML reads ``STAGE.use`` without quotes as a table in a table."""
-    found: dict[str, Any] = {}
+    found: Document = {}
     for key, value in sweep.items():
         if isinstance(value, dict) and value and not set(value) & {"from", "to", "steps", "spacing"}:
             found.update({f"{key}.{name}": one for name, one in value.items()})
@@ -72,9 +70,9 @@ def flat(sweep: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def axes_of(document: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
+def axes_of(document: DocumentView, faults: list[Fault]) -> Document:
     """Return the sweep of a document, each axis by its name; report an axis that is given twice."""
-    found: dict[str, Any] = {}
+    found: Document = {}
     for key, values in flat(document["sweep"]).items() if isinstance(document.get("sweep"), dict) else ():
         name = axis_name(key, document)
         if name in found:
@@ -89,7 +87,7 @@ def axes_of(document: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
     return found
 
 
-def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file: str = "") -> list[str]:
+def apply_overrides(document: Document, overrides: DocumentView, file: str = "") -> list[str]:
     """Set ``TABLE.x``, ``sweep.axis``, ``<stage>.<parameter>`` or a top-level key in the document.
 
     Return the places whose value now differs from the file's.
@@ -128,7 +126,7 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
     return places
 
 
-def _meant(document: Mapping[str, Any], head: str, tail: str) -> str:
+def _meant(document: DocumentView, head: str, tail: str) -> str:
     """Return a hint at what an unknown name may have been meant for."""
     if not tail:
         return nearest(head, [*TOP, *_quantities(document)])
@@ -139,14 +137,14 @@ def _meant(document: Mapping[str, Any], head: str, tail: str) -> str:
     return nearest(head, [*named, *tables(), "sweep"])
 
 
-def _quantities(document: Mapping[str, Any]) -> tuple[str, ...]:
+def _quantities(document: DocumentView) -> tuple[str, ...]:
     """Return the keys that the table of shared quantities may have: declared ones, and those the document gives."""
     table = table_in(document)
     given = document.get(table.name)
     return (*([table.preset] if table.preset else []), *quantities.names(), *(given if isinstance(given, dict) else ()))
 
 
-def _stages(document: Mapping[str, Any]) -> dict[str, tuple[int, dict[str, Any]]]:
+def _stages(document: DocumentView) -> dict[str, tuple[int, Document]]:
     """Return the stage tables by name, with their numbers."""
     stages = document.get("stages")
     entries = [(n, s) for n, s in enumerate(stages, 1) if isinstance(s, dict)] if isinstance(stages, list) else []

@@ -18,6 +18,7 @@ from etendue.contract.values.tables import Table, tables
 from etendue.errors import RequestError, nearest
 from etendue.plugins import discovery
 from etendue.telling import plain
+from etendue.types.documents import Document
 
 TYPICAL = "typical"
 SPOKEN = (TYPICAL, "definition", "seed paper")  # beginnings of a source that is not a URL
@@ -45,7 +46,7 @@ class Preset:
     distribution: str
     version: str
 
-    def values(self) -> dict[str, Any]:
+    def values(self) -> Document:
         """Return the values, as in the table."""
         return {name: sourced.value for name, sourced in self.shared.items()}
 

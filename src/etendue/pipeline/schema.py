@@ -8,7 +8,7 @@ Out: a schema of draft 7. It cannot check what depends on values of other keys (
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from inspect import cleandoc
 from typing import Any, get_args, get_origin
 
@@ -21,6 +21,7 @@ from etendue.contract.values.tables import Table, tables
 from etendue.errors import PluginError
 from etendue.pipeline.about import KEYS, OF_AN_AUTHOR
 from etendue.pipeline.presets import preset_names
+from etendue.types.documents import Document, DocumentView
 
 PLAIN = r"^[^\x00-\x1f\x7f]*$"  # no control characters
 TEXT_OF_A_NUMBER = r"^\s*[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?(\s*[^\d\s].*)?$|^\s*inf(inite)?\s*$"
@@ -39,7 +40,7 @@ SPACED = {
 OF_A_STAGE = {"anyOf": [{"type": "array"}, SPACED]}  # axes in a table of their stage
 
 
-def schema(registry: Registry) -> dict[str, Any]:
+def schema(registry: Registry) -> Document:
     """Return the schema of the whole file."""
     kinds = {name: kind for name in registry.names() if (kind := _loaded(registry, name)) is not None}
     every = [(name, *found) for kind in kinds.values() for name, found in parameters_of(kind).items()]
@@ -101,7 +102,7 @@ def schema(registry: Registry) -> dict[str, Any]:
     }
 
 
-def _stages(names: Sequence[str], kinds: Mapping[str, Any]) -> dict[str, Any]:
+def _stages(names: Sequence[str], kinds: DocumentView) -> Document:
     """Return the schema of one ``[[stages]]`` table, which depends on its ``use``."""
     return {
         "type": "object",
@@ -120,9 +121,9 @@ def _loaded(registry: Registry, name: str) -> Any:
         return None
 
 
-def _stage(name: str, kind: Any) -> dict[str, Any]:
+def _stage(name: str, kind: Any) -> Document:
     own = {key: found for key, found in parameters_of(kind).items() if not found[0].shared}
-    properties: dict[str, Any] = {
+    properties: Document = {
         "use": {"const": name, "description": cleandoc(kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")},
         "name": {"type": "string", "pattern": r"^\w+$", "description": "its name here; default: the stage's own"},
         "from": {
@@ -137,10 +138,10 @@ def _stage(name: str, kind: Any) -> dict[str, Any]:
     return {"properties": properties, "additionalProperties": False, **({"required": needed} if needed else {})}
 
 
-def _value(parameter: Parameter, default: Any, kind: Any = None) -> dict[str, Any]:
+def _value(parameter: Parameter, default: Any, kind: Any = None) -> Document:
     """Return the schema of one value: a number in the declared unit, or text that may have another unit."""
     words = [parameter.doc, f"in {parameter.units}" if parameter.units not in ("", "1") else "", parameter.range_text()]
-    found: dict[str, Any] = _form(parameter, default, kind)
+    found: Document = _form(parameter, default, kind)
     said = "; ".join(word for word in words if word)
     if said:
         found["description"] = said
@@ -153,7 +154,7 @@ def _value(parameter: Parameter, default: Any, kind: Any = None) -> dict[str, An
     return found
 
 
-def _form(parameter: Parameter, default: Any, kind: Any) -> dict[str, Any]:
+def _form(parameter: Parameter, default: Any, kind: Any) -> Document:
     if get_origin(kind) is tuple or (kind is None and isinstance(default, tuple)):
         item = _form(
             Parameter(**{**_limits(parameter), "choices": parameter.choices}),
@@ -180,21 +181,21 @@ def _form(parameter: Parameter, default: Any, kind: Any) -> dict[str, Any]:
     return {}
 
 
-def _limits(parameter: Parameter) -> Mapping[str, Any]:
+def _limits(parameter: Parameter) -> DocumentView:
     return {name: getattr(parameter, name) for name in ("above", "at_least", "below", "at_most")}
 
 
-def _list(item: Mapping[str, Any]) -> dict[str, Any]:
+def _list(item: DocumentView) -> Document:
     return {"type": "array", "items": dict(item)}
 
 
-def _axis(name: str, kind: Any) -> dict[str, Any]:
+def _axis(name: str, kind: Any) -> Document:
     declared = quantities.declared(name)
     values = _list(_form(declared, MISSING, kind)) | {"minItems": 1, "uniqueItems": True}
     return {"anyOf": [values, SPACED], "description": declared.long_name or declared.doc}
 
 
-def _shared(table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
+def _shared(table: Table, given: DocumentView) -> Document:
     """Return the schema of a table of shared quantities, with its preset key."""
     named = {"enum": list(preset_names(table)), "description": f"values of a known {table.preset}"}
     return {
@@ -204,7 +205,7 @@ def _shared(table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _presets(table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
+def _presets(table: Table, given: DocumentView) -> Document:
     """Return the schema of the axis of presets: names, or tables of quantities."""
     name = {"enum": list(preset_names(table))}
     own = {
@@ -219,7 +220,7 @@ def _presets(table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _about() -> dict[str, Any]:
+def _about() -> Document:
     author = {
         "type": "object",
         "properties": {key: {"type": "string"} for key in OF_AN_AUTHOR},

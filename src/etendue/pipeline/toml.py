@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from decimal import Decimal
 from typing import Any
 
+from etendue.types.documents import DocumentView
+
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _ESCAPES = {"\\": "\\\\", '"': '\\"', "\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r"}
 
@@ -60,7 +62,7 @@ def value(found: Any) -> str:
     raise TypeError(f"TOML has no {type(found).__name__}")
 
 
-def dumps(document: Mapping[str, Any]) -> str:
+def dumps(document: DocumentView) -> str:
     """Return the text of a document whose tables hold plain values."""
     tables = {name: found for name, found in document.items() if isinstance(found, Mapping)}
     lists = {
@@ -74,5 +76,5 @@ def dumps(document: Mapping[str, Any]) -> str:
     return "\n".join(part for part in parts if part)
 
 
-def _lines(table: Mapping[str, Any]) -> str:
+def _lines(table: DocumentView) -> str:
     return "".join(f"{key(name)} = {value(found)}\n" for name, found in table.items())

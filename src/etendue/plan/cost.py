@@ -7,7 +7,6 @@ for transfer functions), and from the costs of its knobs. The table at the end o
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 from etendue.contract.arrays.grid import Grid
 from etendue.contract.arrays.variables import Declaration
@@ -74,7 +73,7 @@ def knobs_cost(stage: Stage) -> float:
     return found
 
 
-def _cost(parameter: Parameter, value: Any) -> float:
+def _cost(parameter: Parameter, value: bool | float) -> float:
     """Return the cost of a setting; for a value between two settings, that of the finer one."""
     if value in parameter.settings:
         return parameter.costs[parameter.settings.index(value)]

@@ -30,6 +30,7 @@ from etendue.contract.capabilities import (
 )
 from etendue.contract.stage import Stage, per_kind, quantities_of, reads_of, writes_of
 from etendue.pipeline.file import PipelineFile
+from etendue.types.documents import DocumentView
 
 CellRef = tuple[str, tuple[int, ...]]
 
@@ -58,7 +59,7 @@ class Alternative:
     use: str
     label: str
     kind: type[Stage]
-    values: Mapping[str, Any]
+    values: DocumentView
     distribution: str
     version: str
     digest: str
@@ -292,7 +293,7 @@ class Plan:
     wanted: tuple[tuple[str, str], ...]  # (node, variable)
     kept: frozenset[tuple[str, str]]
     precision: str
-    shared: Mapping[str, Any]
+    shared: DocumentView
     warnings: tuple[str, ...] = ()
     leaves_out: bool = True  # whether anything may be left out or approximated
     looked: float = 0.0  # seconds spent analysing scenes that were never planned before

@@ -7,18 +7,19 @@ Out: documents with the number of cells, the bound and, if known, the seconds sa
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from typing import Any
 
 from etendue.contract.stage import parameters_of
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import Approximated, Cell, Node
+from etendue.types.documents import Document
 
 LEAST_TOLD = 1e-3  # seconds; a smaller saving is not mentioned
 
 
-def left_out(node: Node, cells: Sequence[Cell], precision: str) -> dict[str, Any] | None:
+def left_out(node: Node, cells: Sequence[Cell], precision: str) -> Document | None:
     """Return the summary of a stage that is left out in some cells; None for other stages."""
     out = [(cell, cell.left_out) for cell in cells if cell.left_out]
     if not out:
@@ -32,12 +33,12 @@ def left_out(node: Node, cells: Sequence[Cell], precision: str) -> dict[str, Any
     }
 
 
-def approximated(node: Node, cells: Sequence[Cell], precision: str) -> list[dict[str, Any]] | None:
+def approximated(node: Node, cells: Sequence[Cell], precision: str) -> list[Document] | None:
     """Return, for a stage whose knobs the plan has set, every knob and setting with the number of cells and the seconds
     saved relative to the reference setting; None for other stages.
     """
-    found: dict[tuple[str, Any], list[Approximated]] = {}
-    saved: dict[tuple[str, Any], list[float | None]] = {}
+    found: dict[tuple[str, Hashable], list[Approximated]] = {}
+    saved: dict[tuple[str, Hashable], list[float | None]] = {}
     for cell in cells:
         for one in cell.approximated:
             found.setdefault((one.knob, one.value), []).append(one)
@@ -85,11 +86,11 @@ def _saving(seconds: float | None) -> str:
     return f"; saves about {seconds:.2g} s" if seconds is not None and seconds >= LEAST_TOLD else ""
 
 
-def _shown(value: Any) -> Any:
+def _shown(value: Any) -> float | str:
     return "inf" if isinstance(value, float) and math.isinf(value) else value
 
 
-def told(name: str, left: dict[str, Any] | None, knobs: list[dict[str, Any]] | None) -> list[str]:
+def told(name: str, left: Document | None, knobs: list[Document] | None) -> list[str]:
     """Return the same as sentences."""
     said = []
     if left:
@@ -98,7 +99,7 @@ def told(name: str, left: dict[str, Any] | None, knobs: list[dict[str, Any]] | N
             f"left out  {name} in {left['cells']} of {left['of']} cells, {wrong}: "
             f"{left['why']}{_saving(left['seconds_saved'])}"
         )
-    by_knob: dict[str, list[dict[str, Any]]] = {}
+    by_knob: dict[str, list[Document]] = {}
     for one in knobs or ():
         by_knob.setdefault(one["knob"], []).append(one)
     for knob, own in by_knob.items():

@@ -8,10 +8,9 @@ from __future__ import annotations
 import gc
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import MappingProxyType
-from typing import Any
 
 from etendue.contract.registry import Registry
 from etendue.contract.stage import Stage, parameters_of
@@ -22,12 +21,13 @@ from etendue.plan import cost, omissions, stage_calls
 from etendue.plan.agreement import met_twice, taken_differently
 from etendue.plan.expansion.cells import Told, expand
 from etendue.plan.expansion.fields import notes_on_the_scene
-from etendue.plan.model import Node, Plan
+from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.plan.request import Choice
 from etendue.plan.wiring.graph import build_graph, resolve_keep
 from etendue.plan.wiring.swapped import fitted_to_overrides
 from etendue.plugins.guests import Guest
 from etendue.telling import plain
+from etendue.types.documents import Document
 
 INSTALLED: Mapping[str, str] = MappingProxyType({})
 
@@ -114,7 +114,7 @@ def make_plan(
     )
 
 
-def _warnings(nodes: Any, cells: Any, tolerance: float) -> tuple[str, ...]:
+def _warnings(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], tolerance: float) -> tuple[str, ...]:
     """Return the warnings that stages give about their own cells, each text once."""
     places = {node.name: node.place for node in nodes}
     uses = {one.use: one.kind for node in nodes for one in node.alternatives}
@@ -139,11 +139,11 @@ def _warnings(nodes: Any, cells: Any, tolerance: float) -> tuple[str, ...]:
     return tuple(texts)
 
 
-def _beyond_tolerance(cells: Any, tolerance: float) -> list[str]:
+def _beyond_tolerance(cells: Mapping[CellRef, Cell], tolerance: float) -> list[str]:
     """Return a warning for every stage whose stated error exceeds the tolerance and whose finer settings are ``dear``,
     so that the plan does not choose them unasked.
     """
-    worst: dict[tuple[str, str, Any], float] = {}
+    worst: dict[tuple[str, str, Hashable], float] = {}
     for cell in cells.values():
         dear = next((name for name, (p, _, _) in parameters_of(type(cell.stage)).items() if p.dear), None)
         error = cell.error[0]
@@ -179,7 +179,7 @@ def _rewritten_in_vain(nodes: Sequence[Node]) -> list[str]:
     return notes
 
 
-def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
+def summary(plan: Plan, peak_memory: int | None = None) -> Document:
     """Return the plan as JSON for ``etendue plan --json``; ``peak_memory`` bounds the memory of a run, in bytes."""
     stages = [_stage(plan, node) for node in plan.nodes]
     written = {(s["name"], v): one["bytes"] for s in stages for v, one in s["variables"].items()}
@@ -204,7 +204,7 @@ def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
     }
 
 
-def _stage(plan: Plan, node: Node) -> dict[str, Any]:
+def _stage(plan: Plan, node: Node) -> Document:
     """Return the summary of one stage."""
     cells, precision = plan.of(node.name), plan.precision
     counted = cost.alike(cells)

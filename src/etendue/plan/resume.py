@@ -16,6 +16,7 @@ from etendue.contract.values.tables import preset_keys
 from etendue.errors import RequestError
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
+from etendue.types.documents import AxisValue, DocumentView
 
 
 @dataclass
@@ -51,13 +52,13 @@ PLANNED = 5_000
 
 
 def with_stored_values(
-    plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], sweeps: Sequence[Mapping[str, Any]] = ()
+    plan: Plan, stored: Mapping[str, Mapping[str, list[AxisValue]]], sweeps: Sequence[DocumentView] = ()
 ) -> Plan:
     """Return the plan extended to the axis values of an archive's earlier runs, so that valid results there stay.
 
     ``sweeps`` of earlier runs, as written in their files, give the meaning of the label of a swapped stage.
     """
-    extra: dict[str, list[Any]] = {}
+    extra: dict[str, list[AxisValue]] = {}
     for axis in plan.axes:
         earlier = dict.fromkeys(v for axes in stored.values() for v in axes.get(axis.dim, ()) if v not in axis.values)
         if is_of_names(axis.key):
@@ -76,7 +77,9 @@ def with_stored_values(
     return whole or plan
 
 
-def _possible(plan: Plan, key: str, values: list[Any], stored: Mapping[str, Mapping[str, list[Any]]]) -> list[Any]:
+def _possible(
+    plan: Plan, key: str, values: list[AxisValue], stored: Mapping[str, Mapping[str, list[AxisValue]]]
+) -> list[AxisValue]:
     """Return the values over which a plan exists, found by bisection: a few invalid values cost few plans.
 
     The work is limited, so that a journal naming millions of values cannot stall a run; values not reached are dropped.
@@ -93,7 +96,9 @@ def _possible(plan: Plan, key: str, values: list[Any], stored: Mapping[str, Mapp
     return found
 
 
-def _over(plan: Plan, extra: Mapping[str, list[Any]], stored: Mapping[str, Mapping[str, list[Any]]]) -> Plan | None:
+def _over(
+    plan: Plan, extra: Mapping[str, list[AxisValue]], stored: Mapping[str, Mapping[str, list[AxisValue]]]
+) -> Plan | None:
     """Return the plan with further axis values, in stored order; None if it is invalid."""
     sweep = dict(plan.pipeline.sweep)
     for axis in plan.axes:
@@ -117,7 +122,7 @@ def is_of_names(key: str) -> bool:
     return key.endswith(".use") or key in preset_keys()
 
 
-def _table(key: str, label: Any, sweeps: Sequence[Mapping[str, Any]]) -> Any:
+def _table(key: str, label: Any, sweeps: Sequence[DocumentView]) -> Any:
     """Return the definition of a label of a swapped stage in the newest sweep that has it."""
     for sweep in sweeps:
         values = sweep.get(key)

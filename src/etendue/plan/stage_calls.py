@@ -19,6 +19,7 @@ from etendue.contract.stage import Stage, writes_of
 from etendue.contract.values.late_bound import NotKnown
 from etendue.errors import PluginError
 from etendue.telling import foreign, plain
+from etendue.types.documents import DocumentView
 
 KNOWN_BY = ("proved", "fitted", "measured", "unknown")
 
@@ -45,7 +46,7 @@ def _is_number(value: Any) -> bool:
         return False
 
 
-def made(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
+def made(kind: type[Stage], values: DocumentView) -> Stage:
     """Return an instance of a stage. ``ValueError`` and ``TypeError`` mean that it refuses the values."""
     with foreign(f"{kind.__name__}.__post_init__"):
         try:
@@ -65,7 +66,7 @@ def made(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
     return stage
 
 
-def unchecked(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
+def unchecked(kind: type[Stage], values: DocumentView) -> Stage:
     """Return an instance without checking its values."""
     stage = object.__new__(kind)
     for field in dataclasses.fields(kind):
@@ -85,7 +86,7 @@ def _grids(stage: Stage, method: str, found: Any) -> Mapping[str, Grid]:
     return found
 
 
-def _facts(stage: Stage, method: str, found: Any) -> Facts:
+def _facts(stage: Stage, method: str, found: Facts) -> Facts:
     fine = isinstance(found, Facts) and all(
         value is None or _is_number(value) for value in (found.low, found.high, found.contrast, found.band_limit)
     )
@@ -98,7 +99,7 @@ def _facts(stage: Stage, method: str, found: Any) -> Facts:
 RUN = object()  # as ``unknown``: an answer that depends on what a run finds is a fault
 
 
-def _asked(stage: Any, method: str, *given: Any, unknown: Any = RUN) -> Any:
+def _asked(stage: Stage, method: str, *given: Any, unknown: Any = RUN) -> Any:
     """Return what a method returns; ``unknown`` if that depends on a value which only a run finds."""
     with foreign(_name(stage, method)):
         try:
@@ -112,27 +113,27 @@ def _asked(stage: Any, method: str, *given: Any, unknown: Any = RUN) -> Any:
             ) from None
 
 
-def described(stage: Any) -> tuple[Facts, Mapping[str, Grid]]:
+def described(stage: Stage) -> tuple[Facts, Mapping[str, Grid]]:
     found = _asked(stage, "describe")
     if not isinstance(found, tuple) or len(found) != 2:
         raise _nonsense(stage, "describe", found, "(Facts, {variable: Grid})")
     return _facts(stage, "describe", found[0]), _grids(stage, "describe", found[1])
 
 
-def grids_of(stage: Any, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
+def grids_of(stage: Stage, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
     """Return the grids that ``grid`` states for what a stage writes; empty if the stage has no such method."""
     if type(stage).grid is Stage.grid:
         return {}
     return _grids(stage, "grid", _asked(stage, "grid", dict(inputs)))
 
 
-def carried(stage: Any, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
+def carried(stage: Stage, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
     if type(stage).carry is Stage.carry:
         return UNKNOWN
     return _facts(stage, "carry", _asked(stage, "carry", dict(facts), dict(grids), unknown=UNKNOWN))
 
 
-def negligible(stage: Any, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+def negligible(stage: Stage, facts: Facts, grid: Grid) -> tuple[float, str] | None:
     found = _asked(stage, "negligible", facts, grid, unknown=None)
     if found is None:
         return None
@@ -154,7 +155,7 @@ def variance_of(stage: Any, charge: float) -> float | None:
     return max(float(found), 0.0)
 
 
-def error_of(stage: Any, method: str, *given: Any) -> tuple[float | None, str]:
+def error_of(stage: Stage, method: str, *given: Any) -> tuple[float | None, str]:
     """Return the error that ``error`` or ``segment_error`` states, and its basis."""
     found = _asked(stage, method, *given, unknown=(None, "unknown"))
     fine = isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], str) and found[1] in KNOWN_BY
@@ -163,7 +164,7 @@ def error_of(stage: Any, method: str, *given: Any) -> tuple[float | None, str]:
     return (None if found[0] is None else float(found[0])), found[1]
 
 
-def texts(stage: Any, method: str, *given: Any) -> list[str]:
+def texts(stage: Stage, method: str, *given: Any) -> list[str]:
     """Return the texts of ``warn`` or ``warn_among``; none if they depend on what a run finds."""
     with foreign(_name(stage, method)):
         try:

@@ -10,9 +10,10 @@ Every hook returns a mapping by name. If two distributions provide the same name
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import pluggy
+
+from etendue.types.documents import DocumentView
 
 PROJECT = "etendue"
 GROUP = "etendue"
@@ -30,7 +31,7 @@ def etendue_stages() -> Mapping[str, str | type]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_variables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_variables() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Variables that stages write: meaning, unit, and how a contact sheet shows them (``spec.variables.Variable``).
 
     {"halo": {"long_name": "light scattered by the film's base", "shown": "linear"}}
@@ -38,7 +39,7 @@ def etendue_variables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empt
 
 
 @hookspec
-def etendue_quantities() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_quantities() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Quantities that stages share, under one table of a pipeline file: the keywords of ``param()``, and a default
     unless the value is required.
 
@@ -55,7 +56,7 @@ def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_vocabularies() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Further hooks of a domain, for itself and for distributions that build upon it; each returns a mapping by name
     (``discovery.Vocabulary``).
 
@@ -64,7 +65,7 @@ def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[e
 
 
 @hookspec
-def etendue_dims() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_dims() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Dims that are divided into bands, or have a unit and a name (``contract.arrays.dims.Dim``). Stages may ask for
     the coordinates of a dim by its name, and for the edges of its bands as ``NAME_edges``.
 
@@ -90,7 +91,7 @@ def etendue_patterns() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_commands() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_commands() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Commands of the program ``etendue``: location of the click command, usage, and what it does
     (``cli.commands.Command``).
 
@@ -126,7 +127,7 @@ def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_tables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_tables() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """The name of the table of shared quantities in a pipeline file, and how sets of values are named in it
     (``contract.values.tables.Table``).
 
@@ -136,7 +137,7 @@ def etendue_tables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-b
 
 
 @hookspec
-def etendue_templates() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_templates() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Commented pipelines to start from, for ``etendue new`` (``pipeline.beginning.Template``).
 
     {"film": {"path": Path(__file__).parent / "film.toml", "keep": {"all": "everything"}}}
@@ -152,7 +153,7 @@ def etendue_beginnings() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_elsewhere() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_elsewhere() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Stages in other distributions, which are suggested if a pipeline uses them and they are not installed.
 
     {"my-film-scanner": {"stages": ["scanner_glare"]}}
@@ -160,7 +161,7 @@ def etendue_elsewhere() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empt
 
 
 @hookspec
-def etendue_plots() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_plots() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Kinds of plots: location of ``function(holdings, asked)``, the number of variables, the options it uses
     (``plots.kinds.Kind``).
 
@@ -174,7 +175,7 @@ def etendue_plots() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-bo
 
 
 @hookspec
-def etendue_sections() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_sections() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Sections of a page: location of ``function(tree)``, and the title. It gets what ``etendue.open_archive`` returns,
     and returns a list of ``{"paragraph": text}``, ``{"table": {"head": [...], "rows": [[...], ...]}}`` and
     ``{"picture": bytes of a PNG, "alt": text}``; an empty list if it has nothing to show.
@@ -210,7 +211,7 @@ def etendue_spelling() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_subjects() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_subjects() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Subjects of metrics, in the order of a page (``contract.wording.Subject``); ``Variable.subject`` names one of
     them.
 
@@ -219,7 +220,7 @@ def etendue_subjects() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty
 
 
 @hookspec
-def etendue_examples() -> Mapping[str, Any]:  # type: ignore[empty-body]
+def etendue_examples() -> DocumentView:  # type: ignore[empty-body]
     """Test inputs for stages that look at others: under ``datasheet`` a role and values.
 
     {"datasheet": {"role": "gauge", "figures": {"offset": 0.1}}}
@@ -227,7 +228,7 @@ def etendue_examples() -> Mapping[str, Any]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_scales() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_scales() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Properties of units beyond their size (``contract.wording.Unit``).
 
     {"hPa": {"full": 1013.0}}

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib.metadata import EntryPoint
-from typing import Any
 
 from etendue.errors import RequestError
 from etendue.plugins import discovery
+from etendue.types.documents import Document
 
 
 def shared_out() -> bool:
@@ -19,7 +19,7 @@ def shared_out() -> bool:
     return bool(discovery.installed().names("shares"))
 
 
-def shares_at() -> Callable[..., dict[str, Any]]:
+def shares_at() -> Callable[..., Document]:
     """Return ``function(folder, at, told)``, which returns the document that reports and budgets show.
 
     Raises
@@ -31,6 +31,6 @@ def shares_at() -> Callable[..., dict[str, Any]]:
     for name in found.names("shares"):
         brought = found.all("shares", name)[0]
         with discovery.foreign(f"shares of {brought.origin} cannot be loaded"):
-            loaded: Callable[..., dict[str, Any]] = EntryPoint(name, str(brought.value), "").load()
+            loaded: Callable[..., Document] = EntryPoint(name, str(brought.value), "").load()
         return loaded
     raise RequestError(f"no installed distribution attributes losses to stages{found.missed('shares', '')}")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any
 
 from etendue.compute.tables import LARGEST_CACHE
 from etendue.errors import MachineError
@@ -18,6 +17,7 @@ from etendue.plan.cost import alike, cell_bytes
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.run.peak_memory import kept_bytes, peak_memory
 from etendue.telling import human_bytes
+from etendue.types.documents import AxisValue
 
 
 def check_machine(plan: Plan, archive: Path | None, workers: int = 1, pictures: bool = True) -> None:
@@ -75,7 +75,7 @@ def _check_memory(plan: Plan, archive: Path | None, workers: int, pictures: bool
 
 def _cell(plan: Plan, ref: CellRef) -> str:
     """Return a stage and its axis values in words."""
-    labels: dict[str, Any] = plan.labels(ref)
+    labels: dict[str, AxisValue] = plan.labels(ref)
     at = ", ".join(f"{plan.axis(dim).key} = {value}" for dim, value in labels.items())
     return f"{ref[0]!r}{f' at {at}' if at else ''}"
 

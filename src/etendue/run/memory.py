@@ -20,9 +20,12 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING
 
 from etendue.process import SharedChange
+
+if TYPE_CHECKING:
+    import xarray
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
 LARGEST_BLOCK = 32 << 20  # the largest value glibc accepts; larger arrays are mapped as before
@@ -53,11 +56,11 @@ class Trees:
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
-        self.young: list[tuple[weakref.ref[Any], int]] = []  # since the last young collection
-        self.old: list[tuple[weakref.ref[Any], int]] = []
+        self.young: list[tuple[weakref.ref[xarray.DataTree], int]] = []  # since the last young collection
+        self.old: list[tuple[weakref.ref[xarray.DataTree], int]] = []
         self.allowed = 0  # bytes of old trees presumed in use; collecting for these would be in vain
 
-    def hand_out(self, tree: Any, size: int) -> None:
+    def hand_out(self, tree: xarray.DataTree, size: int) -> None:
         """Register a tree and the bytes of its arrays."""
         with self.lock:
             self.young.append((weakref.ref(tree), size))
@@ -85,7 +88,7 @@ class Trees:
             self.allowed = 2 * _there(self.old)
 
 
-def _there(trees: list[tuple[weakref.ref[Any], int]]) -> int:
+def _there(trees: list[tuple[weakref.ref[xarray.DataTree], int]]) -> int:
     """Return the bytes of trees that still exist; drop the others from the list."""
     trees[:] = [(tree, size) for tree, size in trees if tree() is not None]
     return sum(size for _, size in trees)

@@ -15,15 +15,16 @@ from etendue.plan.model import CellRef
 from etendue.run.batches import Batch, BatchResult, run_batch
 from etendue.run.schedulers import How
 from etendue.run.workers import Crew
+from etendue.types.documents import Document
 
 Before = Callable[[Batch], None]
 After = Callable[[Batch, BatchResult], None]
 Runner = Callable[..., BatchResult]  # (jobs, exports, imports, deliver, *results of earlier batches)
 
 
-def graph_of(batches: list[Batch], deliver: Set[CellRef], runner: Runner = run_batch, run: str = "") -> dict[str, Any]:
+def graph_of(batches: list[Batch], deliver: Set[CellRef], runner: Runner = run_batch, run: str = "") -> Document:
     """Return the raw Dask graph, in which the key of a batch depends on the batches it imports from."""
-    graph: dict[str, Any] = {}
+    graph: Document = {}
     for batch in batches:
         inputs = sorted(batch.imports)
         imports = tuple(tuple(batch.imports[n]) for n in inputs)
@@ -71,11 +72,11 @@ def _threaded(
     numbers = {_key(run, batch.number): batch for batch in batches}
     ends = [key for key, batch in numbers.items() if not batch.exports]
 
-    def started(key: Any, *_: Any) -> None:
+    def started(key: str, *_: Any) -> None:
         if not stop.asked:
             before(numbers[key])
 
-    def ended(key: Any, value: Any, *_: Any) -> None:
+    def ended(key: str, value: Any, *_: Any) -> None:
         after(numbers[key], value)
 
     # Callbacks for this call only: a ``dask.callbacks.Callback`` would hear of every graph of the process. The pool is

@@ -17,7 +17,7 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue.compute.job import Job
 from etendue.compute.jobs import make_jobs
@@ -35,6 +35,9 @@ from etendue.run.batches import Batch, let_go, partition
 from etendue.run.order import depth_first
 from etendue.run.peak_segments import segment_bytes
 from etendue.transfer.sampling import padded_size
+
+if TYPE_CHECKING:
+    pass
 
 WITHOUT_BANDS = 3.0  # planes of float64 that a stage holds for all bands while it computes one of them
 AROUND = 4  # combinations of a sweep that are simulated, per worker

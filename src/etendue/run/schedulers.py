@@ -6,12 +6,13 @@ Out: a ``Scheduler``. To add one, add a row here and the module that its ``place
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from etendue.errors import RequestError, nearest
+from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
     from etendue.run.watch import Stop
@@ -29,7 +30,7 @@ class How:
     workers: int
     stop: Stop
     cell_timeout: float | None = None
-    platform: Callable[[], Mapping[str, Any]] = dict
+    platform: Callable[[], DocumentView] = dict
     mark: Any = None
 
 

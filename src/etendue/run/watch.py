@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Set
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from etendue import interrupts
 from etendue.compute.ownership import abandoned
@@ -20,7 +20,7 @@ from etendue.run.one_thread import ONE_THREAD
 from etendue.run.schedulers import How, scheduler
 
 if TYPE_CHECKING:
-    from etendue.run.batches import Batch
+    from etendue.run.batches import Batch, BatchResult
 
 GRACE = 3.0  # seconds for running batches to end; a stage that hangs in a thread cannot be stopped
 LOOK = 0.05  # seconds between two checks for a signal
@@ -80,7 +80,13 @@ def watched(work: Callable[[], None], stop: Stop) -> None:
         raise broke[0]
 
 
-def run_batches(batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, how: How) -> None:
+def run_batches(
+    batches: list[Batch],
+    deliver: Set[CellRef],
+    before: Callable[[Batch], None],
+    after: Callable[[Batch, BatchResult], None],
+    how: How,
+) -> None:
     """Run batches with single-threaded linear algebra; afterwards drop cached tables that recent runs did not use."""
     if not batches:
         return

@@ -33,6 +33,7 @@ from etendue.contract.values import quantities
 from etendue.plan.expansion.forms import output_grid
 from etendue.plan.model import CellRef
 from etendue.testing.examples import GUESSED, BlurAndSum, GaussianTransfer, edges, edges_of, exemplary, sheet
+from etendue.types.arrays import Array
 
 Frame = tuple[int, int]
 Arrays = Mapping[str, Any]
@@ -71,7 +72,7 @@ class Finding:
 class BenchTrial:
     """The result of computing one cell."""
 
-    arrays: dict[str, Any]
+    arrays: dict[str, Array]
     report: CellReport
     touched: tuple[str, ...]  # inputs that were changed
 
@@ -244,7 +245,7 @@ class Bench:
         declaration = self.reads[port]
         return self.scales.get(port, wording.units().get(declaration.unit, wording.Unit()).full)
 
-    def array(self, port: str, what: str, frame: Frame = FRAME, factor: float = 1.0) -> Any:
+    def array(self, port: str, what: str, frame: Frame = FRAME, factor: float = 1.0) -> Array:
         """Return one input in double precision: ordinary values, values over six decades, or an extreme."""
         declaration, grid = self.reads[port], self.input_grids(frame)[port]
         shape = grid.shape(declaration.dims)
@@ -283,10 +284,10 @@ class Bench:
     def _seen_dims(declaration: Declaration) -> tuple[str, ...]:
         return declaration.dims or _usual(declaration) or PLANE
 
-    def arrays(self, what: str, frame: Frame = FRAME, factor: float = 1.0) -> dict[str, Any]:
+    def arrays(self, what: str, frame: Frame = FRAME, factor: float = 1.0) -> dict[str, Array]:
         return {port: self.array(port, what, frame, factor) for port in self.reads}
 
-    def given(self, inputs: Arrays, precision: str) -> dict[str, Any]:
+    def given(self, inputs: Arrays, precision: str) -> dict[str, Array]:
         """Return inputs as a stage gets them: in the plan's precision or the declared integers, read-only."""
         found = {}
         for port, values in inputs.items():
@@ -344,7 +345,7 @@ class Bench:
         """Return the facts of these arrays."""
         return {port: facts_of(array, self.reads[port].dims) for port, array in inputs.items()}
 
-    def full_scale(self, variable: str, array: Any, frame: Frame = FRAME) -> float:
+    def full_scale(self, variable: str, array: Array, frame: Frame = FRAME) -> float:
         """Return the largest value of a result; for integers, the largest code that the stage writes for a far too
         bright input.
         """
@@ -358,7 +359,7 @@ class Bench:
         if self.kind.error is Stage.error:
             return None
         facts = self.stage.describe()[0] if is_source(self.kind) else self.facts(inputs)  # type: ignore[attr-defined]
-        return self.stage.error(facts, self.input_grids(frame), precision)[0]  # type: ignore[attr-defined]
+        return self.stage.error(facts, self.input_grids(frame), precision)[0]
 
 
 def _usual(declaration: Declaration) -> tuple[str, ...]:
@@ -373,7 +374,7 @@ def digests(arrays: Arrays) -> dict[str, str]:
     }
 
 
-def facts_of(array: Any, dims: tuple[str, ...]) -> Facts:
+def facts_of(array: Array, dims: tuple[str, ...]) -> Facts:
     """Return the facts of an array: uniformity and contrast over positions, in every band and channel."""
     array = np.asarray(array, dtype=float)
     places = tuple(i for i, dim in enumerate(dims) if dim in ("y", "x"))
@@ -391,12 +392,12 @@ def facts_of(array: Any, dims: tuple[str, ...]) -> Facts:
     )
 
 
-def full_scale(array: Any) -> float:
+def full_scale(array: Array) -> float:
     found = np.abs(np.asarray(array, dtype=float))
     return float(np.nanmax(found)) if found.size and not np.isnan(found).all() else 0.0
 
 
-def largest_difference(one: Any, other: Any) -> float:
+def largest_difference(one: Array, other: Array) -> float:
     """Return the largest absolute difference; infinite if only one of the two values is undefined."""
     one, other = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
     if np.any(np.isnan(one) != np.isnan(other)):

@@ -37,6 +37,7 @@ from etendue.testing.bench import (
     largest_difference,
 )
 from etendue.testing.measured import hold, magnified, ratio_of, told, within
+from etendue.types.arrays import Array
 
 
 def in_a_fresh_thread(bench: Bench, inputs: Arrays, precision: str) -> BenchTrial:
@@ -57,7 +58,7 @@ def along_ladder(stage: Stage, name: str) -> Iterator[tuple[Any, Stage]]:
             continue
 
 
-def with_value(array: Any, value: float) -> Any:
+def with_value(array: Array, value: float) -> Array:
     """Return a copy with one value replaced."""
     changed = np.array(array, dtype=float)
     changed.flat[changed.size // 2] = value
@@ -74,7 +75,7 @@ def levels_of(bench: Bench) -> Iterator[tuple[str, float]]:
 def stated_error_of(bench: Bench, precision: str) -> tuple[float | None, str]:
     inputs = bench.arrays("ordinary")
     facts = bench.stage.describe()[0] if is_source(bench.kind) else bench.facts(inputs)  # type: ignore[attr-defined]
-    answer = bench.stage.error(facts, bench.input_grids(), precision)  # type: ignore[attr-defined]
+    answer = bench.stage.error(facts, bench.input_grids(), precision)
     hold(isinstance(answer, tuple) and len(answer) == 2, f"{bench.name}.error returned {answer!r}, not (bound, basis)")
     return answer
 
@@ -98,7 +99,7 @@ def must_survive(bench: Bench, inputs: Arrays, precision: str, frame: Frame, wha
     hold(clear, f"{bench.name} on {what} input in {precision}: {message}")
 
 
-def perturbations_of(shape: tuple[int, ...], worst: Any) -> Iterator[Any]:
+def perturbations_of(shape: tuple[int, ...], worst: Array | None) -> Iterator[Array]:
     random = np.random.default_rng(7)
     yield random.uniform(-1.0, 1.0, shape)
     yield np.ones(shape)
@@ -107,7 +108,7 @@ def perturbations_of(shape: tuple[int, ...], worst: Any) -> Iterator[Any]:
         yield -worst
 
 
-def worst_signs_of(bench: Bench, port: str, main: str) -> Any:
+def worst_signs_of(bench: Bench, port: str, main: str) -> Array | None:
     """Return the signs of the row with the largest sum in the derivative of the result by the input, on a small
     frame.
     """
@@ -124,7 +125,7 @@ def worst_signs_of(bench: Bench, port: str, main: str) -> Any:
     return np.where(derivative[:, row] < 0, -1.0, 1.0).reshape(base.shape)
 
 
-def check_gain(bench: Bench, port: str, main: str, inputs: Arrays, change: Any, frame: Frame) -> None:
+def check_gain(bench: Bench, port: str, main: str, inputs: Arrays, change: Array, frame: Frame) -> None:
     brightest = full_scale(inputs[port])
     other = inputs[port] + change * brightest
     if bench.reads[port].dtype != "float":
@@ -152,7 +153,7 @@ def check_gain(bench: Bench, port: str, main: str, inputs: Arrays, change: Any, 
     )
 
 
-def check_facts(bench: Bench, facts: Facts, array: Any, slack: float, where: str) -> None:
+def check_facts(bench: Bench, facts: Facts, array: Array, slack: float, where: str) -> None:
     hold(isinstance(facts, Facts), f"{bench.name} returned {facts!r}; expected Facts")
     true = facts_of(array, bench.writes[next(iter(bench.writes))].dims)
     assert true.low is not None

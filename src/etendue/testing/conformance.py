@@ -339,7 +339,7 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
             inputs = bench.arrays(what, factor=factor)
             trial = bench.run(inputs)
             if trial.done:
-                facts = bench.stage.carry(bench.facts(inputs), bench.input_grids())  # type: ignore[attr-defined]
+                facts = bench.stage.carry(bench.facts(inputs), bench.input_grids())
                 check_facts(
                     bench, facts, trial.arrays[main], bound_of(bench, inputs, "float64", ROUNDING), f"{what} input"
                 )

@@ -9,17 +9,18 @@ This needs a machine whose long double has more digits than double; elsewhere do
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from etendue.compute.tables import prepared_of
 from etendue.contract.capabilities import Transfer, is_random
 from etendue.plan.wiring.parameters import SMALLEST
-from etendue.testing.bench import FRAME, LARGE, Bench, BenchTrial, Frame, full_scale, largest_difference
+from etendue.testing.bench import FRAME, LARGE, Arrays, Bench, BenchTrial, Frame, full_scale, largest_difference
 from etendue.testing.checks import bound_of
 from etendue.testing.examples import edges
 from etendue.testing.measured import ratio_of, within
+from etendue.types.arrays import Array
 
 LONG = "longdouble"
 UNSTATED = {
@@ -107,7 +108,7 @@ def inputs_of(bench: Bench) -> Iterator[tuple[str, float, Frame]]:
         yield "ordinary", 1.0, LARGE
 
 
-def long_double(bench: Bench, given: Any, frame: Frame) -> BenchTrial | None:
+def long_double(bench: Bench, given: Arrays, frame: Frame) -> BenchTrial | None:
     """Return the result in long double, if the stage and the libraries below it support it."""
     if is_random(bench.kind):
         return None  # random numbers exist only in the other two precisions
@@ -118,7 +119,7 @@ def long_double(bench: Bench, given: Any, frame: Frame) -> BenchTrial | None:
     return found if found.done else None
 
 
-def allowed(bench: Bench, given: Any, precision: str, frame: Frame) -> float:
+def allowed(bench: Bench, given: Arrays, precision: str, frame: Frame) -> float:
     """Return the error that the stage states, or the default tolerance."""
     stated = bench.own_error(given, precision, frame)
     least = UNSTATED[precision] if stated is None or precision == "float64" else 0.0
@@ -160,7 +161,7 @@ def transfer_digits(bench: Bench) -> None:
     bands = np.array(edges())
     middle = (0.5e-3 * (bands[:-1] + bands[1:]))[:, None, None]
 
-    def planes(frequency: Any, precision: Any) -> Any:
+    def planes(frequency: Array, precision: DTypeLike) -> Array:
         fx, fy = frequency.astype(precision)[None, :], np.zeros((1, 1), precision)
         with np.errstate(all="ignore"):
             return np.asarray(stage.transfer(fy, fx, middle.astype(precision), *last))

@@ -7,7 +7,7 @@ Out: the declared example of each, or a plain default.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from etendue.contract.arrays import dims
 from etendue.contract.arrays.grid import Coordinate, Labels, Line
 from etendue.contract.capabilities import Sheet, Summed, Transfer
 from etendue.plugins import discovery
+from etendue.types.arrays import Array
 
 EDGES = (500.0, 520.0, 540.0, 560.0, 580.0, 600.0)  # edges of bins, if their dim has no example
 GUESSED = Labels((0.0, 1.0, 2.0))  # entries of an undeclared dim
@@ -23,20 +24,20 @@ GUESSED = Labels((0.0, 1.0, 2.0))  # entries of an undeclared dim
 class GaussianTransfer(Transfer):
     """What probes look at: a Gaussian transfer function."""
 
-    def transfer(self, fy: Any, fx: Any, band: Any) -> Any:
+    def transfer(self, fy: Array, fx: Array, band: Array) -> Array:
         return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(band)
 
 
 class BlurAndSum(Summed):
     """The same, ending in a sum over bands."""
 
-    def transfer(self, fy: Any, fx: Any, band: Any, prepared: Any) -> Any:
+    def transfer(self, fy: Array, fx: Array, band: Array, prepared: Array) -> Array:
         return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(band)
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Array:
         return np.stack([np.linspace(low, 1.0, coordinates[dims.banded(coordinates)].size) for low in (0.1, 0.5, 0.9)])
 
-    def weights(self, prepared: Any) -> Any:
+    def weights(self, prepared: Array) -> Array:
         return prepared
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 
@@ -78,7 +77,7 @@ def parameter_changes(bench: Bench, names: tuple[str, ...] | None = None) -> Non
         compare(bench, base, trials, f"{name} = {value:g}", inputs)
 
 
-def with_parameter(bench: Bench, name: str, value: float, inputs: Any) -> BenchTrial | None:
+def with_parameter(bench: Bench, name: str, value: float, inputs: Arrays) -> BenchTrial | None:
     """Return the result with one parameter changed; None if the stage refuses it, or the grid differs."""
     try:
         stage = dataclasses.replace(bench.stage, **{name: value})

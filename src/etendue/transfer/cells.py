@@ -15,16 +15,15 @@ same sum with sinc(D f + m) A(f + m/D) instead: the cell's sinc once, the pixel'
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from etendue import require
+from etendue.types.arrays import Array, FloatArray
 
-FloatArray = NDArray[np.floating]
-Array = NDArray[Any]
 Transfer = Callable[[FloatArray, FloatArray], Array]  # fy (n, 1), fx (1, m) cycles/um -> (n, m)
 Weights = Callable[[FloatArray], Array]  # frequency index K = 0, 1, 2... -> factor; that of -K is the conjugate
 

@@ -23,6 +23,7 @@ from etendue.errors import EtendueError
 from etendue.process import unwarned
 from etendue.telling import foreign
 from etendue.transfer import rings as scene_rings
+from etendue.types.arrays import Array, FloatArray
 
 LARGEST = 1 << 25  # values examined; of more, some bands represent their neighbours
 AT_ONCE = 1 << 24  # values computed together: one band, or all if the source cannot compute single bands
@@ -69,7 +70,7 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
     return _content(rows, edges, grid.bands().size)
 
 
-def _content(rows: list[Any], edges: Any, bands: int) -> Content:
+def _content(rows: list[Any], edges: FloatArray, bands: int) -> Content:
     """Return the content of all bands, from (low, mean, high, power, amplitude) of those that were examined."""
     full = max(max(abs(row[0]), abs(row[2])) for row in rows)
     if full == 0:
@@ -88,7 +89,7 @@ def _content(rows: list[Any], edges: Any, bands: int) -> Content:
     )
 
 
-def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterator[Any]:
+def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterator[Array]:
     """Yield the scene's light, some bands at a time; only every n-th band if there are too many values."""
     grid = grids[variable]
     given = {**coordinates_of(grids), **coordinates_of(grids, "out_")}
@@ -97,7 +98,7 @@ def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterato
     with foreign(f"{type(source).__name__}.prepare"):
         prepared = None if type(source).prepare is Stage.prepare else own.prepare(given)
 
-    def made(part: Any) -> Any:
+    def made(part: Any) -> FloatArray:
         asked = {"asked": frozenset[str]()} | given | ({"prepared": part} if part is not None else {})
         with foreign(f"{type(source).__name__}.run"):
             return own.run(**{name: asked[name] for name in arguments_of(type(source))}).get(variable)

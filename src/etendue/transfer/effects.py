@@ -16,6 +16,7 @@ from etendue.contract.capabilities import Transfer
 from etendue.contract.stage import state_of
 from etendue.transfer import rings as scene_rings
 from etendue.transfer.products import Product, alone
+from etendue.types.arrays import Array, FloatArray
 
 DIRECTIONS = 8  # over a half turn, in which a non-radial transfer function is evaluated
 
@@ -44,17 +45,17 @@ def behind(stage: Transfer, edges: tuple[float, ...], content: Content) -> Conte
     return content.filtered(tuple(tuple(map(float, row)) for row in passed))
 
 
-def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], frequency: Any) -> Any:
+def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], frequency: FloatArray) -> FloatArray:
     """Return (direction, band, n): the product of transfer functions along rays; one direction if all are radial."""
     points = tuple(map(float, frequency))
-    found: Any = np.ones((1, len(edges) - 1, len(points)))
+    found: Array = np.ones((1, len(edges) - 1, len(points)))
     for stage in stages:
         found = found * _rays(state_of(stage), edges, points)
     return found
 
 
 @lru_cache(48)
-def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> Any:
+def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> FloatArray:
     """Evaluate one stage; cached, because the same stage precedes many others."""
     product, frequency = Product((state[0],), edges, alone), np.array(points)
     if product.radial:
@@ -68,12 +69,12 @@ def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> An
     return np.stack(found)
 
 
-def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Any, Any]:
+def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Array, Array]:
     return _remembered(state_of(stage), edges, rings)
 
 
 @lru_cache(96)
-def _remembered(state: Any, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Any, Any]:
+def _remembered(state: Any, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Array, Array]:
     """Return (band, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
     found = in_directions((state[0],), edges, scene_rings.frequencies_in(np.array(rings)))
     changed, passed = (scene_rings.largest_in_rings(np.abs(values)).max(axis=0) for values in (1 - found, found))

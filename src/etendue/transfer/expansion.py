@@ -13,7 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating]
+from etendue.types.arrays import FloatArray
+
 ComplexArray = NDArray[np.complexfloating]
 
 FEW_NODES, MANY_NODES = 8192, 32768

@@ -7,7 +7,7 @@ Out: their product at separable frequencies, for all bands or some of them; for 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -22,6 +22,7 @@ from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer, ban
 from etendue.contract.stage import Stage
 from etendue.errors import PluginError
 from etendue.telling import foreign
+from etendue.types.arrays import Array
 
 EVERY = slice(None)
 
@@ -57,21 +58,21 @@ class Product:
         """Whether every stage depends only on the magnitude of the frequency."""
         return all(stage.radial for stage in self.stages)
 
-    def at(self, fy: NDArray[Any], fx: NDArray[Any], bands: slice = EVERY) -> Any:
+    def at(self, fy: Array, fx: Array, bands: slice = EVERY) -> Array:
         """Return (band or 1, m, n) at frequencies fy (m, 1), fx (1, n), cycles/um; 1 without stages."""
         middles = self.middles[bands]
-        product: Any = np.ones((1, 1, 1))
+        product: Array = np.ones((1, 1, 1))
         for stage, prepared in zip(self.stages, self._prepared, strict=True):
             product = product * asked(stage, fy, fx, middles, prepared)
         return product
 
-    def along(self, frequency: NDArray[Any]) -> Any:
+    def along(self, frequency: Array) -> Array:
         """Return (band, n) along x."""
         found = self.at(np.zeros((1, 1)), frequency[None, :])[:, 0]
         return np.broadcast_to(found, (self.middles.size, frequency.size))
 
 
-def asked(stage: Transfer, fy: Any, fx: Any, middles: Any, prepared: Any) -> Any:
+def asked(stage: Transfer, fy: Array, fx: Array, middles: Array, prepared: Any) -> Array:
     """Return ``stage.transfer`` as finite numbers (band or 1, m, n) that match the frequencies; raise an error that
     names the stage otherwise.
     """
@@ -87,7 +88,7 @@ def asked(stage: Transfer, fy: Any, fx: Any, middles: Any, prepared: Any) -> Any
     return found.reshape((1,) * (3 - found.ndim) + found.shape)
 
 
-def between(stage: ChannelTransfer, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
+def between(stage: ChannelTransfer, fy: Array, fx: Array, light: Array, prepared: Any) -> Array:
     """Return ``stage.channel_transfer`` as finite numbers (channel, channel, m, n) that match the frequencies (m,),
     (n,); raise an error that names the stage otherwise."""
     name = f"{type(stage).__name__}.channel_transfer"
@@ -106,7 +107,7 @@ def between(stage: ChannelTransfer, fy: Any, fx: Any, light: Any, prepared: Any)
     return found
 
 
-def behind_filters(bands: Any, shares: Any, moved: Any = (), still: Any = ()) -> Any:
+def behind_filters(bands: Array, shares: Array, moved: Sequence[Array] = (), still: Sequence[Array] = ()) -> Array:
     """Return the transfer functions of grey detail by channel: means over bands, changed by charge that moves between
     channels.
 
@@ -133,7 +134,7 @@ def behind_filters(bands: Any, shares: Any, moved: Any = (), still: Any = ()) ->
     return found / scale.reshape(-1, *[1] * (found.ndim - 1))
 
 
-def weights(stage: Summed, prepared: Any) -> Any:
+def weights(stage: Summed, prepared: Any) -> Array:
     """Return ``stage.weights`` as (channel, band), read-only."""
     name = f"{type(stage).__name__}.weights"
     with foreign(name):

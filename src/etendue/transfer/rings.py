@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etendue.transfer import sampling
-
-FloatArray = NDArray[np.floating]
+from etendue.types.arrays import FloatArray
 
 PER_OCTAVE = 6
 BLOCK = 1 << 19  # values of a transform processed at a time

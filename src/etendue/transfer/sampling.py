@@ -11,9 +11,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from etendue.types.arrays import FloatArray
+
 FEW = 64  # up to this many outputs per row of a transform, two matrix products are cheaper than an inverse transform
 
-FloatArray = NDArray[np.floating]
 ComplexArray = NDArray[np.complexfloating]
 
 

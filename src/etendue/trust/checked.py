@@ -23,6 +23,7 @@ from etendue.trust import sayings
 from etendue.trust.comparing import ELSEWHERE, differences, of_array, shown, skipped
 from etendue.trust.remade import Again, array_of, as_document, chunks_out_of_place, record_again, store_files
 from etendue.trust.sayings import Deviation
+from etendue.types.documents import Document, DocumentView
 
 OF_CODE = ("code", "distributions", "versions")  # of a stage: what was installed at the time of the run
 
@@ -256,7 +257,7 @@ def _of_record(
         known.setdefault(key, set()).update(there)
 
 
-def _with_the_code_of_then(says: Mapping[str, Any], made: Mapping[str, Any]) -> tuple[Mapping[str, Any], bool]:
+def _with_the_code_of_then(says: DocumentView, made: DocumentView) -> tuple[DocumentView, bool]:
     """Return the recomputed record with the recorded code fields where the code has changed, and whether it has."""
     nodes, other = dict(made["nodes"]), False
     for name, then in says["nodes"].items():
@@ -297,9 +298,9 @@ def of_crate(stored: Stored, again: Again, software: bool) -> Iterator[Deviation
     yield from differences(crate.NAME, rest[0], rest[1], 0.0)
 
 
-def _entities(document: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
+def _entities(document: DocumentView | None) -> dict[str, Document]:
     graph = (document or {}).get("@graph")
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, Document] = {}
     for number, one in enumerate(graph if isinstance(graph, list) else ()):
         name = str(one.get("@id")) if isinstance(one, dict) else str(number)
         found[name if name not in found else f"{name} again"] = dict(one) if isinstance(one, dict) else {"": one}

@@ -45,6 +45,7 @@ from etendue.plan.planner import make_plan
 from etendue.plan.reports import Reports
 from etendue.plan.resume import is_of_names, with_stored_values
 from etendue.present.terminal import tables
+from etendue.types.documents import Document
 
 
 @dataclass(frozen=True)
@@ -172,7 +173,7 @@ def array_of(data: bytes | None, dtype: str, shape: tuple[int, ...]) -> Any:
 
 def record_again(
     run: Recorded, earlier: Sequence[Recorded] = (), most_cells: int | None = None
-) -> tuple[dict[str, Any], dict[str, set[Any]]]:
+) -> tuple[Document, dict[str, set[Any]]]:
     """Return the record of a run, rebuilt from its resolved pipeline and its axis values; and by axis the values that
     the run itself asked for.
 
@@ -227,7 +228,7 @@ def _given(text: str, overrides: Mapping[str, str], asked: Plan, resolved: str) 
         return None
 
 
-def _words(text: str) -> dict[str, Any]:
+def _words(text: str) -> Document:
     """Return a text as a document, independent of key order and of the pipeline's name."""
     return {**tomllib.loads(text, parse_float=Decimal), "name": ""}
 

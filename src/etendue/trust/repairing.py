@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from etendue.archive.checks.rebuild import prepare
 from etendue.archive.checks.verify import document as of_verified
@@ -22,6 +21,7 @@ from etendue.errors import ArchiveError
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
+from etendue.types.documents import Document
 
 
 @dataclass
@@ -72,7 +72,7 @@ def repair(
     return Repaired(found, verify(folder, told), done, outcome.computed + outcome.restored, len(outcome.failed))
 
 
-def document(found: Repaired) -> dict[str, Any]:
+def document(found: Repaired) -> Document:
     """Return the document that ``--json`` prints: the archive as it is now, and what was done."""
     return {
         **of_verified(found.after),

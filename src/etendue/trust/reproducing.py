@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from etendue.archive.checks.verify import verify
 from etendue.archive.journaling.accepting import former_of
@@ -44,6 +43,7 @@ from etendue.trust.comparing import unchecked
 from etendue.trust.remade import Again, column
 from etendue.trust.sayings import Deviation
 from etendue.trust.verdict import CellResult, Reproduction, judged_cell
+from etendue.types.documents import Document
 
 WORST = 20  # cells that are listed
 
@@ -276,7 +276,7 @@ def _refuse_missing(run: Recorded) -> None:
         raise RequestError(faults)
 
 
-def software(run: Recorded, plan: Plan) -> list[dict[str, Any]]:
+def software(run: Recorded, plan: Plan) -> list[Document]:
     """Return how the installed stages differ from those the archive was computed with."""
     rows = []
     now = node_records(plan)
@@ -290,7 +290,7 @@ def software(run: Recorded, plan: Plan) -> list[dict[str, Any]]:
     return rows
 
 
-def document(found: Reproduction) -> dict[str, Any]:
+def document(found: Reproduction) -> Document:
     """Return the result as the document that ``--json`` prints."""
     return {
         "archive": str(found.folder),
@@ -315,7 +315,7 @@ def document(found: Reproduction) -> dict[str, Any]:
     }
 
 
-def _stage(name: str, own: list[CellResult]) -> dict[str, Any]:
+def _stage(name: str, own: list[CellResult]) -> Document:
     counts = {
         kind: sum(cell.found == kind for cell in own)
         for kind in ("same", "within", "beyond", "unknown", "damaged", "failed")

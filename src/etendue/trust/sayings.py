@@ -18,6 +18,7 @@ from etendue.archive.records import crate, disk
 from etendue.archive.records.manifest import DATA
 from etendue.archive.records.provenance import record_paths
 from etendue.trust.remade import Again
+from etendue.types.documents import Document
 
 JOURNAL, MANIFEST = "journal.jsonl", "manifest.json"
 
@@ -105,7 +106,7 @@ def named_twice(data: bytes | None) -> str | None:
     """
     found: list[str] = []
 
-    def looked_at(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    def looked_at(pairs: list[tuple[str, Any]]) -> Document:
         whole = dict(pairs)
         if len(whole) < len(pairs):
             names = [name for name, _ in pairs]

@@ -9,7 +9,7 @@ before it state: their sum, relative to full scale, rms.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
 from etendue.trust.comparing import NotChecked
 from etendue.trust.sayings import Deviation
+from etendue.types.documents import Document, DocumentView
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,9 @@ class Reproduction:
     """
 
     folder: Path
-    record: Mapping[str, Any]
+    record: DocumentView
     platform: dict[str, tuple[Any, Any]]
-    software: list[dict[str, Any]]
+    software: list[Document]
     order: list[str]
     cells: list[CellResult] = field(default_factory=list)
     differences: list[Deviation] = field(default_factory=list)

@@ -14,9 +14,10 @@ from etendue.errors import RequestError
 from etendue.pipeline.presets import Sourced, preset, preset_names
 from etendue.present.terminal.catalogue import _origin
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.types.documents import Document
 
 
-def sensor_document(name: str) -> dict[str, Any]:
+def sensor_document(name: str) -> Document:
     """Return the JSON document of one sensor."""
     try:
         found = preset(name)
@@ -36,7 +37,7 @@ def sensor_document(name: str) -> dict[str, Any]:
     }
 
 
-def _sourced(one: Sourced) -> dict[str, Any]:
+def _sourced(one: Sourced) -> Document:
     return {"value": _plain(one.value), "source": one.source, "note": one.note}
 
 
@@ -46,7 +47,7 @@ def _plain(value: Any) -> Any:
     return float(value) if isinstance(value, Decimal) else value
 
 
-def print_sensors(documents: list[dict[str, Any]]) -> None:
+def print_sensors(documents: list[Document]) -> None:
     """Print one line per sensor."""
     columns = (
         ("sensor", "left", "name"),
@@ -62,7 +63,7 @@ def print_sensors(documents: list[dict[str, Any]]) -> None:
     console.print('in a pipeline: \\[camera] sensor = "NAME"\nvalues and sources: etendue sensors NAME')
 
 
-def print_sensor(document: dict[str, Any]) -> None:
+def print_sensor(document: Document) -> None:
     """Print every value of a sensor with its source; addresses are listed below in full."""
     console = _out()
     if "broken" in document:

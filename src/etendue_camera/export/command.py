@@ -23,6 +23,7 @@ from etendue.cli.saying import say
 from etendue.contract.registry import installed_stages
 from etendue.errors import Fault, RequestError
 from etendue.present.plots.places import is_called, read_at
+from etendue.types.documents import Document
 from etendue_camera.electronics import amplifier
 from etendue_camera.export import dng, png, tiff
 from etendue_camera.export.frames import FINISHED, ArchivedFrame, Shelf, chosen, described, plain
@@ -280,7 +281,7 @@ def _writer(shelf: Shelf, kind: str, frame: ArchivedFrame) -> Callable[[Path], N
 
 
 def _is_srgb(shelf: Shelf, frame: ArchivedFrame) -> bool:
-    shown: dict[str, Any] = {
+    shown: Document = {
         k: v for node in shelf.record["nodes"].values() for k, v in node["shown"].items() if k == "display"
     }
     return str(shelf.parameter(frame, "encoding")) == "sRGB" and shown.get("display", "sRGB") == "sRGB"

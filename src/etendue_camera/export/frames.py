@@ -29,6 +29,8 @@ from etendue.present.plots.drawing.strip import white_of
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.opening import opened
 from etendue.present.plots.places import is_called, is_value
+from etendue.types.documents import Document, DocumentView, Place
+from etendue_camera.arrays import Array, FloatArray
 
 PLANE = ("channel", "y", "x")
 FINISHED = ("done", "left_out")
@@ -59,11 +61,11 @@ class ArchivedFrame:
 
     group: StageGroup
     variable: str
-    labels: Mapping[str, Any]  # axis values, and the position along leading dims such as ``frame``
+    labels: Place  # axis values, and the position along leading dims such as ``frame``
     status: str
     stored: Stored
 
-    def picture(self) -> Any:
+    def picture(self) -> Array:
         """Return the array: (y, x) or (channel, y, x).
 
         Raises
@@ -77,7 +79,7 @@ class ArchivedFrame:
         return ", ".join(f"{dim}={plain(value)}" for dim, value in self.labels.items())
 
 
-def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str, labels: Mapping[str, Any]) -> Any:
+def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str, labels: Place) -> FloatArray:
     """Return a verified variable of one cell, at the labels of its other dims."""
     axes = _cell_axes(data)
     name = cell_label(stage, {dim: labels[dim] for dim in axes})
@@ -110,7 +112,7 @@ class Shelf:
         described = describe_archive(self.folder)
         record = latest_record(self.folder)
         assert record is not None  # describe_archive has rejected such a folder
-        self.record: dict[str, Any] = record
+        self.record: Document = record
         self.stages: list[str] = [stage["name"] for stage in described["stages"]]
         self.variables: dict[str, list[tuple[str, str]]] = {}
         for stage in described["stages"]:
@@ -246,7 +248,7 @@ def _cell_axes(data: xarray.Dataset) -> list[str]:
     return [str(dim) for dim in data["status"].dims] if "status" in data else []
 
 
-def _finished_cell(data: xarray.Dataset, known: Mapping[str, Any]) -> dict[str, Any] | None:
+def _finished_cell(data: xarray.Dataset, known: DocumentView) -> Document | None:
     """Return the labels of the only finished cell at known labels; None if there are several, none, or it is
     unfinished."""
     axes = _cell_axes(data)
@@ -259,7 +261,7 @@ def _finished_cell(data: xarray.Dataset, known: Mapping[str, Any]) -> dict[str, 
     return whole if STATUS[int(cell["status"])] in FINISHED else None
 
 
-def _values(data: Any, dim: str) -> list[Any]:
+def _values(data: xarray.Dataset | xarray.DataArray, dim: str) -> list[Any]:
     if dim not in data.coords:
         return list(range(data.sizes[dim]))
     return [value.item() if hasattr(value, "item") else value for value in data[dim].to_numpy()]

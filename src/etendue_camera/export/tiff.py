@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from etendue import require
+from etendue_camera.arrays import Array
 
 TOP = 65535
 
 
-def codes(picture: Any) -> Any:
+def codes(picture: Array) -> Any:
     """Return uint16 (y, x) or (y, x, 3): integers unchanged; 0 to 1 scaled to 0 to 65535, rounded, clipped at both
     ends.
 
@@ -47,7 +48,7 @@ def srgb_profile() -> bytes:
 
 
 def write(
-    path: Path, picture: Any, description: str = "", software: str = "etendue", when: str = "", srgb: bool = False
+    path: Path, picture: Array, description: str = "", software: str = "etendue", when: str = "", srgb: bool = False
 ) -> None:
     """Write one picture; ``srgb`` marks its values as sRGB-encoded."""
 

@@ -7,24 +7,24 @@ Sources: see ``field_blur``; fast convolution by the discrete Fourier transform,
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
 
-from etendue_camera.arrays import FloatArray
+from etendue_camera.arrays import Array, FloatArray
 
 Weights = Literal["source", "image"]
 
 
-def _half_transform(array: FloatArray, shape: tuple[int, int]) -> Any:
+def _half_transform(array: FloatArray, shape: tuple[int, int]) -> Array:
     """Real transform of an array padded by zeros, its zero rows not transformed."""
     return scipy.fft.fft(
         scipy.fft.rfft(array, shape[1], axis=1, workers=1), shape[0], axis=0, workers=1, overwrite_x=True
     )
 
 
-def _plane_of(transform: Any, shape: tuple[int, int], rows: slice, columns: slice) -> FloatArray:
+def _plane_of(transform: Array, shape: tuple[int, int], rows: slice, columns: slice) -> FloatArray:
     some = scipy.fft.ifft(transform, axis=0, workers=1, overwrite_x=True)[rows]
     return scipy.fft.irfft(some, shape[1], axis=1, workers=1)[:, columns]
 
@@ -60,7 +60,7 @@ def eigen(
     shape = fast(*(n + 2 * reach for n in plane.shape))
     rows, columns = (slice(2 * reach, 2 * reach + n) for n in plane.shape)
 
-    def padded(array: FloatArray) -> Any:
+    def padded(array: FloatArray) -> Array:
         return _half_transform(np.pad(array, reach, mode="symmetric"), shape)
 
     maps = (hats[0] @ c @ hats[1].T for c in coefficients)
@@ -90,7 +90,7 @@ def tiles(plane: FloatArray, kernels: FloatArray, hats: list[FloatArray], weight
         wy = hats[0][top:bottom, i, None]
         for j, (left, right) in enumerate(spans[1]):
             share = wy * hats[1][left:right, j]
-            block: Any
+            block: Array
             if weights == "source":
                 block = wide[top:bottom, left:right] * share
                 shape = fast(block.shape[0] + size - 1, block.shape[1] + size - 1)

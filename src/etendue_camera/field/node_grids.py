@@ -6,7 +6,7 @@ Out: nodes, their kernels and the error of mixing them.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -142,7 +142,7 @@ def _mixing_error(kernels: FloatArray, fine: FloatArray) -> float:
     """Largest half sum of |kernel - mix of its neighbours| at the nodes of the finer grid."""
     worst = 0.0
     for i in range(fine.shape[0]):
-        row: Any = kernels[i // 2] if i % 2 == 0 else 0.5 * (kernels[i // 2] + kernels[i // 2 + 1])
+        row: FloatArray = kernels[i // 2] if i % 2 == 0 else 0.5 * (kernels[i // 2] + kernels[i // 2 + 1])
         mixed = np.empty_like(fine[i])
         mixed[::2] = row
         mixed[1::2] = 0.5 * (row[:-1] + row[1:])

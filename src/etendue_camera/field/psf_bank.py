@@ -245,7 +245,7 @@ class PsfBank:
         sampler = Sampler(self, spacing, size, light, centre)
         return sampler.kernels(np.array([float(y_um)]), np.array([float(x_um)]))[0]
 
-    def mix(self, wavelengths_um: Any) -> FloatArray:
+    def mix(self, wavelengths_um: FloatArray) -> FloatArray:
         """Weights that make pictures at other wavelengths from the bank's own, (wavelengths, L); rows sum to 1."""
         wanted = np.atleast_1d(np.asarray(wavelengths_um, dtype=float))
         low, share = between(self.wavelengths_um, wanted)

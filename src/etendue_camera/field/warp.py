@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 
 from etendue import plain_files, require
-from etendue_camera.arrays import FloatArray
+from etendue_camera.arrays import FloatArray, Floats
 
 _ROWS = 256  # of a plane at a time: coordinates are in double precision
 _NODES = 1025  # of the ratio of ideal to real height
@@ -87,7 +87,7 @@ class DistortionCurve:
         require.that(scale > 0, f"lateral_colour {self.lateral_colour:g} inverts the image at {wavelength_um:g} um")
         return scale
 
-    def distort(self, radius_um: Any, wavelength_um: float) -> Any:
+    def distort(self, radius_um: Floats, wavelength_um: float) -> Floats:
         """Real height of ideal heights, um; odd in the radius."""
         radius = np.asarray(radius_um, dtype=float)
         if self.table is None:
@@ -99,7 +99,7 @@ class DistortionCurve:
         real, slope = self._columns(inside, wavelength_um, 0), self._columns(np.array(last), wavelength_um, 1)
         return self.scale(wavelength_um) * (real + slope * (radius - inside))
 
-    def slope(self, radius_um: Any, wavelength_um: float) -> Any:
+    def slope(self, radius_um: Floats, wavelength_um: float) -> Floats:
         """Derivative of the real by the ideal height, 1."""
         radius = np.asarray(radius_um, dtype=float)
         if self.table is None:
@@ -140,7 +140,7 @@ class DistortionCurve:
         slope = self.slope(radius, wavelength_um)
         return float(radius[np.argmax(slope <= 0)]) if np.any(slope <= 0) else math.inf
 
-    def undistort(self, real_um: Any, wavelength_um: float) -> Any:
+    def undistort(self, real_um: Floats, wavelength_um: float) -> Floats:
         """Ideal height of real heights, um: the inverse of ``distort``.
 
         Raises

@@ -15,6 +15,8 @@ import numpy as np
 
 from etendue import plain_files
 from etendue.errors import RequestError, nearest
+from etendue.types.documents import Document, DocumentView
+from etendue_camera.arrays import Array
 from etendue_camera.importing.cube import Cube, needed
 
 DEEPEST = 32  # nesting depth of HDF5 groups
@@ -49,7 +51,7 @@ def matlab(path: Path, variable: str) -> Cube:
     try:
         size = sum(math.prod(shape) * 8 for _, shape, _ in scipy.io.whosmat(path))
         plain_files.refuse_unfolding(size, path.stat().st_size, "it")
-        held: Mapping[str, Any] = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
+        held: DocumentView = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:  # version 7.3 is HDF5, with axes reversed by MATLAB
         h5py = needed("h5py", f"{path} (MATLAB 7.3)")
         with h5py.File(path, "r") as file:
@@ -65,7 +67,7 @@ def matlab(path: Path, variable: str) -> Cube:
     )
 
 
-def chosen(arrays: Mapping[str, Any], variable: str, path: str) -> Cube:
+def chosen(arrays: Mapping[str, Array], variable: str, path: str) -> Cube:
     """Return the named array, or the one with three axes.
 
     Raises
@@ -89,7 +91,7 @@ def chosen(arrays: Mapping[str, Any], variable: str, path: str) -> Cube:
     )
 
 
-def spectral(values: Any, wavelength: Any) -> Cube:
+def spectral(values: Array, wavelength: Any) -> Cube:
     """Move the wavelength axis to the front: the one whose length matches, the last if two match."""
     if wavelength is None or values.ndim != 3:
         return Cube(values, wavelength)
@@ -97,9 +99,9 @@ def spectral(values: Any, wavelength: Any) -> Cube:
     return Cube(np.moveaxis(values, axes[0], 0) if axes else values, wavelength)
 
 
-def _datasets(file: Any, h5py: Any) -> dict[str, Any]:
+def _datasets(file: Any, h5py: Any) -> Document:
     """Return all numeric data of a file itself; references to other files are rejected."""
-    found: dict[str, Any] = {}
+    found: Document = {}
     size = stored = 0
 
     for name, one in _members(file, h5py):
@@ -136,7 +138,7 @@ def _members(file: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
                 open_.append((f"{own}/", one, depth + 1))
 
 
-def _isetcam(named: Mapping[str, Any]) -> Cube | None:
+def _isetcam(named: DocumentView) -> Cube | None:
     """Read an ISETCam scene or multispectral file: photons s-1 sr-1 m-2 nm-1, (y, x, wavelength).
 
     Such files contain the photons themselves, or coefficients of a basis (and perhaps a mean).

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import RequestError
+from etendue_camera.arrays import FloatArray
 from etendue_camera.importing.cube import RADIANCE, Cube, as_light, in_order, read_cube, wavelengths_of
 
 TOO_WHITE = 1.5  # relative to white; larger values are hardly reflectances
@@ -79,7 +80,7 @@ def white_at(cube: Cube, y: int, x: int, size: int, reflectance: float) -> Any:
     return cube.values[:, top : top + size, left : left + size].mean(axis=(1, 2), dtype=float) / reflectance
 
 
-def relative_to(cube: Cube, white: Any, name: str) -> Cube:
+def relative_to(cube: Cube, white: FloatArray, name: str) -> Cube:
     """Return a reflectance: values divided by white, band by band.
 
     Raises

@@ -17,6 +17,7 @@ import click
 import numpy as np
 
 from etendue.errors import RequestError
+from etendue.types.documents import Document
 from etendue_camera.importing.cube import RADIANCE, Cube
 from etendue_camera.importing.light import TOO_WHITE, Said, light_of
 
@@ -68,16 +69,16 @@ def write_store(cube: Cube, unit: str, place: Path, spacing: float | None, sourc
         raise RequestError(f"{place} exists and is not overwritten: give another name with -o")
     bands, rows, columns = cube.values.shape
     low, high = float(cube.values.min()), float(cube.values.max())
-    attrs: dict[str, Any] = {"units": unit, "long_name": "spectral radiance", "source": source}
+    attrs: Document = {"units": unit, "long_name": "spectral radiance", "source": source}
     if 0 < low <= high < math.inf:
         attrs["actual_range"] = [low, high]
-    coordinates: dict[str, Any] = {"wavelength": ("wavelength", cube.wavelength, {"units": "nm"})}
+    coordinates: Document = {"wavelength": ("wavelength", cube.wavelength, {"units": "nm"})}
     if bands == 1:
         raise RequestError("a single band has no width: a cube must have at least two")
     if spacing is not None:
         for dim, size in (("y", rows), ("x", columns)):
             coordinates[dim] = (dim, spacing * (np.arange(size) - 0.5 * (size - 1)), {"units": "um"})
-    variables: dict[str, Any] = {"radiance": (("wavelength", "y", "x"), cube.values, attrs)}
+    variables: Document = {"radiance": (("wavelength", "y", "x"), cube.values, attrs)}
     if cube.white is not None:
         variables["white_radiance"] = (("wavelength",), cube.white, {"units": unit if unit == RADIANCE else "1"})
     dataset = xarray.Dataset(variables, coordinates, {"title": f"from {source}"})

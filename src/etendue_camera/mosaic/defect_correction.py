@@ -266,7 +266,7 @@ def neighbours(mask: cfa.Mask, row: int, column: int, shape: tuple[int, int], co
         How many at most.
     """
     limit = tuple(min(size - 1, 12 * period + 12) for size, period in zip(shape, mask.period, strict=True))
-    return _neighbours(mask, row, column, limit, count)  # type: ignore[arg-type]
+    return _neighbours(mask, row, column, limit, count)
 
 
 @lru_cache(maxsize=4096)

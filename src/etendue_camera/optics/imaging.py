@@ -336,7 +336,7 @@ def _between(place: FloatArray, samples: int) -> Any:
     return scipy.sparse.csr_array((weights.ravel(), columns.ravel(), starts), shape=(place.size, size))
 
 
-def _power(rows: Any, weights: FloatArray) -> FloatArray:
+def _power(rows: FloatArray, weights: FloatArray) -> FloatArray:
     """Power spectrum of rows, padded to twice their length, summed with weights."""
     wave = scipy.fft.fft(rows, 2 * rows.shape[1], axis=1, workers=1)
     return weights @ (wave.real**2 + wave.imag**2)

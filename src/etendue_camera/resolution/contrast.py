@@ -11,14 +11,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from etendue import require
-from etendue_camera.arrays import FloatArray
+from etendue_camera.arrays import Array, FloatArray
 
 Response = Callable[[FloatArray], FloatArray]  # (n,) cycles/um -> (n,), 1 at zero
 FEW, ROUNDS = 32, 3  # parts of a step between nodes
@@ -172,7 +170,7 @@ class ContrastCurve:
     """
 
     grid: FloatArray
-    values: NDArray[Any]  # (nodes + 1,), signed
+    values: Array  # (nodes + 1,), signed
 
     @cached_property
     def _splines(self) -> list[scipy.interpolate.PPoly]:

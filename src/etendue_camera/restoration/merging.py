@@ -9,11 +9,11 @@ Clipped mean: Stetson, PASP 99 (1987).
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
+
+from etendue_camera.arrays import Array
 
 Noise = tuple[ArrayLike, ArrayLike]  # shot noise and floor
 NEAR = 0.95  # of the level of saturation: from here on a value may be cut off
@@ -135,7 +135,7 @@ def merged(
         )
     t = np.asarray(times, frames.dtype)[:, None, None, None]
     if method == "mean":
-        used: Any = np.ones((len(frames), 1, 1, 1), bool)
+        used: Array = np.ones((len(frames), 1, 1, 1), bool)
     elif method == "sigma_clipped":
         middle = np.median(frames / t, axis=0)
         used = np.abs(frames / t - middle) <= sigmas * np.sqrt(variance_of(middle, times, noise))

@@ -22,12 +22,14 @@ from typing import Any
 
 import numpy as np
 
+from etendue_camera.arrays import FloatArray
+
 WIDEST = 20.0  # nm; rows farther apart are corners of a drawn curve, which is not extended
 CONSEQUENCE = 1e-4  # fraction of a signal below which there is no note
 SEEN = 780.0  # nm; up to here the effect of an extended reflectance is visible
 
 
-def reach_of(rows: Any) -> tuple[float, float]:
+def reach_of(rows: FloatArray) -> tuple[float, float]:
     """Return the lowest and highest wavelength (nm) covered by the rows (n >= 2, ascending) of a table."""
     before, behind = (0.5 * float(step) if step <= WIDEST else 0.0 for step in (rows[1] - rows[0], rows[-1] - rows[-2]))
     return float(rows[0]) - before, float(rows[-1]) + behind

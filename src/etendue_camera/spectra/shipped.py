@@ -59,7 +59,7 @@ def made() -> Arrays:
 def packed(found: Arrays) -> bytes:
     """Return an uncompressed ``.npz``: the same bytes for the same arrays."""
     file = io.BytesIO()
-    np.savez(file, allow_pickle=False, **found)  # type: ignore[arg-type]
+    np.savez(file, allow_pickle=False, **found)
     return file.getvalue()
 
 

@@ -22,6 +22,7 @@ from etendue.pipeline.file import PipelineFile
 from etendue.pipeline.overrides import axis_name
 from etendue.plan.model import Node
 from etendue.plan.wiring.alternatives import unlike
+from etendue.types.documents import AxisValue, Document
 from etendue_camera.roles import REFERENCE
 
 SENSOR = "sensor"  # the name of the axis of camera presets
@@ -32,7 +33,7 @@ class AxisRequest:
     """A requested axis; ``values`` None: whatever is installed."""
 
     key: str
-    values: tuple[Any, ...] | dict[str, Any] | None
+    values: tuple[Any, ...] | Document | None
 
     @property
     def stage(self) -> str:
@@ -188,7 +189,7 @@ def without_sweep(pipeline: PipelineFile) -> tuple[PipelineFile, dict[str, Any]]
     A value that the file gives beside the sweep (under ``[camera]``, by the sensor, in the stage's own table) is used;
     otherwise the first value of the sweep.
     """
-    at: dict[str, Any] = {}
+    at: dict[str, AxisValue] = {}
     for key in sorted(pipeline.sweep, key=lambda key: key != SENSOR):  # a sensor sets values of the others
         own = own_value(pipeline, key)
         value = _first(pipeline.sweep[key]) if own is None else own

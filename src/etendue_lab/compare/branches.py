@@ -26,6 +26,7 @@ from etendue.plan import stage_calls
 from etendue.plan.model import Node
 from etendue.plan.wiring.graph import Graph, build_graph
 from etendue.plan.wiring.quantities import to_be_found
+from etendue.types.documents import Document, DocumentView
 from etendue_camera.roles import REFERENCE, RESTORING
 from etendue_camera.sensor import cfa
 from etendue_lab.compare import installed
@@ -58,7 +59,7 @@ class Branched:
     counterpart: str  # the reference's copy of the compared stage; '' if both branches share it, or there is none
     notes: tuple[str, ...]
 
-    def axes(self, key: str, values: Any) -> dict[str, Any]:
+    def axes(self, key: str, values: Any) -> Document:
         """Return the sweep entries that apply an axis to both branches. No stage depends on more than one of them."""
         name = key.rpartition(".")[2]
         return {key: values} | ({f"{self.counterpart}.{name}": values} if self.counterpart else {})
@@ -163,7 +164,7 @@ class ReferenceBranch:
         values = {k: v for k, v in self.entries[node.name].values.items() if k in own}
         return self.put(f"reference_{node.name}", use, origin, values)
 
-    def put(self, name: str, use: str, origin: Mapping[str, str], values: Mapping[str, Any]) -> str:
+    def put(self, name: str, use: str, origin: Mapping[str, str], values: DocumentView) -> str:
         name = free_name(name, {*self.entries, *(entry.name for entry in self.added)})
         self.added.append(StageEntry(name, use, dict(values), dict(origin), f"the reference's {name}"))
         return name

@@ -23,6 +23,7 @@ from etendue.pipeline.file import PipelineFile
 from etendue.plan.model import Node, Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
+from etendue.types.arrays import Array
 from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 from etendue_camera.roles import EdgeScene, FlatScene
 from etendue_lab.compare import installed
@@ -136,7 +137,7 @@ def pitches_of(plan: Plan) -> list[float]:
     return [float(plan.shared["pixel_pitch"])]
 
 
-def crossing(picture: Any, sigma: float) -> float:
+def crossing(picture: Array, sigma: float) -> float:
     """Return the lowest frequency of half contrast from a picture of an edge drawn with a Gaussian of ``sigma`` pixels.
 
     NaN if it is not reached below 1 cycle/pixel. Interpolated linearly between samples 1/400 cycles/pixel apart: 1e-5

@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from etendue.types.arrays import Array
 from etendue_camera.colour import difference
 from etendue_camera.quality import artefacts, fidelity
 
 BORDER = 10  # pixels ignored at each side, because values beyond the border are unknown
 
 
-def inside(picture: Any, border: int = BORDER) -> Any:
+def inside(picture: Array, border: int = BORDER) -> Any:
     """Return a picture without its border; unchanged if nothing would be left."""
     rows, columns = picture.shape[-2:]
     if min(rows, columns) <= 4 * border:
@@ -24,7 +25,7 @@ def inside(picture: Any, border: int = BORDER) -> Any:
     return picture[..., border : rows - border, border : columns - border]
 
 
-def linear_figures(picture: Any, reference: Any, own_white: bool) -> dict[str, float | None]:
+def linear_figures(picture: Array, reference: Array, own_white: bool) -> dict[str, float | None]:
     """Return PSNR and RMSE, full scale 1; with ``own_white`` also PSNR relative to the brightest value of the
     reference, which can rank pictures of different exposure.
     """
@@ -37,14 +38,14 @@ def linear_figures(picture: Any, reference: Any, own_white: bool) -> dict[str, f
     return figures
 
 
-def display_figures(picture: Any, reference: Any) -> dict[str, float | None]:
+def display_figures(picture: Array, reference: Array) -> dict[str, float | None]:
     """Return PSNR and structural similarity of encoded values."""
     ours, theirs = inside(picture), inside(reference)
     large = min(ours.shape[-2:]) >= fidelity.WINDOW
     return {"psnr_encoded": fidelity.psnr(ours, theirs), "ssim": fidelity.ssim(ours, theirs) if large else None}
 
 
-def colour_figures(picture: Any, reference: Any, white: Any) -> dict[str, float | None]:
+def colour_figures(picture: Array, reference: Array, white: Array) -> dict[str, float | None]:
     """Return mean CIEDE2000, zipper and false colour of tristimulus values, for an eye adapted to a white."""
     ours, theirs = (difference.lab(np.asarray(inside(p), np.float64), white) for p in (picture, reference))
     return {

@@ -25,6 +25,7 @@ from etendue.present.pictures.crops import Strip, strip
 from etendue.present.terminal.terminal import escape
 from etendue.present.terminal.work_precision import Point, work_precision
 from etendue.result_files import check_folder, finite, write_whole
+from etendue.types.documents import Document
 from etendue_lab.compare.axis import parse_axis
 from etendue_lab.compare.compared import FIGURES, ComparedRow
 from etendue_lab.compare.study import Comparison
@@ -56,7 +57,7 @@ UNITS = {
 DISPENSABLE = ("zipper", "false colour")
 
 
-def document(found: Comparison) -> dict[str, Any]:
+def document(found: Comparison) -> Document:
     """Return the comparison as JSON: unknown values are null."""
     return {
         "pipeline": found.pipeline,
@@ -79,7 +80,7 @@ def document(found: Comparison) -> dict[str, Any]:
     }
 
 
-def row_document(found: Comparison, number: int, row: ComparedRow) -> dict[str, Any]:
+def row_document(found: Comparison, number: int, row: ComparedRow) -> Document:
     return {
         found.key: _plain(row.value),
         "label": row.label,

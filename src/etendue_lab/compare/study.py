@@ -28,6 +28,8 @@ from etendue.plan.model import CellRef
 from etendue.present.pictures.crops import Plane
 from etendue.run.one_thread import ONE_THREAD
 from etendue.session import Options, execute
+from etendue.types.arrays import Array
+from etendue.types.documents import AxisValue
 from etendue_camera.colour.matrices import D65_XY, xyz_from_xy
 from etendue_lab.compare import edge
 from etendue_lab.compare.alternatives import camera_of, keeping_inputs, planned, values_of, wanted_of
@@ -55,15 +57,15 @@ class Comparison:
     without: str
     noise: str  # 1 frame, or expected values
     size: tuple[int, int]  # pixels along y and x, of the best
-    at: dict[str, Any]  # values used in place of the file's own sweep
+    at: dict[str, AxisValue]  # values used in place of the file's own sweep
     notes: list[str]
     first: tuple[str, ...] = ()  # keys of ``at`` whose value is the first of the sweep, because the file gives no other
     units: str = ""  # of the axis
     rank_by: str = "psnr"  # metric that ranks the rows
     own_reference: bool = False  # whether each value has its own reference
     named: bool = False  # whether the values were named in the request, rather than found among what is installed
-    pictures: dict[int, Any] = field(default_factory=dict)  # by position: (3, y, x), encoded
-    reference_pictures: dict[int, Any] = field(default_factory=dict)
+    pictures: dict[int, Array] = field(default_factory=dict)  # by position: (3, y, x), encoded
+    reference_pictures: dict[int, Array] = field(default_factory=dict)
     planes: dict[int, Plane] = field(default_factory=dict)  # position of their pixels
 
     @property
@@ -173,7 +175,7 @@ def _with_edges(
     return [found.note] if found.note else []
 
 
-def _references(reader: Reader, branched: Branched, file: str) -> dict[int, Any]:
+def _references(reader: Reader, branched: Branched, file: str) -> dict[int, Array]:
     """Return the reference of each value; None where it was not computed.
 
     Raises
@@ -291,7 +293,7 @@ def seconds_of(reader: Reader, position: int, repeat: int) -> float | None:
 
 
 def _on_the_references(
-    references: dict[int, Any], rows: list[ComparedRow], reader: Reader, branched: Branched
+    references: dict[int, Array], rows: list[ComparedRow], reader: Reader, branched: Branched
 ) -> list[str]:
     """Return notes on the pictures that the table was measured on."""
     labels = {row.position: row.label if reader.own_reference else "" for row in rows if row.position in references}

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from etendue.types.documents import Document, Place
 from etendue_camera.electronics import emva
 
 FIGURES = (
@@ -84,14 +84,14 @@ class SensorChannel:
     reason in ``why``.
     """
 
-    at: Mapping[str, Any]
+    at: Place
     channel: str
     measurement: emva.SensorFigures | None
     times: tuple[float, ...]
     expected: Mapping[str, float]
     why: str = ""
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Document]:
         """Return a row per metric: ``held`` says whether its interval contains the expected value, None if there is
         none.
         """
@@ -121,7 +121,7 @@ class SensorChannel:
             )
         return found
 
-    def curve(self) -> dict[str, Any]:
+    def curve(self) -> Document:
         """Return the photon transfer curve; ``fit`` is the line through the origin with the gain as its slope."""
         one = self.measurement
         if one is None:
@@ -145,7 +145,7 @@ class EmvaReport:
     channels: list[SensorChannel]
     notes: list[str] = field(default_factory=list)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the report as JSON: an element of ``channels`` for every channel of every camera of a sweep."""
         return {
             "pipeline": self.pipeline,

@@ -34,6 +34,7 @@ from etendue.pipeline.file import PipelineFile, StageEntry
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
+from etendue.types.documents import Document
 from etendue_camera.roles import LENS, FlatScene
 from etendue_lab.compare.axis import one_camera
 from etendue_lab.emva.levels import RAW, lit, of_plan, raw_node, saturation
@@ -180,7 +181,7 @@ def _asking(
     values = {"repeats": FRAMES, "brackets": [float(np.log2(s)) for s in shares]}
     series = StageEntry(name, use, values, {}, "the series of exposures")
     scene = next(name for name, kind in kinds.items() if is_source(kind))
-    sweep: dict[str, Any] = {f"{scene}.reflectance": list(reflectances)} if reflectances else {}
+    sweep: Document = {f"{scene}.reflectance": list(reflectances)} if reflectances else {}
     return replace(stage_in_front(pipeline, exposure, series), sweep=sweep, wanted=(RAW,), keep=None)
 
 

@@ -16,6 +16,7 @@ from etendue.cli import options
 from etendue.cli.saying import tell
 from etendue.errors import RequestError
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.types.documents import Document
 from etendue_lab.emva.study import of_archive, of_pipeline
 
 NAMES = {
@@ -36,7 +37,7 @@ SENSORS = 900  # docs/emva.md
 PERCENT = ("prnu", "linearity_error", "quantum_efficiency")
 
 
-def print_emva(document: dict[str, Any]) -> None:
+def print_emva(document: Document) -> None:
     """Print measured values beside expected ones."""
     console = _out()
     console.print(
@@ -69,7 +70,7 @@ def print_emva(document: dict[str, Any]) -> None:
         console.print(f"note: {escape(note)}")
 
 
-def _figures(title: str, rows: list[dict[str, Any]]) -> Table:
+def _figures(title: str, rows: list[Document]) -> Table:
     columns = (
         ("metric", "left", lambda row: NAMES[row["figure"]] + _unit(row)),
         ("measured", "right", lambda row: _text(row, "value")),

@@ -19,6 +19,8 @@ from etendue.pipeline.derived import wanting
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 from etendue_camera.sensor import cfa
 from etendue_lab.compare.edge import ANGLE, edge_and_field
@@ -33,10 +35,10 @@ def edge_contrast(
     detail: FineDetail,
     places: list[Place],
     white: float,
-    frequency: Any,
+    frequency: Array,
     registry: Registry,
     options: Options | None = None,
-) -> dict[Place, dict[str, Any]]:
+) -> dict[Place, Document]:
     """Return by picture and channel the contrast at the frequencies along the normal of the edge, `ANGLE` degrees from
     x.
 
@@ -57,7 +59,7 @@ def edge_contrast(
     if failed is not None:
         raise ValueError(f"stage {failed.stage!r} failed on the slanted edge: {failed.message.splitlines()[-1]}")
     own = np.exp(-2 * (math.pi * sigma / detail.pitch * frequency) ** 2)
-    found: dict[Place, dict[str, Any]] = {}
+    found: dict[Place, Document] = {}
     for place in places:
         edge, field = (np.asarray(arrays.arrays[refs[place[0], i]][place[1]], np.float64) for i in (0, 1))
         if not (np.isfinite(field).all() and (field > 0).all()):
@@ -85,7 +87,7 @@ def _sites(plan: Plan, place: Place, channel: str) -> Any:
     return index == list(mask.channels).index(channel)
 
 
-def _response(picture: Any, frequency: Any, own: Any, sites: Any) -> Any:
+def _response(picture: Array, frequency: Array, own: Any, sites: Any) -> Any:
     found = slanted_edge(picture, samples=SAMPLES, tails=False, sites=sites)
     return np.interp(frequency, found.frequency, found.sfr) / own
 

@@ -31,6 +31,7 @@ from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
 from etendue.transfer.products import Product, alone, behind_filters, between, weights
+from etendue.types.arrays import Array
 from etendue_camera.resolution import information, noise_power
 from etendue_camera.roles import Scaled
 from etendue_lab.noise.flat_field import MOSAIC, REACH, FlatField, another, followed, in_front_of_grey
@@ -45,7 +46,7 @@ class FineDetail(FlatField):
     """A camera viewing a grey card, described by its own parameters."""
 
     def __init__(
-        self, plan: Plan, arrays: dict[CellRef, dict[str, Any]], pipeline: PipelineFile, notes: list[str]
+        self, plan: Plan, arrays: dict[CellRef, dict[str, Array]], pipeline: PipelineFile, notes: list[str]
     ) -> None:
         first = next(n for n in plan.nodes if MOSAIC in n.writes and MOSAIC not in {v for _, _, v in n.inputs[0]})
         super().__init__(plan, first, [arrays], notes)
@@ -118,12 +119,12 @@ class FineDetail(FlatField):
         made, _ = compute(replace(self.jobs[node.name, ()], expected=True), results)
         return 0.0 if made.failed else float(np.mean(made.arrays[CHARGE]))
 
-    def contrast(self, channel: str, fy: Any, fx: Any, without: Collection[str] = ()) -> Any:
+    def contrast(self, channel: str, fy: Array, fx: Array, without: Collection[str] = ()) -> Any:
         """Return the (m, n) transfer function of a channel before the mosaic, without some of its stages."""
         bands = self.band_contrast(fy, fx, [n for n in self.lens if n not in without])
         return self.mean(channel, bands, fy, fx, [n for n in self.moved if n not in without])
 
-    def mean(self, channel: str, bands: Any, fy: Any, fx: Any, moved: Collection[str]) -> Any:
+    def mean(self, channel: str, bands: Array, fy: Array, fx: Array, moved: Collection[str]) -> Any:
         """Return the (m, n) transfer function of a channel from those of its bands (wavelength, m, n), including the
         charge that some stages move between pixels.
         """
@@ -136,7 +137,7 @@ class FineDetail(FlatField):
         )
         return behind_filters(bands, self.photons, made, [one[..., 0, 0] for one in still])[self.number[channel]]
 
-    def band_contrast(self, fy: Any, fx: Any, names: Collection[str]) -> Any:
+    def band_contrast(self, fy: Array, fx: Array, names: Collection[str]) -> Any:
         """Return the (wavelength, m, n) transfer function of some stages together."""
         product = Product(tuple(self.lens[name] for name in names), self.edges)
         found = product.at(np.asarray(fy)[:, None] / self.pitch, np.asarray(fx)[None, :] / self.pitch)
@@ -161,7 +162,7 @@ class FineDetail(FlatField):
             for name, stage in self.noisy().items()
         }
 
-    def quanta(self, fy: Any, fx: Any, without: Collection[str] = ()) -> Any:
+    def quanta(self, fy: Array, fx: Array, without: Collection[str] = ()) -> Any:
         """Return the (m, n) NEQ of the mosaic: all its pixels together, each with its own noise.
 
         It is the mean over the positions of the mosaic cell: the ideal observer of one wave knows every pixel's filter.
@@ -202,7 +203,7 @@ class FineDetail(FlatField):
         corner = [shape[i] - (REACH + 4) for i in (-2, -1)]  # windows may be cut at the near border, not at the far one
         return np.array([[corner[0] + y, corner[1] + x] for y, x in self.order])
 
-    def signal_in(self, picture: Place, fy: Any, fx: Any, dark: bool = False) -> Any:
+    def signal_in(self, picture: Place, fy: Array, fx: Array, dark: bool = False) -> Any:
         """Return (channel, m, n): mean of a picture times the transfer function of grey detail; ``dark``: its mean
         alone, including dark charge.
         """
@@ -216,7 +217,7 @@ class FineDetail(FlatField):
             )
         return total
 
-    def noise_in(self, picture: Place, fy: Any, fx: Any) -> Any:
+    def noise_in(self, picture: Place, fy: Array, fx: Array) -> Any:
         """Return (channel, channel, m, n): cross power spectra of a picture's noise."""
         total: Any = 0.0
         for responses, variance, weight in self.answers[picture]:

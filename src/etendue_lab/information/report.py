@@ -7,7 +7,8 @@ Out: a document.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+
+from etendue.types.documents import Document
 
 ENDS = (0.0, 0.25, 0.5)  # cycles/pixel at which the table shows NEQ
 FAINTEST = 1e-2  # relative to the largest NEQ; below it measured and predicted are not compared
@@ -65,9 +66,9 @@ class InformationReport:
     curves: list[NeqCurve] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the report as JSON."""
-        rows: list[dict[str, Any]] = []
+        rows: list[Document] = []
         before: float | None = None
         for row in self.rows:
             lost = None if before is None else before - row.bits

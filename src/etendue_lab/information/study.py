@@ -24,6 +24,8 @@ from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.model import Plan
 from etendue.session import Options
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera.resolution import information as kernel
 from etendue_camera.resolution import noise_power
 from etendue_lab.compare.axis import one_camera
@@ -121,7 +123,7 @@ class _Chain:
                 picture[0], picture[1], lambda fy, fx, p=picture: self._together(p, fy, fx), self._by_channel(picture)
             )
 
-    def _together(self, picture: Place, fy: Any, fx: Any) -> Any:
+    def _together(self, picture: Place, fy: Array, fx: Array) -> Any:
         return kernel.neq_of_channels(self.detail.signal_in(picture, fy, fx), self.detail.noise_in(picture, fy, fx))
 
     def _by_channel(self, picture: Place) -> dict[str, float]:
@@ -192,7 +194,7 @@ class _Found:
 
     # -- noise ------------------------------------------------------------------------------------------------------
 
-    def _mosaic(self, frames: Any, contrast: dict[str, Any]) -> list[NeqCurve]:
+    def _mosaic(self, frames: Array, contrast: Document) -> list[NeqCurve]:
         """Measure by channel: each position of the mosaic cell on its own lattice, whose spectrum repeats beyond its
         Nyquist frequency.
         """
@@ -222,7 +224,7 @@ class _Found:
             curves.append(self._curve(place, channel, expected, total, periodograms))
         return curves
 
-    def _picture(self, place: Place, frames: Any, contrast: dict[str, Any]) -> list[NeqCurve]:
+    def _picture(self, place: Place, frames: Array, contrast: Document) -> list[NeqCurve]:
         detail = self.detail
         power, count = noise_power.periodograms(frames, BLOCK)
         expected_power = detail.periodogram_of(place, BLOCK)
@@ -240,11 +242,11 @@ class _Found:
         return curves
 
     @staticmethod
-    def _band(power: Any) -> Any:
+    def _band(power: Array) -> Any:
         """Return power along x: the mean of the three rows next to fy = 0."""
         return (power[0] + power[1] + power[-1]) / ROWS
 
-    def _curve(self, place: Place, channel: str, expected: Any, found: Any, count: int) -> NeqCurve:
+    def _curve(self, place: Place, channel: str, expected: Array, found: Any, count: int) -> NeqCurve:
         bits = [
             kernel.capacity_along(partial(np.interp, xp=self.frequency, fp=own), self.variance)
             for own in (expected, found)

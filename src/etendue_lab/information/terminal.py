@@ -6,18 +6,19 @@ Out: two tables: bits per pixel up to each stage, and NEQ of every linear pictur
 
 from __future__ import annotations
 
-from typing import Any
+from rich.console import Console
 
 from etendue.cli import options
 from etendue.cli.saying import tell
 from etendue.present.terminal.terminal import _out, _print_whole, escape
 from etendue.result_files import finite
+from etendue.types.documents import Document
 from etendue_lab.information.study import information as measure
 
 KINDS = {"photons": "shot noise alone, no blur", "blur": "blurs", "noise": "adds noise"}
 
 
-def print_information(document: dict[str, Any]) -> None:
+def print_information(document: Document) -> None:
     """Print where bits are lost, and how far measurement and prediction differ."""
     console = _out()
     electrons = ", ".join(f"{channel} {value:.0f}" for channel, value in document["electrons"].items())
@@ -71,7 +72,7 @@ def print_information(document: dict[str, Any]) -> None:
         console.print(f"note: {escape(note)}")
 
 
-def _print_curves(console: Any, curves: list[dict[str, Any]]) -> None:
+def _print_curves(console: Console, curves: list[Document]) -> None:
     frequency = curves[0]["cycles_per_pixel"]
     shown = [min(range(len(frequency)), key=[abs(f - at) for f in frequency].__getitem__) for at in (0.125, 0.25, 0.5)]
     columns = (

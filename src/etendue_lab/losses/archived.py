@@ -6,11 +6,10 @@ Out: the document of ``losses.study`` for that camera, from the pipeline that th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
 
 from etendue.archive.records.rerun import recorded
 from etendue.contract.registry import installed_stages
@@ -19,6 +18,7 @@ from etendue.errors import EtendueError
 from etendue.pipeline.derived import at_value
 from etendue.pipeline.file import PipelineFile
 from etendue.result_files import finite
+from etendue.types.documents import Document, Place
 from etendue_lab.compare.axis import SENSOR
 from etendue_lab.losses.study import RUNS, losses
 
@@ -30,25 +30,21 @@ ABOUT = (
 )
 
 
-def losses_at(
-    folder: Path, at: Mapping[str, Any], told: Callable[[str], None] = lambda text: None, runs: int = RUNS
-) -> dict[str, Any]:
+def losses_at(folder: Path, at: Place, told: Callable[[str], None] = lambda text: None, runs: int = RUNS) -> Document:
     """Return Shapley values of the camera at given values of its axes, ``{dim: value}``; if there are none, ``why``.
 
     Only cameras with a grey card and, for colour, at most ``runs`` with the scene are computed; the archive itself is
     not recomputed.
     """
     try:
-        found: dict[str, Any] = finite(
-            losses(camera_at(folder, at), installed_stages(), runs=runs, told=told).document()
-        )
+        found: Document = finite(losses(camera_at(folder, at), installed_stages(), runs=runs, told=told).document())
     except EtendueError as error:
         return {"losses": [], "notes": [], "why": str(error).strip().split("\n")[-1]}
     shown = [{**loss, "value": loss["camera"]} for loss in found["losses"]]  # the key that the page and plots expect
     return {**found, "losses": shown, "about": ABOUT, "why": ""}
 
 
-def camera_at(folder: Path, at: Mapping[str, Any]) -> PipelineFile:
+def camera_at(folder: Path, at: Place) -> PipelineFile:
     """Return the pipeline of an archive's last run without its sweep: every axis at one of its values.
 
     Raises

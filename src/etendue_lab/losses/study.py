@@ -25,6 +25,7 @@ from etendue.pipeline import derived
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
+from etendue.types.documents import Document
 from etendue_camera.colour import difference
 from etendue_camera.roles import Displaying
 from etendue_lab.compare.axis import one_camera
@@ -49,7 +50,7 @@ class LossReport:
     games: list[Game] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the report as JSON."""
         return {
             "pipeline": self.pipeline,
@@ -258,7 +259,7 @@ class _Cameras:
 # -- JSON ---------------------------------------------------------------------------------------------------------
 
 
-def _document(game: Game) -> dict[str, Any]:
+def _document(game: Game) -> Document:
     found = game.shares
     stages = [
         {

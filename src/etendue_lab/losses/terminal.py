@@ -13,12 +13,13 @@ from etendue.cli.saying import tell
 from etendue.present.terminal.progress import trying
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.result_files import finite
+from etendue.types.documents import Document
 from etendue_lab.losses.study import losses as measure
 
 PAIRS = 3  # number of listed pairs with the strongest interactions
 
 
-def print_losses(document: dict[str, Any]) -> None:
+def print_losses(document: Document) -> None:
     """Print shares of contrast, signal-to-noise ratio and colour."""
     console = _out()
     console.print(f"{document['pipeline']}: each stage's share of the loss, relative to the camera with ideal stages")

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import RequestError
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera import spectra
 from etendue_camera.colour.difference import lab
 from etendue_camera.colour.matrices import von_kries_matrix, xyz_from_xy
@@ -37,7 +39,7 @@ ORDER = "dark skin, bluish green, black, white"
 
 
 @cache
-def reference() -> tuple[tuple[str, ...], Any, Any]:
+def reference() -> tuple[tuple[str, ...], Array, Array]:
     """Return names, L*a*b* (3, 24) and the XYZ of white: the mean of 30 charts under D50 for the CIE 1931 observer."""
     light = spectra.illuminant(WHITE, OBSERVED) * np.diff(OBSERVED)
     seen = spectra.colour_matching(OBSERVED)
@@ -57,7 +59,7 @@ def to_lab(space: str) -> Callable[[Any], Any]:
     return lambda rgb: lab(np.tensordot(adapted, rgb, 1), white)
 
 
-def measured_chart(photograph: PhotographFile, text: str, space: str, confidence: float) -> dict[str, Any]:
+def measured_chart(photograph: PhotographFile, text: str, space: str, confidence: float) -> Document:
     """Measure the 24 patches.
 
     Raises
@@ -130,7 +132,7 @@ def _errors(
     return as_is, colour_errors(exposed, convert, goal, confidence, draws=draws), gain
 
 
-def _luminance(lightness: Any) -> Any:
+def _luminance(lightness: Array) -> Any:
     """Return Y from L*, 1 at white."""
     f = (np.asarray(lightness) + 16) / 116
     return np.where(f > 6 / 29, f**3, 3 * (6 / 29) ** 2 * (f - 4 / 29))
@@ -168,7 +170,7 @@ def _between(name: str, value: float, reach: float) -> dict[str, float]:
     return {name: float(value), f"{name}_low": max(float(value - reach), 0.0), f"{name}_high": float(value + reach)}
 
 
-def _summary(found: ColourErrors, names: tuple[str, ...]) -> dict[str, Any]:
+def _summary(found: ColourErrors, names: tuple[str, ...]) -> Document:
     worst = int(found.delta_e.argmax())
     return {
         **_between("mean", found.mean, found.mean_reach),

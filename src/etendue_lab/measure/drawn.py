@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.documents import Document
 from etendue_lab.measure.photograph import ENCODED, PhotographFile, open_photograph
 
 WIDEST, INCHES = 1600, 9.0  # maximum pixels drawn along the longer side; its length in inches
@@ -21,7 +22,7 @@ GREY = (0.2126, 0.7152, 0.0722)
 DARK = {"facecolor": "black", "alpha": 0.6, "edgecolor": "none", "pad": 1.5}
 
 
-def drawn(path: Path, document: dict[str, Any]) -> Plot:
+def drawn(path: Path, document: Document) -> Plot:
     """Plot the picture with every edge, star, patch and chart of a document."""
     encoding = "linear" if document["encoding"] == "raw" else document["encoding"]
     photograph = open_photograph(path, encoding, GREY)
@@ -77,7 +78,7 @@ def drawn(path: Path, document: dict[str, Any]) -> Plot:
     return Plot(figure, ("kind", "region", "measured"), numbers)
 
 
-def _outlined(axes: Any, kind: str, one: dict[str, Any], place: list[float], colour: str) -> tuple[float, float]:
+def _outlined(axes: Any, kind: str, one: Document, place: list[float], colour: str) -> tuple[float, float]:
     """Outline a region; return the position of its text."""
     from matplotlib.patches import Circle, Polygon, Rectangle
 
@@ -106,13 +107,13 @@ def _words(axes: Any, x: float, y: float, width: float, height: float) -> tuple[
     )
 
 
-def _response(one: dict[str, Any]) -> str:
+def _response(one: Document) -> str:
     between = f" ({one['mtf50_low']:.3f} to {one['mtf50_high']:.3f})"
     found = "MTF50 not reached" if math.isnan(one["mtf50"]) else f"MTF50 {one['mtf50']:.3f}{between}\ncycles/pixel"
     return found + (", doubtful" if one.get("doubts") else "") + (", not covered" if one.get("not_covered") else "")
 
 
-def _noise(one: dict[str, Any]) -> str:
+def _noise(one: Document) -> str:
     own = one["channels"][-1]
     sigma = own["linear"]["sigma"]
     text = (

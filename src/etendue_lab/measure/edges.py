@@ -13,6 +13,8 @@ import numpy as np
 import scipy
 
 from etendue.errors import RequestError
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera.electronics.rounding import both, lasting_error
 from etendue_camera.resolution.edges.edge_interval import CLIPPED, EdgeResolution, edge_resolution
 from etendue_camera.resolution.edges.edge_rewritten import AGAIN
@@ -67,7 +69,7 @@ REGIONS = (
 )
 
 
-def measured_edge(photograph: PhotographFile, text: str, channel: str, confidence: float) -> dict[str, Any]:
+def measured_edge(photograph: PhotographFile, text: str, channel: str, confidence: float) -> Document:
     """Measure one edge.
 
     Raises
@@ -106,10 +108,10 @@ def measured_edge(photograph: PhotographFile, text: str, channel: str, confidenc
     )
 
 
-def _measured_in(photograph: PhotographFile, region: PixelWindow, channel: str, confidence: float) -> dict[str, Any]:
+def _measured_in(photograph: PhotographFile, region: PixelWindow, channel: str, confidence: float) -> Document:
     """Measure the one edge of a region; if the region also holds something else, use the strip whose box it is."""
     refusal: RequestError | None = None
-    whole: dict[str, Any] = {}
+    whole: Document = {}
     try:
         whole = _measured(photograph, region, channel, confidence)
     except RequestError as error:
@@ -146,7 +148,7 @@ def _why(refusals: list[str], why: list[str]) -> str:
 
 def _measured(
     photograph: PhotographFile, place: PixelWindow, channel: str, confidence: float, strip: Any = None
-) -> dict[str, Any]:
+) -> Document:
     """Measure the edge in a rectangle, or that of the pixels of a strip in it."""
     what = f"--edge {place}"
     if strip is not None:
@@ -213,7 +215,7 @@ def _untried(photograph: PhotographFile, channel: str, found: EdgeResolution, st
 
 def _intervals(
     photograph: PhotographFile, levels: tuple[float, ...], found: EdgeResolution, confidence: float
-) -> dict[str, Any]:
+) -> Document:
     """Return intervals that combine noise with the effects of the file, added in squares, and these effects relative to
     MTF50.
     """
@@ -284,7 +286,7 @@ def _wider(value: float, low: float, high: float, doubt: float, higher: float = 
     return max(value - max(below - higher * value, 0.0), 0.0), value + above + higher * value
 
 
-def _said(why: str, seen: bool, image: Any) -> str:
+def _said(why: str, seen: bool, image: Array) -> str:
     """Return why an edge cannot be measured; a visible step is not reported as lost in noise."""
     if not seen and float(np.ptp(image)) > 0:
         return HIDDEN
@@ -312,7 +314,7 @@ def _widened(first: int, length: int, size: int) -> tuple[int, int]:
     return begin, end - begin
 
 
-def _shape(what: str, image: Any, sites: Any) -> EdgeShape | None:
+def _shape(what: str, image: Array, sites: Any) -> EdgeShape | None:
     """Return the shape of the edge in a region; refuse one along the raster."""
     try:
         shape = edge_shape(image, sites)
@@ -327,7 +329,7 @@ def _stands(shape: EdgeShape) -> str:
     return f"{abs(shape.angle):.1f} degrees from the {'columns' if shape.vertical else 'rows'}"
 
 
-def _check_straight(what: str, found: EdgeResolution, shape: EdgeShape | None, image: Any, sites: Any) -> None:
+def _check_straight(what: str, found: EdgeResolution, shape: EdgeShape | None, image: Array, sites: Any) -> None:
     """Refuse an edge that no cubic follows: the residual of the fit exceeds its noise."""
     step = 1 / found.snr if found.snr > 0 else math.inf
     if step <= MISFIT or step <= TIMES * _noise(image, sites) / _step(image, sites):
@@ -338,12 +340,12 @@ def _check_straight(what: str, found: EdgeResolution, shape: EdgeShape | None, i
     )
 
 
-def _step(image: Any, sites: Any) -> float:
+def _step(image: Array, sites: Any) -> float:
     low, high = np.percentile(image if sites is None else image[sites], (5, 95))
     return max(float(high - low), 1e-300)
 
 
-def _noise(image: Any, sites: Any) -> float:
+def _noise(image: Array, sites: Any) -> float:
     """Return the rms noise of a pixel, from the median of differences between neighbours of one colour along the
     smoother direction.
     """

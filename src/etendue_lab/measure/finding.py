@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.types.arrays import Array
 from etendue_camera.resolution.edges.edge_region import FoundEdge, find_edges
 from etendue_lab.measure.photograph import PhotographFile
 from etendue_lab.measure.regions import PixelWindow
@@ -94,7 +95,7 @@ def _place(found: FoundEdge) -> EdgePlace:
     return EdgePlace(PixelWindow(left, top, right - left, bottom - top), found.strip)
 
 
-def _in_parts(image: Any, sites: Any) -> tuple[list[FoundEdge], list[str]]:
+def _in_parts(image: Array, sites: Any) -> tuple[list[FoundEdge], list[str]]:
     """Return edges of the whole picture and of its parts, in which other features are the strongest."""
     found, why = [], []
     for top, bottom, left, right in _parts(*image.shape):
@@ -169,7 +170,7 @@ def _smaller(photograph: PhotographFile, sites: Any, factor: int) -> Any:
     """Return block means of all channels; of one colour if there are sites."""
     rows, columns = photograph.rows // factor, photograph.columns // factor
 
-    def total(plane: Any) -> Any:
+    def total(plane: Array) -> Any:
         return (
             plane[: rows * factor, : columns * factor]
             .reshape(rows, factor, columns, factor)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import RequestError
+from etendue.types.documents import Document
 from etendue_camera.quality.patch_noise import PatchNoise, patch_noise
 from etendue_lab.measure.photograph import PhotographFile
 from etendue_lab.measure.regions import window
@@ -24,7 +25,7 @@ KEPT = 0.5  # relative to the mean step of a JPEG's table: noise (numbers of the
 UNEVEN, MOST = 0.02, 0.7  # relative to the mean, and to the noise itself
 
 
-def measured_noise(photograph: PhotographFile, text: str, confidence: float) -> dict[str, Any]:
+def measured_noise(photograph: PhotographFile, text: str, confidence: float) -> Document:
     """Measure one patch.
 
     Raises
@@ -95,7 +96,7 @@ def _check_even(what: str, name: str, found: PatchNoise, step: float) -> None:
         )
 
 
-def _said(found: PatchNoise) -> dict[str, Any]:
+def _said(found: PatchNoise) -> Document:
     snr = asdict(found.snr)
     return {
         "mean": asdict(found.mean),

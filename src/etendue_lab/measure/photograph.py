@@ -15,6 +15,8 @@ import numpy as np
 
 from etendue import plain_files
 from etendue.errors import RequestError
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera.colour import encoding as transfer
 from etendue_camera.picture_files import check_directories, read_picture
 from etendue_camera.quality.block_coding import BLOCK, coded
@@ -44,13 +46,13 @@ RAW = frozenset(
 )
 MOST_PIXELS = 160_000_000  # Pillow opens at most 179 million
 INSTALL = "pip install 'etendue[raw]'"
-LINEARISED: dict[str, Any] = {
+LINEARISED: Document = {
     "sRGB": transfer.srgb_decode,
     "BT.709": transfer.bt709_decode,
     "linear": lambda values: values,
 }
 
-ENCODED: dict[str, Any] = {
+ENCODED: Document = {
     "sRGB": transfer.srgb_encode,
     "BT.709": transfer.bt709_encode,
     "linear": lambda values: values,
@@ -156,7 +158,7 @@ class PhotographFile:
         """Whether the file holds rounded cosine transforms of blocks."""
         return self.table is not None
 
-    def written(self, linear: Any, rng: np.random.Generator) -> Any:
+    def written(self, linear: Array, rng: np.random.Generator) -> Any:
         """Return a plane in linear light after compression as in this file, with random block position and level
         offsets.
         """
@@ -183,7 +185,7 @@ class PhotographFile:
         top = (part >= self.full).any(-1)
         return top if self.is_raw else top | (part <= 0).any(-1)
 
-    def _decoded(self, values: Any) -> Any:
+    def _decoded(self, values: Array) -> Any:
         return LINEARISED[self.encoding](np.asarray(values, np.float64) / self.full)
 
 

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import RequestError
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera.resolution.star_interval import Bootstrap, count_cycles, star_resolution
 from etendue_lab.measure.photograph import PhotographFile
 from etendue_lab.measure.regions import Circle, circle
@@ -21,7 +23,7 @@ ROOM = 2  # pixels around the star
 
 def measured_star(
     photograph: PhotographFile, text: str, channel: str, cycles: int | None, confidence: float
-) -> dict[str, Any]:
+) -> Document:
     """Measure one star.
 
     Raises
@@ -66,7 +68,7 @@ def measured_star(
     }
 
 
-def _cycles(image: Any, place: Circle, first: tuple[int, int], sites: Any, given: int | None) -> str:
+def _cycles(image: Array, place: Circle, first: tuple[int, int], sites: Any, given: int | None) -> str:
     """Return advice on the number of cycles."""
     if given is None:
         return "; give its number of periods per turn with --cycles N"

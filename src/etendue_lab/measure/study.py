@@ -13,6 +13,7 @@ from typing import Any
 
 from etendue.errors import RequestError
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.documents import Document
 from etendue_camera import spectra
 from etendue_camera.colour_notes import is_named
 from etendue_lab.measure.chart import measured_chart
@@ -40,7 +41,7 @@ class MeasurementRequest:
     pitch: float | None = None  # um
 
 
-def measure(path: Path, asked: MeasurementRequest) -> dict[str, Any]:
+def measure(path: Path, asked: MeasurementRequest) -> Document:
     """Measure a photograph.
 
     Raises
@@ -86,7 +87,7 @@ def measure(path: Path, asked: MeasurementRequest) -> dict[str, Any]:
     return {**document, "notes": [*notes, *(chart.pop("notes") if chart else [])]}
 
 
-def _beside(row: dict[str, Any], pitch: float | None, rows: int) -> dict[str, Any]:
+def _beside(row: Document, pitch: float | None, rows: int) -> Document:
     """Add MTF50 in line widths per picture height, and in cycles/mm if the pixel pitch (um) is known."""
     found = {**row, "mtf50_lw_ph": 2 * rows * row["mtf50"]}
     if pitch is not None:
@@ -94,7 +95,7 @@ def _beside(row: dict[str, Any], pitch: float | None, rows: int) -> dict[str, An
     return found
 
 
-def curves(document: dict[str, Any]) -> Plot:
+def curves(document: Document) -> Plot:
     """Return the responses of edges and stars as a plot with its numbers."""
     measured = [("edge", one, one["region"]) for one in document["edges"]] + [
         ("star", one, one["star"]) for one in document["stars"]

@@ -10,13 +10,15 @@ import math
 from pathlib import Path
 from typing import Any
 
-from etendue.contract.units import UnitError, to_unit
+from rich.console import Console
 
 from etendue.cli import options
 from etendue.cli.saying import tell
+from etendue.contract.values.units import UnitError, to_unit
 from etendue.errors import RequestError
 from etendue.present.plots.plot import check_suffix
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.types.documents import Document
 from etendue_lab.measure import study
 from etendue_lab.measure.drawn import drawn
 
@@ -43,7 +45,7 @@ UNTRIED = {
 }
 
 
-def print_photograph(document: dict[str, Any]) -> None:
+def print_photograph(document: Document) -> None:
     """Print every metric with its interval."""
     console = _out()
     console.print(
@@ -62,7 +64,7 @@ def print_photograph(document: dict[str, Any]) -> None:
         console.print(f"note: {escape(note)}")
 
 
-def _print_responses(console: Any, title: str, where: str, rows: list[dict[str, Any]], pitch: float | None) -> None:
+def _print_responses(console: Console, title: str, where: str, rows: list[Document], pitch: float | None) -> None:
     edges = where == "region"
     columns = [
         (where, "left"),
@@ -101,7 +103,7 @@ def _print_responses(console: Any, title: str, where: str, rows: list[dict[str, 
             )
 
 
-def _print_noise(console: Any, patch: dict[str, Any]) -> None:
+def _print_noise(console: Console, patch: Document) -> None:
     columns = (
         ("channel", "left"),
         ("mean", "right"),
@@ -134,7 +136,7 @@ def _print_noise(console: Any, patch: dict[str, Any]) -> None:
         console.print(f"{patch['region']}: not covered: noise removed by JPEG is unknown")
 
 
-def _print_chart(console: Any, chart: dict[str, Any]) -> None:
+def _print_chart(console: Console, chart: Document) -> None:
     columns = (
         ("patch", "left"),
         ("as photographed", "right"),
@@ -151,11 +153,11 @@ def _print_chart(console: Any, chart: dict[str, Any]) -> None:
     console.print(f"exposed: after a gain of {chart['gain']:.4g}, which brings the greys to their reference brightness")
 
 
-def _apart(row: dict[str, Any], name: str) -> str:
+def _apart(row: Document, name: str) -> str:
     return f"{row[f'{name}_low']:.2f} to {row[f'{name}_high']:.2f}"
 
 
-def _range(estimate: dict[str, Any], scale: float = 1.0) -> str:
+def _range(estimate: Document, scale: float = 1.0) -> str:
     return f"{_text(scale * estimate['low'], 4)} to {_text(scale * estimate['high'], 4)}"
 
 

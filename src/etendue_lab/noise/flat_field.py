@@ -27,6 +27,7 @@ from etendue.errors import RequestError
 from etendue.pipeline.derived import each, given
 from etendue.pipeline.file import PipelineFile, StageEntry
 from etendue.plan.model import CellRef, Node, Plan
+from etendue.types.arrays import Array
 from etendue_camera.roles import FlatScene, Scaled
 from etendue_camera.sensor import cfa
 from etendue_lab.compare import installed
@@ -120,7 +121,9 @@ def followed(plan: Plan, notes: list[str], what: str, file: str) -> list[str]:
 class FlatField:
     """The linear mosaic of a grey card, and the stages after it."""
 
-    def __init__(self, plan: Plan, first: Node, arrays: list[dict[CellRef, dict[str, Any]]], notes: list[str]) -> None:
+    def __init__(
+        self, plan: Plan, first: Node, arrays: list[dict[CellRef, dict[str, Array]]], notes: list[str]
+    ) -> None:
         self.plan, self.first, self.arrays, self.notes = plan, first, arrays, notes
         self.ref: CellRef = (first.name, ())
         if why := several(plan, first, MOSAIC):
@@ -197,7 +200,7 @@ class FlatField:
         full = scale.electrons()
         return {channel: sum(stage.variance(charge) for stage in noisy) / full**2 for channel, charge in signal.items()}
 
-    def flat_mosaic(self, mosaics: list[Any]) -> Any:
+    def flat_mosaic(self, mosaics: list[Array]) -> Any:
         """Return a mosaic with uniform channels, as large as the frame."""
         flat = np.empty((self.rows, self.columns))
         for y, x in np.ndindex(self.mask.shape):
@@ -228,7 +231,7 @@ class FlatField:
         return [((y, x), float(v * w)) for y, v in lines[0] for x, w in lines[1]]
 
     def responses(
-        self, flat: Any, found: Mapping[tuple[int, int], float], modelled: bool
+        self, flat: Array, found: Mapping[tuple[int, int], float], modelled: bool
     ) -> dict[tuple[str, str], list[tuple[Any, Any, float]]]:
         """Return for each picture, at several places of the frame: its response to a step of one pixel, (position in
         the mosaic cell, channel, y, x), the variance of these pixels, and the weight of the place.
@@ -284,7 +287,7 @@ class FlatField:
                 reached.add(node.name)
         return [node.name for node in self.plan.nodes if node.name in reached - {self.first.name}]
 
-    def run(self, behind: list[str], mosaic: Any) -> dict[tuple[str, str], Any]:
+    def run(self, behind: list[str], mosaic: Array) -> dict[tuple[str, str], Any]:
         """Return the pictures that later stages make from another mosaic."""
         results = {ref: Result(arrays=dict(found)) for ref, found in self.arrays[0].items()}
         results[self.ref] = Result(arrays={**results[self.ref].arrays, MOSAIC: mosaic})

@@ -7,7 +7,8 @@ Out: a document.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+
+from etendue.types.documents import Document
 
 
 @dataclass
@@ -38,7 +39,7 @@ class NoiseReport:
     rows: list[StageNoise] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the report as JSON."""
         rows = []
         for row in self.rows:

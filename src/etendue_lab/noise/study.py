@@ -30,6 +30,7 @@ from etendue.pipeline.file import PipelineFile
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
+from etendue.types.arrays import Array
 from etendue_camera.colour import noise_propagation as propagation
 from etendue_camera.roles import Scaled
 from etendue_lab.compare.axis import one_camera
@@ -178,7 +179,7 @@ class _Measurement(FlatField):
             [(float(next_to[0][i, i]), float(next_to[1][i, i])) for i in range(len(names))],
         )
 
-    def _without_pattern(self, frames: Any) -> Any:
+    def _without_pattern(self, frames: Array) -> Any:
         """Subtract what repeats with the mosaic cell: a demosaicer may leave the mosaic's own pattern on a flat
         field.
         """

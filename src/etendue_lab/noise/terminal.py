@@ -6,15 +6,14 @@ Out: two tables: the mosaic, and every picture made from it.
 
 from __future__ import annotations
 
-from typing import Any
-
 from etendue.cli import options
 from etendue.cli.saying import tell
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.types.documents import Document
 from etendue_lab.noise.study import noise as measure
 
 
-def print_noise(document: dict[str, Any]) -> None:
+def print_noise(document: Document) -> None:
     """Print predicted and measured noise side by side."""
     console = _out()
     frames = "1 frame" if document["frames"] == 1 else f"{document['frames']} frames"
@@ -76,11 +75,11 @@ def print_noise(document: dict[str, Any]) -> None:
         console.print(f"note: {escape(note)}")
 
 
-def _found(row: dict[str, Any]) -> str:
+def _found(row: Document) -> str:
     return f"{row['found']:.3e} +- {row['standard_error']:.0e}"
 
 
-def _ratio(row: dict[str, Any]) -> str:
+def _ratio(row: Document) -> str:
     """Return measured over predicted."""
     return f"{row['found'] / row['predicted']:.3f}" if row["predicted"] else ""
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from etendue.types.arrays import Array
 from etendue_camera.colour import difference
 from etendue_camera.colour.matrices import apply_matrix
 from etendue_camera.quality import artefacts, fidelity, scielab
@@ -109,7 +110,7 @@ def figures(shot: Shot, ideal: Shot, samples_per_degree: float) -> tuple[dict[st
     return found, shown, flat
 
 
-def flat_region(xyz: Any) -> Flat | None:
+def flat_region(xyz: Array) -> Flat | None:
     """Return the largest uniform square of a noise-free picture; of several, the one closest to a grey card.
 
     Uniform means that in the square and 3 pixels around it no plane's standard deviation exceeds 0.2 % of its mean, and
@@ -132,7 +133,7 @@ def flat_region(xyz: Any) -> Flat | None:
     return None
 
 
-def without_slope(patch: Any) -> Any:
+def without_slope(patch: Array) -> Any:
     """Return a patch (channel, y, x) without its best-fitting plane: the mean stays, slow shading is removed."""
     patch = np.asarray(patch, np.float64)
     y, x = (np.arange(n) - (n - 1) / 2 for n in patch.shape[1:])
@@ -155,7 +156,7 @@ def _as_exposed(shot: Shot, ideal: Shot) -> Any:
     return shot.rgb_camera * scale.astype(shot.rgb_camera.dtype)[:, None, None]
 
 
-def _box_means(planes: Any, size: int) -> Any:
+def _box_means(planes: Array, size: int) -> Any:
     """Return means over every inner square of a size, at its first corner."""
     means = scipy.ndimage.uniform_filter(planes, (0, size, size), mode="nearest")
     before = size // 2

@@ -23,6 +23,7 @@ from etendue.contract.stage import Stage, parameters_of, reads_of, writes_of
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.derived import origin_without, wanting, without_stages
 from etendue.pipeline.file import PipelineFile, StageEntry
+from etendue.types.documents import Document, DocumentView
 from etendue_camera.roles import DISTORTION, LENS, RESTORING, SHADING, InSilicon
 from etendue_lab.compare.axis import without_sweep
 from etendue_lab.compare.branches import ReferenceBranch, nodes_of, writer
@@ -193,13 +194,13 @@ def _notes(pipeline: PipelineFile, kinds: Kinds, out: Mapping[str, str], shaded:
 # -- what stays as written ------------------------------------------------------------------------------------------
 
 
-def _still_there(sweep: Mapping[str, Any], out: Collection[str], replaced: Mapping[str, str]) -> dict[str, Any]:
+def _still_there(sweep: DocumentView, out: Collection[str], replaced: Mapping[str, str]) -> Document:
     return {
         key: value for key, value in sweep.items() if key.partition(".")[0] not in {*out, *replaced} or "." not in key
     }
 
 
-def _asked_for(values: Mapping[str, Any], entries: list[StageEntry], registry: Registry) -> dict[str, Any]:
+def _asked_for(values: DocumentView, entries: list[StageEntry], registry: Registry) -> Document:
     """Return the camera quantities that some stage takes; keys of stages are unchanged."""
     kinds = [_kind(entry, registry) for entry in entries]
     taken = {

@@ -26,6 +26,7 @@ from etendue.plan.planner import make_plan
 from etendue.present.terminal.tables import floored
 from etendue.result_files import check_folder, finite, write_whole
 from etendue.session import Options, Outcome, execute
+from etendue.types.documents import Document
 from etendue_camera.colour.matrices import RGB_TO_XYZ_SRGB
 from etendue_camera.roles import Displaying
 from etendue_lab.quality.figures import FLAT_SIZES, UNITS, Shot, figures
@@ -55,7 +56,7 @@ class IdealComparison:
     ideal: Ideal
     samples_per_degree: float
     axes: dict[str, str]  # key -> unit
-    rows: list[dict[str, Any]] = field(default_factory=list)
+    rows: list[Document] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     pictures: dict[str, bytes] = field(default_factory=dict)  # PNG by file name
@@ -64,7 +65,7 @@ class IdealComparison:
     def failed(self) -> int:
         return sum(row["status"] != "done" for row in self.rows)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the comparison as JSON. Unknown metrics are NaN in the rows; they become null in files."""
         return {
             "pipeline": self.pipeline,
@@ -160,13 +161,13 @@ def quality(
     return result
 
 
-def _unmeasured(plan: Plan, place: Mapping[str, int]) -> dict[str, Any]:
+def _unmeasured(plan: Plan, place: Mapping[str, int]) -> Document:
     """Return a row before anything is measured."""
     at = {axis.key: axis.values[place[axis.dim]] for axis in plan.axes}
     return {**at, "status": "done", "reason": "", **dict.fromkeys((*UNITS, *SCALARS), math.nan), "flat": None}
 
 
-def _measured(row: dict[str, Any], shot: Shot, reference: Shot, samples_per_degree: float) -> Any:
+def _measured(row: Document, shot: Shot, reference: Shot, samples_per_degree: float) -> Any:
     """Add metrics to a row, or the reason why there are none; return the map of differences, if any."""
     try:
         found, shown, flat = figures(shot, reference, samples_per_degree)

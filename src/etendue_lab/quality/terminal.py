@@ -14,14 +14,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from etendue.contract.drawn import Drawn
 from rich.console import Console
 from rich.table import Table
 
 from etendue.cli import options
 from etendue.cli.saying import tell
+from etendue.contract.arrays.drawn import Drawn
 from etendue.present.pictures.appearance import Appearance, rendered
 from etendue.present.terminal.terminal import _out, _table, escape, short_axes
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 from etendue_camera.seen import of_channel
 from etendue_lab.quality.figures import Shot
 from etendue_lab.quality.study import Show, _cell, write
@@ -56,7 +58,7 @@ LONGEST, GAP = 512, 12  # screen pixels: approximate longer side of a picture; g
 LEAST_SCALE = 5.0  # minimum CIEDE2000 at the top of the colour bar
 
 
-def print_quality(document: dict[str, Any]) -> None:
+def print_quality(document: Document) -> None:
     """Print one line for each cell, and what was compared."""
     console = _out()
     known = [c for c in COLUMNS if any(_known(row[c[0]]) for row in document["rows"])]
@@ -75,7 +77,7 @@ def print_quality(document: dict[str, Any]) -> None:
 
 
 def _print_remarks(
-    console: Console, document: dict[str, Any], axes: list[tuple[str, str]], more: list[tuple[str, str, str]]
+    console: Console, document: Document, axes: list[tuple[str, str]], more: list[tuple[str, str, str]]
 ) -> None:
     """Print the remarks below the table."""
     ideal = document["ideal"]
@@ -105,7 +107,7 @@ def _print_remarks(
 
 
 def _fitting(
-    console: Console, rows: list[dict[str, Any]], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]
+    console: Console, rows: list[Document], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]
 ) -> tuple[Table, list[tuple[str, str, str]]]:
     """Return the table with as many columns as fit the terminal, and the omitted columns."""
     table, more = _rows(rows, axes, known), []
@@ -118,7 +120,7 @@ def _fitting(
     return table, more
 
 
-def _rows(rows: list[dict[str, Any]], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]) -> Table:
+def _rows(rows: list[Document], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]) -> Table:
     heads = [name for _, name in axes] + [name.replace(" ", "\n", 1) for _, name, _ in known]
     table = _table("", *((name, "right") for name in heads))
     for row in rows:
@@ -137,7 +139,7 @@ def _line(console: Console, word: str, text: str) -> None:
     console.print(f"{word:<10}{escape(text)}", soft_wrap=True)
 
 
-def side_by_side(picture: Any, reference: Any, shown: Any, white: Any, title: str) -> bytes:
+def side_by_side(picture: Array, reference: Array, shown: Any, white: Any, title: str) -> bytes:
     """Return camera, ideal camera and the map of CIEDE2000 as one PNG, at a whole number of screen pixels per pixel.
 
     ``picture`` and ``reference`` are XYZ within the range of their display, whose white is ``white``; they are shown as

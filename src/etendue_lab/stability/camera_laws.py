@@ -27,6 +27,7 @@ import scipy
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, writes_of
 from etendue.testing import measured
+from etendue.types.arrays import Array, FloatArray
 
 Document = dict[str, Any]
 Run = Callable[[Document], Any]  # from a document to its tree
@@ -141,7 +142,7 @@ class Failure(Exception):
         super().__init__(text)
 
 
-def array(tree: Any, stage: str, variable: str) -> Any:
+def array(tree: Any, stage: str, variable: str) -> Array:
     """Return an array of a tree whose stages have one shape."""
     return np.asarray(tree[stage][variable].values)
 
@@ -240,7 +241,7 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
     yield from white(display, clipped, largest)
 
 
-def monotone(found: Any, place: str, what: str, allowed: float = 0.0) -> Iterator[Broken]:
+def monotone(found: FloatArray, place: str, what: str, allowed: float = 0.0) -> Iterator[Broken]:
     """Check that values fall along the first axis by no more than rounding."""
     falls = -np.diff(found.astype(np.float64), axis=0)
     scale = max(1.0, float(np.abs(found).max())) if found.size else 1.0
@@ -256,7 +257,7 @@ def monotone(found: Any, place: str, what: str, allowed: float = 0.0) -> Iterato
         )
 
 
-def white(display: Any, clipped: Any, largest: float) -> Iterator[Broken]:
+def white(display: FloatArray, clipped: Array, largest: float) -> Iterator[Broken]:
     """Check (time, channel, y, x) where (time, y, x) says that the whole support is clipped, for a colour matrix with
     this largest element.
     """
@@ -270,7 +271,7 @@ def white(display: Any, clipped: Any, largest: float) -> Iterator[Broken]:
         yield Broken("white", f"a pixel{steep(largest)} whose support is all clipped is ({seen}) at x {TIMES[step]:g}")
 
 
-def rounding(display: Any, largest: float) -> float:
+def rounding(display: FloatArray, largest: float) -> float:
     """Return the rounding error of the picture's precision after a colour matrix with this element: at most 1e-3, a
     quarter of an 8-bit code.
     """

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from etendue.telling import said
+from etendue.types.arrays import Array
 from etendue_camera.colour import difference, encoding
 from etendue_camera.constants import ELEMENTARY_CHARGE
 from etendue_camera.electronics import distributions, dynamic_range
@@ -139,7 +140,14 @@ def rows_of_forms(names: frozenset[str]) -> Iterator[LawCase]:
 
 
 def judged(
-    stage: str, form: ClosedForm, law: str, case: str, given: list[float], expected: Any, condition: float, unit: float
+    stage: str,
+    form: ClosedForm,
+    law: str,
+    case: str,
+    given: list[float],
+    expected: Array,
+    condition: float,
+    unit: float,
 ) -> LawCase:
     """Return one case: the largest relative error of the kernel's result."""
     wanted = np.asarray([float(v) for v in expected] if isinstance(expected, list) else float(expected))

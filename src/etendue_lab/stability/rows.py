@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+
+from etendue.types.documents import Document
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def groups(rows: Iterable[LawCase]) -> list[LawCases]:
     return found
 
 
-def document(rows: Iterable[LawCase]) -> dict[str, Any]:
+def document(rows: Iterable[LawCase]) -> Document:
     """Return the document of ``etendue stability --json``."""
     return {
         "cases": [

@@ -8,7 +8,6 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from etendue.archive.journaling.journal import NAME as JOURNAL
 from etendue.archive.journaling.journal import Read, read
@@ -19,6 +18,7 @@ from etendue.archive.records.owner import is_running
 from etendue.archive.records.provenance import latest_record, record_paths
 from etendue.archive.write.compact import left_by_compact
 from etendue.errors import ArchiveError
+from etendue.types.documents import Document
 
 
 def refuse_changed(folder: Path, running: bool) -> None:
@@ -38,7 +38,7 @@ def refuse_changed(folder: Path, running: bool) -> None:
         raise damaged(folder, changed)
 
 
-def describe_archive(folder: Path) -> dict[str, Any]:
+def describe_archive(folder: Path) -> Document:
     """Return the stages with their variables and cells, axes, size, progress, and whether a run is active.
 
     Raises
@@ -80,7 +80,7 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     }
 
 
-def _stages(folder: Path, listing: disk.Listing, journal: Read, order: Iterable[str]) -> list[dict[str, Any]]:
+def _stages(folder: Path, listing: disk.Listing, journal: Read, order: Iterable[str]) -> list[Document]:
     """Return every stage with its variables, the number of its cells by status, and the progress of the last run."""
     counts: dict[str, dict[str, int]] = {}
     for (stage, status), count in journal.said.counts(journal.outdated).items():
@@ -97,7 +97,7 @@ def _stages(folder: Path, listing: disk.Listing, journal: Read, order: Iterable[
     ]
 
 
-def order_of(root: Path, record: dict[str, Any]) -> list[str]:
+def order_of(root: Path, record: Document) -> list[str]:
     """Return the stages in pipeline order: if two write the same variable, the later one wins."""
     attributes = (disk.read_document(root / "zarr.json") or {}).get("attributes", {})
     own = attributes.get("etendue") if isinstance(attributes, dict) else None
@@ -107,7 +107,7 @@ def order_of(root: Path, record: dict[str, Any]) -> list[str]:
     return list(record["nodes"])
 
 
-def progress(journal: Read, began: str = "") -> dict[str, Any]:
+def progress(journal: Read, began: str = "") -> Document:
     """Return the progress of the last run: cells asked for, cells present, and, if it is active since ``began``, cells
     per second and seconds left.
     """
@@ -119,7 +119,7 @@ def _ended(journal: Read) -> Mapping[str, int]:
     return Counter(cell.partition(" ")[0] for cell in journal.run.ended) if journal.run else Counter[str]()
 
 
-def _progress(journal: Read, ended: Mapping[str, int], of: Iterable[str] | None = None) -> dict[str, Any]:
+def _progress(journal: Read, ended: Mapping[str, int], of: Iterable[str] | None = None) -> Document:
     """Return how many cells the last run was asked for, and how many of them are present or have ended."""
     if journal.run is None:
         return {"planned": None, "finished": None}
@@ -159,7 +159,7 @@ def _instant(text: str) -> float:
         return math.inf
 
 
-def _variables(folder: Path, listing: disk.Listing, stage: str) -> list[dict[str, Any]]:
+def _variables(folder: Path, listing: disk.Listing, stage: str) -> list[Document]:
     """Return the arrays of a stage, without coordinates."""
     found = []
     top = f"data.zarr/{stage}"

@@ -24,6 +24,7 @@ from etendue.archive.records.manifest import DATA, DIGITS, Manifest, digest_of
 from etendue.archive.sharding.chunks import CODEC, RAW
 from etendue.archive.sharding.partition import pieces_of
 from etendue.archive.write.store import ArchiveWriter
+from etendue.types.documents import Document, DocumentView
 
 RECORD = ".json"
 
@@ -107,11 +108,11 @@ def _unkept(folder: Path, kept: Mapping[str, str], manifest: Manifest | None) ->
 
 def _blocks(
     folder: Path, axes: Mapping[str, Mapping[str, list[Any]]], stored: Stored
-) -> dict[str, dict[str, dict[str, Any]]]:
+) -> dict[str, dict[str, Document]]:
     """Return how variables are cut into shards, from their metadata, where that is intact and the journal does not
     say it.
     """
-    found: dict[str, dict[str, dict[str, Any]]] = {}
+    found: dict[str, dict[str, Document]] = {}
     for node in sorted(stored.nodes):
         group, _, name = node.rpartition("/")
         path = f"{DATA}/{node}/zarr.json"
@@ -133,7 +134,7 @@ def _blocks(
     return {group: own for group, own in whole.items() if known.get(group) != own}
 
 
-def _block(document: Mapping[str, Any], axes: int) -> dict[str, Any]:
+def _block(document: DocumentView, axes: int) -> Document:
     """Return the entry that the journal has for a block."""
     outer, shape = document["chunk_grid"]["configuration"]["chunk_shape"], document["shape"][axes:]
     shard = next((one["configuration"] for one in document["codecs"] if one["name"] == "sharding_indexed"), None)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import time
 from pathlib import Path
-from typing import Any
 
 from etendue import plain_files
 from etendue.archive.journaling.journal import NAME as JOURNAL
@@ -21,6 +20,7 @@ from etendue.archive.records.manifest import NAME as MANIFEST
 from etendue.archive.records.owner import is_running, is_written, owner_of
 from etendue.archive.write.compact import left_by_compact
 from etendue.errors import ArchiveError, ArchiveInUse
+from etendue.types.documents import Document
 
 STRAYS = "strays"  # where a repair puts what does not belong to an archive
 
@@ -79,7 +79,7 @@ def sha256_of(folder: Path) -> str:
     return found.hexdigest()
 
 
-def document(found: Verified) -> dict[str, Any]:
+def document(found: Verified) -> Document:
     """Return the result as the document that ``--json`` prints."""
     return {
         "archive": str(found.folder),

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from etendue.archive.journaling.entries import Entry
 from etendue.archive.records.provenance import in_words
 from etendue.contract.registry import installed_stages
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
+from etendue.types.documents import DocumentView
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Former:
     platform: str = ""
 
 
-def former_of(plan: Plan, record: Mapping[str, Any]) -> Former:
+def former_of(plan: Plan, record: DocumentView) -> Former:
     """Return the keys of the plan's cells on the platform of an earlier run."""
     then = planner.make_plan(plan.pipeline, installed_stages(), plan.leaves_out, versions=record["libraries"])
     own = {ref: cell.key for ref, cell in then.cells.items() if ref in plan.cells and cell.key != plan.cells[ref].key}

@@ -39,6 +39,7 @@ from etendue.archive.journaling.line_forms import (
 from etendue.archive.records import disk
 from etendue.archive.sharding.shards import Shard
 from etendue.archive.structure.layout import STATUS
+from etendue.types.documents import Document, DocumentView
 
 LONGEST_LINE = 32 << 20  # bytes; the longest, a run record with axes of 100,000 values, has a few megabytes
 # Errors of a damaged line; in older versions of msgspec, decoding errors are not ``ValueError``.
@@ -63,7 +64,7 @@ class Read:
     axes: dict[str, dict[str, list[Any]]] = field(default_factory=dict)
     arrays: dict[str, set[str]] = field(default_factory=dict)  # by group: the names of all arrays ever made in it
     # by group and variable: how it is split and encoded
-    blocks: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)
+    blocks: dict[str, dict[str, Document]] = field(default_factory=dict)
     shards: dict[str, Shard] = field(
         default_factory=dict
     )  # by path below the archive, as they were put in their places
@@ -113,7 +114,7 @@ class Journal:
         if whole != len(data):
             os.ftruncate(self.handle, whole)
 
-    def _append(self, lines: Iterable[dict[str, Any]]) -> None:
+    def _append(self, lines: Iterable[Document]) -> None:
         data = b"".join(summed(self.encoder.encode(line)) + b"\n" for line in lines)
         if data:
             assert self.handle is not None
@@ -198,7 +199,7 @@ class Journal:
         self._append({"event": "arrays", "group": group, "names": sorted(names)} for group, names in fresh.items())
         self.arrays.update(fresh)
 
-    def set_blocks(self, blocks: Mapping[str, Mapping[str, dict[str, Any]]]) -> None:
+    def set_blocks(self, blocks: Mapping[str, Mapping[str, Document]]) -> None:
         """Record how the variables of each group are split into shards, before any is created; growing axes keep it."""
         changed = {
             group: {name: dict(one) for name, one in own.items()}
@@ -309,7 +310,7 @@ def _says_something(line: bytes) -> bool:
     return True
 
 
-def _checked(line: bytes) -> dict[str, Any]:
+def _checked(line: bytes) -> Document:
     """Return a line as a document.
 
     Raises
@@ -328,7 +329,7 @@ def _checked(line: bytes) -> dict[str, Any]:
     return value
 
 
-def _take(found: Read, value: Mapping[str, Any]) -> None:
+def _take(found: Read, value: DocumentView) -> None:
     """Take one line; raise ``ValueError`` or ``TypeError`` if it lacks the form of its event."""
     event = value["event"]
     if not set(value) <= FIELDS[event]:
@@ -362,7 +363,7 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
         _take_of_a_cell(found, value)
 
 
-def _take_of_a_cell(found: Read, value: Mapping[str, Any]) -> None:
+def _take_of_a_cell(found: Read, value: DocumentView) -> None:
     """Take a line about a cell, in the form of this or any earlier version."""
     files, a_cell = files_of(value.get("files", ()))
     event, status = value["event"], value.get("status", "done")

@@ -12,6 +12,7 @@ import msgspec
 
 from etendue.archive.journaling.entries import EVENTS
 from etendue.contract.ports import WrittenChunk
+from etendue.types.documents import Document
 
 LARGEST = 2**62  # largest offset in a file
 
@@ -81,7 +82,7 @@ def kept_of(written: Any) -> tuple[tuple[str, int, int, int], ...]:
     return tuple(kept)
 
 
-def block_of(written: Any) -> dict[str, Any]:
+def block_of(written: Any) -> Document:
     words = {name: of_kind(str, written[name]) for name in ("codec", "form")}
     block = {"block": [of_kind(int, n) for n in written["block"]], **words, "pieces": of_kind(int, written["pieces"])}
     if "chunk" in written:

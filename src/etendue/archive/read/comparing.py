@@ -21,6 +21,7 @@ from etendue.contract.ports import CellReport, ContactSheet, Passing, WrittenChu
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select
+from etendue.types.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +118,7 @@ class ComparingKeeper(Passing):
         self.reports.update({self.names[r.stage, r.index]: r for r in reports})
         return {ref: {v: one for v, one in own.items() if (ref[0], v) in self.drawn} for ref, own in arrays.items()}
 
-    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+    def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
         return others
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:

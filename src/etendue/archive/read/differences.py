@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from etendue.archive.read.differing import Difference, between, together
 from etendue.archive.read.stored import Stored, StoredArrays
 from etendue.archive.records.provenance import latest_record, node_changes
 from etendue.errors import ArchiveError
+from etendue.types.documents import AxisValue, Document, DocumentView
 
 _LABEL = re.compile(r""" ([^ =]+)=('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|\S+)""")
 Place = tuple[str, frozenset[tuple[str, Any]]]  # a stage, and axis values by dim
@@ -68,8 +69,8 @@ class _Side:
         record = latest_record(folder)
         if record is None:
             raise ArchiveError(f"{folder} has no readable record of a run; check it with: etendue verify {folder}")
-        self.record: dict[str, Any] = record
-        self.cells: dict[str, tuple[str, dict[str, Any]]] = {name: _labels(name) for name in self.stored.finished}
+        self.record: Document = record
+        self.cells: dict[str, tuple[str, dict[str, AxisValue]]] = {name: _labels(name) for name in self.stored.finished}
         self.keys = {re.sub(r"\.use$", "", key).replace(".", "_"): key for key in record["axes"]}
         self.dims: dict[str, set[str]] = {}
         for stage, labels in self.cells.values():
@@ -95,7 +96,7 @@ class _Side:
         return found
 
 
-def _labels(name: str) -> tuple[str, dict[str, Any]]:
+def _labels(name: str) -> tuple[str, Document]:
     """Return stage and axis values from the name of a cell."""
     stage = name.split(" ")[0]
     labels = {}
@@ -151,7 +152,7 @@ def differences(
     return list(found.values())
 
 
-def _unswept(nodes: Mapping[str, Any], axes: set[str]) -> dict[str, Any]:
+def _unswept(nodes: DocumentView, axes: set[str]) -> Document:
     """Return the records of stages without the parameters that either archive sweeps: cells are matched by those
     values.
     """
@@ -164,7 +165,7 @@ def _unswept(nodes: Mapping[str, Any], axes: set[str]) -> dict[str, Any]:
     }
 
 
-def _elsewhere(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+def _elsewhere(one: DocumentView, other: DocumentView) -> str:
     changed = [
         f"{k} {v} -> {other['platform'].get(k)}" for k, v in one["platform"].items() if other["platform"].get(k) != v
     ]
@@ -201,7 +202,7 @@ def _bytes(cell: StoredArrays) -> list[tuple[Any, ...]]:
     ]
 
 
-def document(first: Path, second: Path, found: list[StageDifference]) -> dict[str, Any]:
+def document(first: Path, second: Path, found: list[StageDifference]) -> Document:
     """Return the comparison as the document that ``--json`` prints."""
     return {
         "first": str(first),
@@ -215,7 +216,7 @@ def document(first: Path, second: Path, found: list[StageDifference]) -> dict[st
     }
 
 
-def _alone(names: list[str], others: list[str]) -> dict[str, Any]:
+def _alone(names: list[str], others: list[str]) -> Document:
     """Count the cells that only one archive has, with the axis values that only they have."""
     own, there = ({(d, _plain(v)) for n in some for d, v in _labels(n)[1].items()} for some in (names, others))
     values: dict[str, list[Any]] = {}
@@ -224,7 +225,7 @@ def _alone(names: list[str], others: list[str]) -> dict[str, Any]:
     return {"cells": len(names), "values": values}
 
 
-def _stage(found: StageDifference) -> dict[str, Any]:
+def _stage(found: StageDifference) -> Document:
     known = [one for one in found.differing if one.difference is not None]
     worst = sorted(known, key=_size, reverse=True)[:WORST]
     return {
@@ -249,7 +250,7 @@ def _size(one: CellDifference) -> float:
     return one.difference.relative
 
 
-def _shown(one: CellDifference) -> dict[str, Any]:
+def _shown(one: CellDifference) -> Document:
     own = one.difference
     if own is None or own.shapes:
         return {"cell": one.cell, "variable": one.variable, "why": own.shapes if own else one.why}

@@ -10,11 +10,11 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from etendue.archive.read.tree import ROOT, Tree
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA, Manifest
+from etendue.types.documents import Document, DocumentView
 
 FRAMES = "frames"
 
@@ -42,7 +42,7 @@ def whole(files: Mapping[str, bytes]) -> bool:
     return own.held.items() <= files.items() and attrs.get("digest") == digest(files)
 
 
-def sealed(files: Mapping[str, bytes], attrs: Mapping[str, Any]) -> dict[str, bytes]:
+def sealed(files: Mapping[str, bytes], attrs: DocumentView) -> dict[str, bytes]:
     """Return the group of some pictures with their digest in its attributes."""
     own = Tree()
     own.put_group(FRAMES, attrs)
@@ -50,7 +50,7 @@ def sealed(files: Mapping[str, bytes], attrs: Mapping[str, Any]) -> dict[str, by
     return own.held
 
 
-def attributes(files: Mapping[str, bytes]) -> dict[str, Any]:
+def attributes(files: Mapping[str, bytes]) -> Document:
     """Return the attributes of the pictures."""
     try:
         found = json.loads(files.get(f"{FRAMES}/{ROOT}", b"{}"))["attributes"]

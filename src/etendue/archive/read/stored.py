@@ -28,6 +28,7 @@ from etendue.archive.sharding.unfolding import check_array
 from etendue.archive.structure.layout import STATUS
 from etendue.archive.structure.naming import cell_label
 from etendue.errors import ArchiveError
+from etendue.types.arrays import Array
 
 LEDGER = "ledger"
 LARGEST_TABLE = 128 << 20  # bytes of one column; enough for 16 million cells
@@ -85,7 +86,7 @@ class StoredArrays:
         except OSError:
             return None
 
-    def _array(self, chunk: StoredChunk, place: ChunkPlace | None) -> Any:
+    def _array(self, chunk: StoredChunk, place: ChunkPlace | None) -> Array:
         path = chunk.written.path
         data = self._bytes(place)
         if (data is None or place is None or (self.digested and not fits(data, place))) and is_running(Path(self.root)):

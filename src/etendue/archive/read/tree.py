@@ -18,6 +18,7 @@ from etendue.archive.sharding.chunks import CODEC, encode
 from etendue.archive.structure.cutting import chunk_shapes
 from etendue.archive.structure.metadata import TEXT, array_node, consolidated, document, text_chunk
 from etendue.process import unwarned
+from etendue.types.documents import DocumentView
 
 ROOT = "zarr.json"
 
@@ -27,7 +28,7 @@ class Tree:
 
     def __init__(self) -> None:
         self.held: dict[str, bytes] = {}
-        self.nodes: dict[str, Mapping[str, Any]] = {}  # the metadata among ``held`` that was built here
+        self.nodes: dict[str, DocumentView] = {}  # the metadata among ``held`` that was built here
 
     def files(self, below: str = "") -> dict[str, bytes]:
         """Return every file by path, or only those of one group."""
@@ -39,14 +40,14 @@ class Tree:
         for path in files:
             self.nodes.pop(path, None)
 
-    def put_group(self, path: str, attrs: Mapping[str, Any]) -> None:
+    def put_group(self, path: str, attrs: DocumentView) -> None:
         self._put(path, {"attributes": dict(attrs), "zarr_format": 3, "node_type": "group"})
 
-    def _put(self, path: str, node: Mapping[str, Any]) -> None:
+    def _put(self, path: str, node: DocumentView) -> None:
         file = f"{path}/{ROOT}" if path else ROOT
         self.held[file], self.nodes[file] = document(node), node
 
-    def put_array(self, group: str, name: str, values: Any, dims: tuple[str, ...], attrs: Mapping[str, Any]) -> None:
+    def put_array(self, group: str, name: str, values: Any, dims: tuple[str, ...], attrs: DocumentView) -> None:
         """Add one small array as a whole (a coordinate, a status, a column of a table)."""
         values, path = np.asarray(values), f"{group}/{name}"
         text = values.dtype.kind in "UO"
@@ -59,7 +60,7 @@ class Tree:
             self.held["/".join([path, "c", *["0"] * values.ndim])] = data
 
     def put_cells(
-        self, path: str, shape: tuple[int, ...], form: StoredForm, dims: tuple[str, ...], attrs: Mapping[str, Any]
+        self, path: str, shape: tuple[int, ...], form: StoredForm, dims: tuple[str, ...], attrs: DocumentView
     ) -> None:
         """Add the metadata of a variable whose chunks are cells, in shards. Shards have flat names, because creating
         a folder per axis costs 0.2 ms.
@@ -96,7 +97,7 @@ def _consolidated(files: Mapping[str, bytes]) -> bytes:
     return whole
 
 
-def incompatible(old: Mapping[str, Any] | None, new: Mapping[str, Any]) -> bool:
+def incompatible(old: DocumentView | None, new: DocumentView) -> bool:
     """Return True if chunks written for the old metadata of an array cannot be read with the new one. Unknown metadata
     counts as incompatible.
     """

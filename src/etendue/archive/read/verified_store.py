@@ -40,6 +40,8 @@ from etendue.archive.structure.layout import STATUS
 from etendue.archive.structure.naming import cell_label
 from etendue.contract.values.names import TABLES
 from etendue.errors import ArchiveError
+from etendue.types.arrays import Array
+from etendue.types.documents import DocumentView
 
 LOOKS = 4  # attempts at a chunk while a run is writing: its part may become a shard between two attempts
 
@@ -277,7 +279,7 @@ class VouchedStore(WrapperStore[LocalStore]):
             tree.put_array(group, name, self._grown(f"{group}/{name}", document, shape), dims, attrs)
         return tree.files()
 
-    def _grown(self, node: str, document: Mapping[str, Any], shape: tuple[int, ...]) -> Any:
+    def _grown(self, node: str, document: DocumentView, shape: tuple[int, ...]) -> Any:
         """Return a coordinate along grown axes: the values on disk, and NaN for those not written yet."""
         dtype, old = np.dtype(document["data_type"]), tuple(document["shape"])
         data = disk.content_of((self.folder / DATA / node).joinpath("c", *("0" for _ in shape))) or b""
@@ -289,7 +291,7 @@ class VouchedStore(WrapperStore[LocalStore]):
                 whole[tuple(slice(size) for size in old)] = decode(data, dtype.str, old)
             return whole
 
-    def _status(self, group: str, axes: Mapping[str, list[Any]]) -> Any:
+    def _status(self, group: str, axes: Mapping[str, list[Any]]) -> Array:
         """Return the status of every cell of a group according to the journal."""
         flags = np.full(tuple(map(len, axes.values())), STATUS.index("not_computed"), np.uint8)
         for cell, position in self._positions.get(group, ()):

@@ -24,6 +24,7 @@ from etendue.archive.records.rerun import Recorded, every_record
 from etendue.pipeline.about import About
 from etendue.plan.identity.keys import version_of
 from etendue.plan.model import Node, Plan
+from etendue.types.documents import DocumentView
 
 NAME, CITATION = "ro-crate-metadata.json", "CITATION.cff"
 PROFILES = (
@@ -217,9 +218,7 @@ def _run(
         yield from _stage(node, stages, used, run.record["nodes"].get(node.name, {}), about)
 
 
-def _stage(
-    node: Node, stages: list[Node], used: list[str], record: Mapping[str, Any], about: About
-) -> Iterator[Entity]:
+def _stage(node: Node, stages: list[Node], used: list[str], record: DocumentView, about: About) -> Iterator[Entity]:
     one = node.alternatives[0]
     names = " or ".join(dict.fromkeys(a.use for a in node.alternatives))
     kept = {own.name for own in stages}

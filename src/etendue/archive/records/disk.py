@@ -22,6 +22,7 @@ from typing import Any
 
 from etendue import plain_files
 from etendue.errors import ArchiveError
+from etendue.types.documents import Document
 
 PARTIAL = ".partial"
 PART = ".part"  # an unfinished shard; parts that the journal names are kept
@@ -360,7 +361,7 @@ class Listing:
             yield from self.below(f"{path}/{name}")
 
 
-def read_document(path: Path) -> dict[str, Any] | None:
+def read_document(path: Path) -> Document | None:
     """Return a JSON object from a file; None if there is none or it is damaged."""
     try:
         found = json.loads(plain_files.content(path, links=False))

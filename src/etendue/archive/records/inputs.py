@@ -28,6 +28,7 @@ from etendue.pipeline.presets import preset
 from etendue.plan.identity.keys import file_digest
 from etendue.plan.model import Plan
 from etendue.plan.wiring.parameters import resolve_file
+from etendue.types.documents import Document, DocumentView
 
 _COPY = re.compile(r"\.\./inputs/[0-9a-f]{64}[^/]*")
 LARGEST_COPY = 256 << 20  # a larger input is described, not copied
@@ -73,10 +74,10 @@ class _Resolver:
         self.written[value] = f"../inputs/{name}"
         return self.written[value]
 
-    def table(self, values: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    def table(self, values: DocumentView, own: Mapping[str, Any]) -> Document:
         return {name: self.value(value, own[name][0] if name in own else None) for name, value in values.items()}
 
-    def preset(self, table: Mapping[str, Any]) -> dict[str, Any]:
+    def preset(self, table: DocumentView) -> Document:
         """Return an axis preset with the values its name stands for: a later version may define it differently."""
         whose = self.pipeline.table
         named = preset(table[whose.preset], whose).values() if whose.preset in table else {}
@@ -105,7 +106,7 @@ def resolve_pipeline(plan: Plan) -> Resolved:
     """Return the pipeline of a plan with all overrides applied, to be run from ``runs/`` in its archive."""
     pipeline = plan.pipeline
     found = _Resolver(pipeline)
-    document: dict[str, Any] = {"name": pipeline.name}
+    document: Document = {"name": pipeline.name}
     if pipeline.description:
         document["description"] = pipeline.description
     if pipeline.variant:
@@ -214,7 +215,7 @@ def _parts(folder: Path) -> list[str]:
     return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
 
 
-def sweep_of(record: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+def sweep_of(record: DocumentView, folder: Path) -> DocumentView:
     """Return the sweep of an earlier run from its record, with files as copies in the archive; empty if it cannot be
     read.
     """

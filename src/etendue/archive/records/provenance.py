@@ -14,7 +14,7 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +26,13 @@ from etendue.plan.identity.code import code_of
 from etendue.plan.identity.keys import canonical, file_digest, parameters_for_key, version_of
 from etendue.plan.model import Node, Plan
 from etendue.plugins.discovery import named
+from etendue.types.documents import Document, DocumentView
 
 OTHER_CODE = "its code has changed"
 LIBRARIES = ("etendue", "numpy", "scipy", "xarray", "dask", "zarr", "numcodecs", "pluggy", "colour-science", "msgspec")
 
 
-def platform_record() -> dict[str, Any]:
+def platform_record() -> Document:
     """Return what bits depend on: processor features and the versions of the numerical libraries."""
     import numpy
 
@@ -47,14 +48,14 @@ def platform_record() -> dict[str, Any]:
     }
 
 
-def in_words(record: Mapping[str, Any]) -> str:
+def in_words(record: DocumentView) -> str:
     """Return the platform of a record in words: ``numpy 2.4.1, scipy 1.17.0, x86_64, Python 3.11``."""
     own = record["platform"]
     libraries = [f"{name} {own.get(name)}" for name in ("numpy", "scipy")]
     return ", ".join([*libraries, str(own.get("machine")), f"Python {own.get('python')}"])
 
 
-def node_records(plan: Plan) -> dict[str, Any]:
+def node_records(plan: Plan) -> Document:
     """Return the ingredients of the keys of each stage, without axis values; compared to say why cells are
     recomputed.
     """
@@ -91,7 +92,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def latest_record(folder: Path, manifest: Manifest | None = None) -> dict[str, Any] | None:
+def latest_record(folder: Path, manifest: Manifest | None = None) -> Document | None:
     """Return the newest run record of an archive that is readable and intact."""
     for path in reversed(record_paths(folder)):
         record = disk.read_document(path)
@@ -101,7 +102,7 @@ def latest_record(folder: Path, manifest: Manifest | None = None) -> dict[str, A
     return None
 
 
-def records(folder: Path) -> list[dict[str, Any]]:
+def records(folder: Path) -> list[Document]:
     """Return all readable run records, the newest first."""
     found = [disk.read_document(path) for path in reversed(record_paths(folder))]
     return [record for record in found if record is not None and is_record(record)]
@@ -123,7 +124,7 @@ _WORDS = {
 }
 
 
-def is_record(record: Mapping[str, Any]) -> bool:
+def is_record(record: DocumentView) -> bool:
     """Return True if a document has the form of a record."""
     if not all(isinstance(record.get(name), kind) for name, kind in _WORDS.items()):
         return False
@@ -136,7 +137,7 @@ def is_record(record: Mapping[str, Any]) -> bool:
 
 
 def write_record(
-    folder: Path, plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any], durable: bool = False
+    folder: Path, plan: Plan, asked: Plan, resolved: Resolved, options: DocumentView, durable: bool = False
 ) -> str:
     """Record a run before it starts, as ``runs/<number>.json`` with its pipeline in ``runs/<number>.toml``; return the
     path of the record.
@@ -150,7 +151,7 @@ def write_record(
     return f"runs/{number:04d}.json"
 
 
-def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any]) -> dict[str, Any]:
+def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: DocumentView) -> Document:
     """Return the record of a run. ``studies.checked`` compares it with a recomputed one, so new fields are checked
     without further code.
     """
@@ -178,7 +179,7 @@ def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str,
     }
 
 
-def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:
+def reasons(old: DocumentView | None, plan: Plan) -> dict[str, str]:
     """Return why each stage would be recomputed: the field that changed, with its old and new value."""
     if not old:
         return {}
@@ -199,7 +200,7 @@ def sources_of(nodes: Iterable[Node]) -> dict[str, str]:
     return dict(sorted(pair for one in every for pair in one.items()))
 
 
-def node_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str]:
+def node_changes(old: DocumentView, new: DocumentView) -> dict[str, str]:
     """Return, by stage, which ingredient of its keys differs, old and new; for stages downstream of such a stage, which
     input has changed.
     """

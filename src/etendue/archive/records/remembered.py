@@ -8,24 +8,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-from etendue.archive.records import disk
+from etendue.archive import disk
+from etendue.archive.records import Document, DocumentView
 
 NAME = "measured.json"
 SUM = "sum"
 MOST = 256  # documents; the oldest is dropped first
 
 
-def recall(folder: Path, key: str) -> dict[str, Any] | None:
+def recall(folder: Path, key: str) -> Document | None:
     """Return the document stored under a key, or None."""
     found = documents(folder).get(key)
     return found if isinstance(found, dict) else None
 
 
-def documents(folder: Path) -> dict[str, Any]:
+def documents(folder: Path) -> Document:
     """Return all stored documents; an empty dictionary if the file does not match its checksum."""
     found = disk.read_document(folder / NAME) or {}
     known = {name: one for name, one in found.items() if name != SUM and isinstance(one, dict)}
@@ -39,13 +38,13 @@ def whole(folder: Path) -> bool:
     return not (path.exists() or path.is_symlink()) or (found is not None and (not found or bool(documents(folder))))
 
 
-def remember(folder: Path, key: str, document: Mapping[str, Any]) -> None:
+def remember(folder: Path, key: str, document: DocumentView) -> None:
     """Store a document of plain values under its key."""
     known = {k: v for k, v in documents(folder).items() if k != key}
     kept = dict(list(known.items())[-(MOST - 1) :]) | {key: dict(document)}
     disk.write(folder, NAME, json.dumps({**kept, SUM: _sum(kept)}, indent=1).encode())
 
 
-def _sum(known: Mapping[str, Any]) -> str:
+def _sum(known: DocumentView) -> str:
     """Return the SHA-256 of all documents, in the form in which they read back."""
     return hashlib.sha256(json.dumps(json.loads(json.dumps(known)), sort_keys=True).encode()).hexdigest()

@@ -7,10 +7,9 @@ Out: the record of its last run, its pipeline, and the digests that its inputs m
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from etendue.archive.records import disk
 from etendue.archive.records.inputs import digest_now
@@ -19,6 +18,7 @@ from etendue.archive.records.provenance import is_record, record_paths
 from etendue.contract.values.bounds import MOST_CELLS, more_values
 from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import PipelineFile, parse_pipeline
+from etendue.types.documents import DocumentView
 
 _INPUT = re.compile(r'"\.\./inputs/([0-9a-f]{64}[^"/]*)"')
 
@@ -28,7 +28,7 @@ class Recorded:
     """One run of an archive: its record and the pipeline it ran."""
 
     path: Path
-    record: Mapping[str, Any]
+    record: DocumentView
 
     @property
     def text(self) -> str:

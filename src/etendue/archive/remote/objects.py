@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.errors import ArchiveError, RequestError, StoreLost, shortened
+from etendue.types.documents import Document
 
 SCHEMES = ("s3", "file", "memory")
 EXTRA = "pip install 'etendue[objects]'"
@@ -33,7 +34,7 @@ ROLES = (
     "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
     "AWS_CONTAINER_CREDENTIALS_FULL_URI",
 )
-_memory: dict[str, Any] = {}  # stores in memory, by URL
+_memory: Document = {}  # stores in memory, by URL
 
 
 class Conflict(Exception):

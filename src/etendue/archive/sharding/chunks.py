@@ -25,13 +25,14 @@ from etendue.archive.sharding.shards import ChunkPlace, fits, part_path, read_by
 from etendue.archive.sharding.unfolding import refuse_other_size
 from etendue.contract.ports import WrittenChunk
 from etendue.errors import ArchiveError
+from etendue.types.arrays import Array
 
 blosc.use_threads = False  # the bits and the time of a chunk must not depend on the threads around it
 CODEC, LEVEL = "lz4", 5
 RAW = "raw"  # the codec of a chunk: CODEC, or RAW for the bytes as in memory
 
 
-def pieces_of(array: Any, codec: str = CODEC) -> tuple[Any, bytes]:
+def pieces_of(array: Array, codec: str = CODEC) -> tuple[Any, bytes]:
     """Return the body of a chunk (little-endian bytes, blosc with bitshuffle unless raw) and its crc32c."""
     array = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<")).reshape(-1)
     body: Any = (
@@ -44,13 +45,13 @@ def pieces_of(array: Any, codec: str = CODEC) -> tuple[Any, bytes]:
     return body, int(google_crc32c.value(body)).to_bytes(4, "little")
 
 
-def encode(array: Any, codec: str = CODEC) -> bytes:
+def encode(array: Array, codec: str = CODEC) -> bytes:
     """Return one chunk as bytes."""
     body, checksum = pieces_of(array, codec)
     return bytes(body) + checksum
 
 
-def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) -> Any:
+def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) -> Array:
     """Return the array of one chunk; raise ``ArchiveError`` if its checksum or size does not match."""
     body, checksum = data[:-4], data[-4:]
     if len(data) < 4 or int(google_crc32c.value(body)).to_bytes(4, "little") != checksum:
@@ -134,7 +135,7 @@ class CellFiles:
         own = [c for c in self.chunks if c.variable == variable and c.window and c.window[0] == (band, band + 1)]
         return joined(((chunk.window, self._read(chunk)) for chunk in own), [chunk.window for chunk in own])[0]
 
-    def _read(self, chunk: Chunk) -> Any:
+    def _read(self, chunk: Chunk) -> Array:
         found = self.places.get((chunk.path, chunk.slot))
         if found is None:
             raise ArchiveError(f"{chunk.path}: there is no chunk {chunk.slot} in it")

@@ -10,7 +10,7 @@ beyond the frame with fill values, as Zarr defines it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 from math import ceil, prod
 from typing import Any
@@ -19,6 +19,7 @@ import numpy as np
 
 from etendue.contract.arrays.dims import is_light
 from etendue.plan import cost
+from etendue.types.documents import DocumentView
 
 LARGEST_CHUNK = 64 << 20  # bytes; a larger cell is split into row bands
 BANDS = 4  # this many row bands together hold about as much as the largest chunk, so one is 16 MB
@@ -43,7 +44,7 @@ def chunk_of(dims: Sequence[str], shape: Shape, itemsize: int) -> Shape:
     return (*whole[:-2], even, whole[-1])
 
 
-def known_chunk(shape: Shape, block: Mapping[str, Any]) -> Shape:
+def known_chunk(shape: Shape, block: DocumentView) -> Shape:
     """Return the chunk shape of one cell from the journal; earlier versions had only whole cells and bands."""
     whole = tuple(max(n, 1) for n in shape)
     return tuple(block["chunk"]) if "chunk" in block else whole if block["pieces"] == 1 else (1, *whole[1:])

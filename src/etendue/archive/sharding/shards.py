@@ -17,7 +17,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil, prod
 from pathlib import Path
-from typing import Any
 
 import google_crc32c
 import numpy as np
@@ -25,6 +24,7 @@ import numpy as np
 from etendue.archive.records import disk
 from etendue.archive.remote import stubs
 from etendue.contract.ports import WrittenChunk
+from etendue.types.arrays import Array
 
 LARGEST = 64 << 20  # bytes of a shard; more data is split into more shards
 SMALLEST = 8 << 20  # bytes that gaps may waste before a shard is copied rather than renamed
@@ -69,7 +69,7 @@ def index_bytes(slots: int, places: Mapping[int, tuple[int, int]]) -> bytes:
 class Index(Mapping[int, tuple[int, int]]):
     """(offset, length) by slot, kept as the array in the index of a shard: 16 bytes per slot."""
 
-    def __init__(self, index: Any) -> None:
+    def __init__(self, index: Array) -> None:
         self.index, self.there = index, (index != NOTHING).any(axis=1)
 
     @classmethod

@@ -6,13 +6,12 @@ Out: nothing, or an ``ArchiveError`` if it decompresses beyond any plausible siz
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from etendue import plain_files
 from etendue.archive.records import disk
 from etendue.errors import ArchiveError
+from etendue.types.documents import DocumentView
 
 MOST = 32 << 20  # bytes; up to this size a coordinate or table may be compressed to any ratio
 FOLD = 200  # largest compression ratio of a larger one
@@ -58,7 +57,7 @@ def refuse_other_size(body: bytes, size: int) -> None:
         )
 
 
-def refuse_codecs(node: Mapping[str, Any]) -> None:
+def refuse_codecs(node: DocumentView) -> None:
     """Refuse an array with a codec that no run uses."""
     found = node.get("codecs", [])
     for one in found if isinstance(found, list) else [found]:

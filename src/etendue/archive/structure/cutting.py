@@ -24,6 +24,7 @@ from etendue.archive.sharding.partition import chunk_of, known_chunk, pieces_of,
 from etendue.archive.sharding.shards import EXTRA, LARGEST, block_of, shards_of
 from etendue.archive.structure.layout import Layout, VariableLayout
 from etendue.plan.model import Plan
+from etendue.types.documents import Document, DocumentView
 
 SMALL = 4096  # bytes; compressing a smaller chunk takes longer than everything else and saves next to nothing
 Blocks = Mapping[str, Mapping[str, Mapping[str, Any]]]  # by group and variable: block, codec, form, pieces, chunk
@@ -36,11 +37,11 @@ def bytes_of(variable: VariableLayout) -> int:
 
 def cut(
     plan: Plan, layout: Layout, axes: Mapping[str, Mapping[str, list[Any]]], known: Blocks
-) -> dict[str, dict[str, dict[str, Any]]]:
+) -> dict[str, dict[str, Document]]:
     """Return block and codec of every variable; known ones are kept unless the variable's form has changed."""
     noisy = _noisy(plan)
     sizes = {path: tuple(len(values) for values in axes[path].values()) for path in layout.groups}
-    found: dict[str, dict[str, dict[str, Any]]] = {path: {} for path in layout.groups}
+    found: dict[str, dict[str, Document]] = {path: {} for path in layout.groups}
     fresh: list[tuple[str, VariableLayout]] = []
     for path, group in layout.groups.items():
         for variable in group.variables.values():
@@ -102,7 +103,7 @@ def chunk_shapes(
 class Whereabouts:
     """Where the chunks of one variable of a group lie: file and slot by the position of a cell."""
 
-    def __init__(self, path: str, variable: VariableLayout, known: Mapping[str, Any]) -> None:
+    def __init__(self, path: str, variable: VariableLayout, known: DocumentView) -> None:
         self.variable, self.block, self.codec = variable, tuple(known["block"]), known["codec"]
         chunk = known_chunk(variable.shape, known)
         self.windows = windows_of(variable.shape, chunk)

@@ -18,12 +18,13 @@ from etendue.contract.arrays.variables import variable
 from etendue.contract.capabilities import Viewed
 from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, Node, Plan
+from etendue.types.documents import Document
 
 
-def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[str, Any]:
+def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> Document:
     """Return the attributes common to all cells, and in ``drawn_by`` those that vary."""
     better = variable(name).better
-    found: dict[str, Any] = {"better": better} if better else {}
+    found: Document = {"better": better} if better else {}
     if drawn_of(plan, cells[0], name) is None:
         return found
     by_cell = _by_cell(plan, node, cells, name)
@@ -40,7 +41,7 @@ def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str)
     return found | common | {BY: json.dumps(list(places.values()))}
 
 
-def _by_cell(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], dict[str, Any]]:
+def _by_cell(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], Document]:
     """Return the attributes by position on the axes; cells that are drawn alike share one dictionary."""
     names = {variable(name).pattern, variable(name).black} - {""}  # quantities that determine how it is drawn
     swept = [plan.axis(dim) for dim in node.axes]
@@ -50,7 +51,7 @@ def _by_cell(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[t
     starts = _starts(cells, name) if drawn is not None and drawn.pattern else {}
     if not axes and not viewed and len(set(starts.values())) < 2:
         cells = cells[:1]
-    known: dict[Any, dict[str, Any]] = {}
+    known: dict[Any, Document] = {}
     found = {}
     for cell in cells:
         start = starts.get(cell.index, (0, 0))

@@ -20,6 +20,7 @@ from etendue.archive.records.manifest import DATA
 from etendue.contract.arrays.grid import Coordinate, Line
 from etendue.plan.identity.keys import digest
 from etendue.plan.model import Cell, CellRef, Node
+from etendue.types.documents import DocumentView
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class ArchivedLayout:
     """
 
     groups: Collection[str] = ()
-    blocks: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(default_factory=dict)
+    blocks: Mapping[str, Mapping[str, DocumentView]] = field(default_factory=dict)
     shard: Callable[[CellRef], str] = lambda ref: ""
 
     def of(self, cells: Sequence[Cell], shapes: Mapping[str, tuple[int, ...]]) -> list[str]:

@@ -19,6 +19,7 @@ from etendue.contract.arrays.variables import NOT_IN_IT, variable
 from etendue.contract.values import quantities
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Cell, CellRef, Node, Plan
+from etendue.types.documents import Document
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed")
 STATUS_ATTRIBUTES = {
@@ -36,7 +37,7 @@ class CoordinateLayout:
 
     dims: tuple[str, ...]
     values: Any
-    attrs: dict[str, Any]
+    attrs: Document
 
 
 @dataclass
@@ -48,7 +49,7 @@ class VariableLayout:
     dims: tuple[str, ...]
     shape: tuple[int, ...]  # of one cell
     dtype: str
-    attrs: dict[str, Any]
+    attrs: Document
     beside: str = ""  # the dim along which it is a coordinate of other variables
 
 
@@ -62,7 +63,7 @@ class GroupLayout:
     variables: dict[str, VariableLayout]
     coordinates: dict[str, CoordinateLayout]
     cells: Mapping[CellRef, tuple[int, ...]] = field(default_factory=dict)
-    attrs: dict[str, Any] = field(default_factory=dict)
+    attrs: Document = field(default_factory=dict)
 
 
 @dataclass
@@ -70,7 +71,7 @@ class Layout:
     """All groups of a plan and the group of every cell; ``moves``: stored groups and what they must become."""
 
     groups: dict[str, GroupLayout]
-    parents: dict[str, dict[str, Any]]
+    parents: dict[str, Document]
     home: Mapping[CellRef, str]
     moves: dict[str, str] = field(default_factory=dict)
 
@@ -78,7 +79,7 @@ class Layout:
 def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
     """Return the layout of all kept variables of a plan; ``before`` describes what the archive already holds."""
     groups: dict[str, GroupLayout] = {}
-    parents: dict[str, dict[str, Any]] = {}
+    parents: dict[str, Document] = {}
     homes: dict[str, str | dict[CellRef, str]] = {}
     moves: dict[str, str] = {}
     for node in plan.nodes:
@@ -153,7 +154,7 @@ def _fill(
                 _dim_coordinate(node, group, dim, {c.ref: c.grids[name][dim] for c in cells})
 
 
-def _flags(name: str, cell: Cell) -> dict[str, Any]:
+def _flags(name: str, cell: Cell) -> Document:
     """Return the attributes that name the values of a variable, as in the CF conventions; NaN means no value."""
     known = variable(name)
     named = known.flags or known.masks
@@ -237,7 +238,7 @@ def _positions(node: Node, group: GroupLayout, dim: str, lines: Mapping[CellRef,
     group.coordinates[name] = CoordinateLayout((*moving, dim), nested(moving, ()), attrs)
 
 
-def _node_attributes(plan: Plan, node: Node) -> dict[str, Any]:
+def _node_attributes(plan: Plan, node: Node) -> Document:
     one = node.alternatives[0]
     return {
         "stage": [a.use for a in node.alternatives] if len(node.alternatives) > 1 else one.use,

@@ -19,12 +19,13 @@ from numcodecs import VLenUTF8, Zstd
 from etendue.archive.sharding.chunks import CODEC, LEVEL, RAW
 from etendue.archive.sharding.unfolding import refuse_unfolding
 from etendue.errors import ArchiveError
+from etendue.types.documents import Document, DocumentView
 
 CRC = {"name": "crc32c"}
 TEXT = "text"
 
 
-def document(node: Mapping[str, Any]) -> bytes:
+def document(node: DocumentView) -> bytes:
     """Return a node as zarr writes it: the bytes of ``json.dumps(node, indent=2)``, which takes five times as long
     because of its indenting.
     """
@@ -43,8 +44,8 @@ def array_node(
     codec: str,
     dims: Sequence[str],
     separator: str,
-    attrs: Mapping[str, Any],
-) -> dict[str, Any]:
+    attrs: DocumentView,
+) -> Document:
     """Return an array whose chunks, or shards of chunks, are checksummed; ``dtype`` is a numpy dtype or ``text``."""
     text = dtype == TEXT
     kind = np.dtype("u1" if text else dtype)
@@ -76,8 +77,8 @@ def array_node(
     }
 
 
-def _codecs(kind: Any, codec: str) -> list[dict[str, Any]]:
-    first: dict[str, Any] = (
+def _codecs(kind: Any, codec: str) -> list[Document]:
+    first: Document = (
         {"name": "bytes"} if kind.itemsize == 1 else {"name": "bytes", "configuration": {"endian": "little"}}
     )
     if codec == RAW:
@@ -86,7 +87,7 @@ def _codecs(kind: Any, codec: str) -> list[dict[str, Any]]:
     return [first, {"name": "blosc", "configuration": blosc}, CRC]
 
 
-def _text_codecs() -> list[dict[str, Any]]:
+def _text_codecs() -> list[Document]:
     return [
         {"name": "vlen-utf8", "configuration": {}},
         {"name": "zstd", "configuration": {"level": 0, "checksum": False}},
@@ -121,7 +122,7 @@ def texts_of(data: bytes) -> list[str]:
         raise ArchiveError(f"the stored bytes do not decode to texts: {error}") from None
 
 
-def consolidated(nodes: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def consolidated(nodes: Mapping[str, DocumentView]) -> Document:
     """Return the root with the metadata of all nodes, by path; '' is the root itself."""
     found = {}
     for path in sorted(nodes, key=lambda path: (path.count("/"), unicodedata.normalize("NFKC", path).casefold())):
@@ -132,6 +133,6 @@ def consolidated(nodes: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     return _with(nodes[""], found)
 
 
-def _with(group: Mapping[str, Any], members: Mapping[str, Any]) -> dict[str, Any]:
+def _with(group: DocumentView, members: DocumentView) -> Document:
     inline = {"kind": "inline", "must_understand": False, "metadata": members}
     return {"attributes": group["attributes"], "zarr_format": 3, "consolidated_metadata": inline, "node_type": "group"}

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from etendue.plan.model import Cell, CellRef, Plan
+from etendue.types.documents import Place
 
 Index = tuple[int, ...]
 
@@ -19,7 +20,7 @@ def cell_name(plan: Plan, ref: CellRef) -> str:
     return cell_label(ref[0], plan.labels(ref))
 
 
-def cell_label(stage: str, labels: Mapping[str, Any]) -> str:
+def cell_label(stage: str, labels: Place) -> str:
     """Return the name of a cell in the journal."""
     return stage + "".join([_piece(dim, value) for dim, value in labels.items()])
 

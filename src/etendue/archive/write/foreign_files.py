@@ -11,7 +11,7 @@ import json
 import os
 import re
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from etendue.archive.records.provenance import latest_record
 from etendue.archive.write.clearing import ASIDE, nodes_on_disk
 from etendue.contract.values.names import TABLES
 from etendue.errors import ArchiveError, ArchiveInUse
+from etendue.types.documents import Document, DocumentView
 
 
 def check_folder(folder: Path) -> None:
@@ -56,12 +57,12 @@ def check_ours(folder: Path) -> None:
         raise ArchiveError(f"{folder} exists but is not an archive; choose another folder with --archive DIR")
 
 
-def _root_attributes(folder: Path) -> dict[str, Any]:
+def _root_attributes(folder: Path) -> Document:
     found = (disk.read_document(folder / DATA / ROOT) or {}).get("attributes")
     return found if isinstance(found, dict) else {}
 
 
-def known_axes(folder: Path, manifest: Manifest | None, record: Mapping[str, Any] | None) -> dict[str, Any] | None:
+def known_axes(folder: Path, manifest: Manifest | None, record: DocumentView | None) -> Document | None:
     """Return the stages and their axes with which the archive was created, from an intact source."""
     root: Any = _root_attributes(folder).get("etendue")
     axes = root.get("axes") if isinstance(root, dict) else None
@@ -75,10 +76,10 @@ def known_axes(folder: Path, manifest: Manifest | None, record: Mapping[str, Any
 
 def other_stages(
     folder: Path,
-    old: Mapping[str, Any],
-    new: Mapping[str, Any],
+    old: DocumentView,
+    new: DocumentView,
     wanted: Iterable[str] | None,
-    record: Mapping[str, Any] | None,
+    record: DocumentView | None,
 ) -> str:
     """Return why a run with other stages or axes cannot continue here, and what to type instead. ``wanted``: the
     stages that the run is limited to.
@@ -99,7 +100,7 @@ def other_stages(
 
 
 def _unlike(
-    old: Mapping[str, Any], new: Mapping[str, Any], lacking: Sequence[str], over: Sequence[str], axes: Sequence[str]
+    old: DocumentView, new: DocumentView, lacking: Sequence[str], over: Sequence[str], axes: Sequence[str]
 ) -> str:
     """Return how the stages of an archive and of a run differ; ``axes``: stages of both that have different axes."""
     there, here = ({dim for dims in own.values() for dim in dims} for own in (old, new))
@@ -113,7 +114,7 @@ def _unlike(
     return "; ".join(f"{what}: {_some(names)}" for what, names in parts.items() if names)
 
 
-def _wanted_before(record: Mapping[str, Any] | None) -> list[str]:
+def _wanted_before(record: DocumentView | None) -> list[str]:
     """Return the ``wanted`` stages in the record of the last run; empty if it has none."""
     try:
         before = json.loads((record or {}).get("overrides", {}).get("wanted", "[]"))

@@ -23,9 +23,11 @@ from etendue.contract.ports import CellReport, ContactSheet
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select
+from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
     from etendue.session import Options
+    from etendue.types.arrays import Array
 
 
 class ArchiveKeeper:
@@ -99,7 +101,7 @@ class ArchiveKeeper:
             found.setdefault(name, f"{cells} missing or damaged on disk")
         return found
 
-    def _is_elsewhere(self, old: Mapping[str, Any] | None, now: Mapping[str, Any]) -> bool:
+    def _is_elsewhere(self, old: DocumentView | None, now: DocumentView) -> bool:
         """Return True if the archive was begun on another platform; raise if that could mix different bits."""
         folder, mixed = self.store.folder, not (self.accept_platform or self.recompute)
         way_out = "Keep its finished cells with --accept-platform, or recompute everything with --recompute"
@@ -152,7 +154,7 @@ class ArchiveKeeper:
 
     def stored(
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
-    ) -> dict[CellRef, dict[str, Any]]:
+    ) -> dict[CellRef, dict[str, Array]]:
         """Return arrays of finished cells: all kept variables, or plain metrics only; limited to ``named`` if given."""
         found, plan = {}, self.store.plan
         for ref in refs:
@@ -163,7 +165,7 @@ class ArchiveKeeper:
             found[ref] = {v: target.read(v) for v in chosen if named is None or v in named}
         return found
 
-    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+    def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
         return others
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
@@ -174,7 +176,7 @@ class ArchiveKeeper:
     def _keys(self, refs: Iterable[CellRef]) -> list[str]:
         return [self.store.plan.cells[ref].key for ref in refs]
 
-    def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None:
+    def interrupted(self, tables: DocumentView, abandoned: bool) -> None:
         """Close an interrupted run so that finished cells can be read and the next run continues from them."""
         if abandoned:
             self.store.abandon()

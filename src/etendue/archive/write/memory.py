@@ -17,6 +17,8 @@ from etendue.archive.structure.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, 
 from etendue.contract.ports import CellReport, ContactSheet, Passing
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 
 
 class Standing(Mapping[CellRef, dict[str, Any]]):
@@ -24,10 +26,10 @@ class Standing(Mapping[CellRef, dict[str, Any]]):
     kept.
     """
 
-    def __init__(self, keeper: MemoryKeeper, others: Mapping[CellRef, dict[str, Any]]) -> None:
+    def __init__(self, keeper: MemoryKeeper, others: Mapping[CellRef, dict[str, Array]]) -> None:
         self.keeper, self.others = keeper, others
 
-    def __getitem__(self, ref: CellRef) -> dict[str, Any]:
+    def __getitem__(self, ref: CellRef) -> dict[str, Array]:
         if ref in self.others:
             return self.others[ref]
         if ref not in self:
@@ -67,7 +69,7 @@ class MemoryKeeper(Passing):
 
     def target(self, cell: Cell) -> None: ...
 
-    def place(self, ref: CellRef, variable: str) -> Any:
+    def place(self, ref: CellRef, variable: str) -> Array | None:
         path = self.layout.home.get(ref)
         whole = self.whole.get((path, variable)) if path else None
         return None if path is None or whole is None else whole[self.layout.groups[path].cells[ref]]
@@ -79,7 +81,7 @@ class MemoryKeeper(Passing):
             self.status[self.number((report.stage, report.index))] = STATUS.index(report.status) + 1
         return {ref: self._put(ref, found) for ref, found in arrays.items()}
 
-    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+    def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
         return Standing(self, others)
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
@@ -88,7 +90,7 @@ class MemoryKeeper(Passing):
     def close(self, tables: dict[str, Any], sheet: ContactSheet | None, failed: bool) -> tuple[Any, list[Path]]:
         return self._tree({**tables, "frames": sheet.table} if sheet and sheet.table else tables), []
 
-    def placed(self, ref: CellRef) -> dict[str, Any]:
+    def placed(self, ref: CellRef) -> dict[str, Array]:
         """Return the arrays of a cell as views into the results."""
         path = self.layout.home.get(ref)
         if path is None:
@@ -97,7 +99,7 @@ class MemoryKeeper(Passing):
         index = group.cells[ref]
         return {name: self.whole[path, name][index] for name in group.variables if not self.missing[path, name][index]}
 
-    def _put(self, ref: CellRef, arrays: Mapping[str, Any]) -> dict[str, Any]:
+    def _put(self, ref: CellRef, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Copy a cell into its place; return its arrays as views there (variables that are not kept: unchanged)."""
         path = self.layout.home.get(ref)
         placed = {}
@@ -116,7 +118,7 @@ class MemoryKeeper(Passing):
 
     def _dataset(self, path: str, layout: GroupLayout) -> xarray.Dataset:
         sizes = tuple(len(values) for values in layout.axes.values())
-        data: dict[str, Any] = {}
+        data: Document = {}
         for variable in layout.variables.values():
             whole, missing = self.whole[path, variable.name], self.missing[path, variable.name]
             if missing.any():

@@ -31,6 +31,7 @@ from etendue.archive.structure.layout import (
 )
 from etendue.archive.structure.naming import Names
 from etendue.plan.model import Cell, CellRef, Plan
+from etendue.types.documents import Document
 
 Slot = tuple[str, int, int]
 
@@ -83,7 +84,7 @@ class Laid:
         """
         axes = {node.name: list(node.axes) for node in self.plan.nodes}
         tree = Tree()
-        attrs: dict[str, Any] = {
+        attrs: Document = {
             "etendue": {"format": 2, "pipeline": self.plan.pipeline.name, "stages": list(axes), "axes": axes}
         }
         if self.plan.pipeline.variant:

@@ -35,6 +35,7 @@ from etendue.archive.structure.cutting import blocks_of
 from etendue.archive.write.clearing import nodes_on_disk
 from etendue.contract.ports import WrittenChunk
 from etendue.errors import ArchiveError
+from etendue.types.documents import Document
 
 WASTE = 8  # a shard is rewritten if unused bytes exceed one eighth of its chunks
 BESIDE = ("contact_sheet.png", "ro-crate-metadata.json", "CITATION.cff", "measured.json")
@@ -318,7 +319,7 @@ class Anew:
             journal.set_arrays(before.arrays)
             for path, text in before.records.items():
                 journal.record(path, text)
-            blocks: dict[str, dict[str, dict[str, Any]]] = {}
+            blocks: dict[str, dict[str, Document]] = {}
             for (group, name), form in self.forms.items():
                 words = {"block": list(form.block), "codec": form.codec, "pieces": form.pieces}
                 words |= {"chunk": list(form.chunk)} if form.pieces > 1 else {}

@@ -44,6 +44,7 @@ from etendue.contract.ports import CellReport, WrittenChunk
 from etendue.contract.values.names import TABLES
 from etendue.errors import ArchiveError, ArchiveInUse, MachineError
 from etendue.plan.model import Cell, CellRef, Plan
+from etendue.types.documents import DocumentView
 
 
 class ArchiveWriter:
@@ -349,7 +350,7 @@ class ArchiveWriter:
         """Return the keys of the cells in the pictures of an earlier run; None if these are not intact."""
         return earlier_pictures.attributes(earlier_pictures.stored(self.folder, self.listing)).get("shown")
 
-    def close_run(self, tables: Mapping[str, Mapping[str, Any]]) -> None:
+    def close_run(self, tables: Mapping[str, DocumentView]) -> None:
         """Complete shards, write status and tables, then consolidate: readers see either a finished run or the one
         before.
         """
@@ -373,7 +374,7 @@ class ArchiveWriter:
         self.root = self.tree.consolidated(others)
         self._put({ROOT: self.root})
 
-    def _put_table(self, name: str, table: Mapping[str, Any]) -> None:
+    def _put_table(self, name: str, table: DocumentView) -> None:
         """Write a table; remove columns of an earlier run that the new table lacks."""
         for column, (dims, values, attrs) in table["arrays"].items():
             self.tree.put_array(name, column, values, dims, attrs)

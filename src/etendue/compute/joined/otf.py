@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from etendue.compute.job import Job
-from etendue.compute.tables import TABLES, prepared_for
+from etendue.compute.tables import TABLES, Made, prepared_for
 from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer
 from etendue.contract.stage import Stage, state_of
 from etendue.transfer.products import Product, behind_filters, between, weights
+from etendue.types.arrays import Array
 
 REMEMBERED = 64  # frequencies from which a table is cached: a search uses the same coarse grid in every cell of a sweep
 BLOCK = 16  # frequencies of a slanted line per block; each block evaluates a square and takes its diagonal
@@ -57,7 +58,7 @@ def _behind(
     return tuple((name, stage) for name, stage in (every[i] for i in found) if isinstance(stage, ChannelTransfer))
 
 
-def weights_of(stage: Summed, edges: tuple[float, ...]) -> Any:
+def weights_of(stage: Summed, edges: tuple[float, ...]) -> Array:
     """Return the (channel, band) weights of the bands of a stage that ends in a sum."""
     return weights(stage, prepared_for(stage, edges))
 
@@ -84,30 +85,30 @@ class Otf:
     behind: tuple[tuple[str, ChannelTransfer], ...] = ()
     light: tuple[float, ...] | None = None
 
-    def __call__(self, frequency: Any) -> Any:
+    def __call__(self, frequency: Array) -> Array:
         """Return (band, n) at frequencies (n,) along x."""
         fx = np.asarray(frequency, dtype=float)
         return self.along(np.zeros_like(fx), fx)
 
-    def along(self, fy: Any, fx: Any) -> Any:
+    def along(self, fy: Array, fx: Array) -> Array:
         """Return (band, n) at points (n,) of a line in any direction, or at any other points."""
         fy, fx = np.broadcast_arrays(np.asarray(fy, dtype=float), np.asarray(fx, dtype=float))
         if fy.ndim != 1:
             raise ValueError(f"fy and fx must be two lists of equal length; they have shape {fy.shape}")
-        product: Any = np.ones((len(self.edges) - 1, fx.size))
+        product: Array = np.ones((len(self.edges) - 1, fx.size))
         for _, stage in self.parts:
             product = product * _remembered("along", _along, stage, fy, fx, self.edges)
         return product
 
-    def plane(self, fy: Any, fx: Any) -> Any:
+    def plane(self, fy: Array, fx: Array) -> Array:
         """Return (band, m, n) at all pairs of frequencies (m,) along y and (n,) along x."""
         fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
-        product: Any = np.ones((len(self.edges) - 1, fy.size, fx.size))
+        product: Array = np.ones((len(self.edges) - 1, fy.size, fx.size))
         for _, stage in self.parts:
             product = product * _remembered("plane", _plane, stage, fy, fx, self.edges)
         return product
 
-    def channels(self, fy: Any, fx: Any, light: Any = None, weights: Any = None) -> Any:
+    def channels(self, fy: Array, fx: Array, light: Array | None = None, weights: Array | None = None) -> Array:
         """Return (channel, m, n) at all pairs of frequencies: grey detail after each filter, including charge that
         moves between pixels.
 
@@ -119,24 +120,26 @@ class Otf:
             self.plane(fy, fx), lambda stage, white: self._between(stage, fy, fx, white), light, weights
         )
 
-    def channels_along(self, fy: Any, fx: Any, light: Any = None, weights: Any = None) -> Any:
+    def channels_along(self, fy: Array, fx: Array, light: Array | None = None, weights: Array | None = None) -> Array:
         """Return (channel, n): the same at points (n,) of a line in any direction."""
         fy, fx = np.broadcast_arrays(np.asarray(fy, dtype=float), np.asarray(fx, dtype=float))
 
-        def moved(stage: ChannelTransfer, white: Any) -> Any:
+        def moved(stage: ChannelTransfer, white: Array) -> Array:
             return _on_line(lambda y, x: self._between(stage, y, x, white), fy, fx)
 
         return self._of_channels(self.along(fy, fx), moved, light, weights)
 
-    def _of_channels(self, bands: Any, moved: Callable[[ChannelTransfer, Any], Any], light: Any, weights: Any) -> Any:
+    def _of_channels(
+        self, bands: Array, moved: Callable[[ChannelTransfer, Array], Array], light: Array | None, weights: Array | None
+    ) -> Array:
         white, zero = np.ones(len(self.edges) - 1) if light is None else np.asarray(light, dtype=float), np.zeros(1)
         stages = [stage for _, stage in self.behind]
         still = [self._between(stage, zero, zero, white)[..., 0, 0] for stage in stages]
         shares = (self.weights if weights is None else weights) * white
         return behind_filters(bands, shares, [moved(stage, white) for stage in stages], still)
 
-    def _between(self, stage: ChannelTransfer, fy: Any, fx: Any, white: Any) -> Any:
-        def make() -> Any:
+    def _between(self, stage: ChannelTransfer, fy: Array, fx: Array, white: Array) -> Array:
+        def make() -> Array:
             return between(stage, fy, fx, white, prepared_for(stage, self.edges))
 
         if max(fy.size, fx.size) < REMEMBERED:
@@ -154,7 +157,7 @@ class Otf:
         """All stages, in the order of the light."""
         return (*self.parts, *self.behind)
 
-    def once(self, what: Hashable, make: Callable[[], Any]) -> Any:
+    def once(self, what: Hashable, make: Callable[[], Made]) -> Made:
         """Return ``make()``, cached by the values of these stages; ``what`` names it and everything else it depends
         on.
         """
@@ -169,37 +172,39 @@ class Otf:
         return None if stage is None else weights_of(stage, self.edges)
 
     @property
-    def middles(self) -> Any:
+    def middles(self) -> Array:
         """The middle of every band, in the unit in which transfer functions take it."""
         return Product(tuple(stage for _, stage in self.parts), self.edges, prepared_for).middles[:, 0, 0]
 
-    def scene_along(self, fy: Any, fx: Any) -> Any:
+    def scene_along(self, fy: Array, fx: Array) -> Any:
         """Return (n,): the blur with which the scene's ideal chart was rendered; 1 if unknown (photographs)."""
         fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
         softness, cell = self.rendered or (0.0, 0.0)
         return np.exp(-2 * (math.pi * softness) ** 2 * (fy**2 + fx**2)) * np.sinc(cell * fy) * np.sinc(cell * fx)
 
 
-def _remembered(what: str, make: Any, stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
+def _remembered(
+    what: str, make: Callable[..., Array], stage: Transfer, fy: Array, fx: Array, edges: tuple[float, ...]
+) -> Array:
     if max(fy.size, fx.size) < REMEMBERED:
         return make(stage, fy, fx, edges)
     key = ("otf", what, state_of(stage), edges, fy.tobytes(), fx.tobytes())
     return TABLES.get(key, lambda: make(stage, fy, fx, edges))
 
 
-def _plane(stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
+def _plane(stage: Transfer, fy: Array, fx: Array, edges: tuple[float, ...]) -> Array:
     """Return (band or 1, m, n)."""
     return Product((stage,), edges, prepared_for).at(fy[:, None], fx[None, :])
 
 
-def _along(stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
+def _along(stage: Transfer, fy: Array, fx: Array, edges: tuple[float, ...]) -> Array:
     """Return (band or 1, n)."""
     if stage.radial:
         fy, fx = np.zeros_like(fx), np.hypot(fy, fx)
     return _on_line(lambda y, x: _plane(stage, y, x, edges), fy, fx)
 
 
-def _on_line(plane: Callable[[Any, Any], Any], fy: Any, fx: Any) -> Any:
+def _on_line(plane: Callable[[Array, Array], Array], fy: Array, fx: Array) -> Array:
     """Return (..., n). Stages evaluate grids, and a slanted line is none: it is pieced from diagonals of small
     grids.
     """

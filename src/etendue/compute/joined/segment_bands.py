@@ -7,17 +7,17 @@ Out: its arrays; large ones as bands that are computed on demand.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from etendue.compute.bands import BandArray, in_order
 from etendue.compute.job import Job
 from etendue.compute.ownership import frozen
-from etendue.compute.tables import TABLES, prepared_of, prepared_on
+from etendue.compute.tables import TABLES, Made, prepared_of, prepared_on
 from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Summed, Transfer
 from etendue.contract.stage import state_of
@@ -25,6 +25,10 @@ from etendue.plan.model import CellRef
 from etendue.transfer import expansion, sampling
 from etendue.transfer.products import Product
 from etendue.transfer.products import weights as weights_of
+from etendue.types.arrays import Array
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.segments import Result
 
 TOGETHER = 4  # bands projected in one product
 LARGEST_SHARED = 64 << 20  # bytes; up to this size the transforms of all channels are cached for pixels of other sizes
@@ -45,11 +49,11 @@ class GridTransfer:
         return Product(self.stages, self.grid.bands().edges, lambda stage, _: prepared_on(stage, self.grid))
 
     @cached_property
-    def _rows(self) -> Any:
+    def _rows(self) -> Array:
         return sampling.frequencies(self.grid.line("y").size, self.grid.line("y").step, half=False, share=self.kept)
 
     @cached_property
-    def _columns(self) -> Any:
+    def _columns(self) -> Array:
         return sampling.frequencies(self.grid.line("x").size, self.grid.line("x").step, half=True, share=self.kept)
 
     @property
@@ -71,11 +75,11 @@ class GridTransfer:
         return None
 
     @cached_property
-    def table(self) -> Any:
+    def table(self) -> Array:
         """(band, node): the product on the radial nodes."""
         return self.product.along(self.plane.nodes)
 
-    def apply(self, half_transform: Any, band: int) -> None:
+    def apply(self, half_transform: Array, band: int) -> None:
         """Multiply the transform of one band in place."""
         if not self.stages:
             return
@@ -87,7 +91,7 @@ class GridTransfer:
                 np.result_type(half_transform.real if own.dtype.kind == "f" else half_transform), copy=False
             )
 
-    def gathered(self, weights: Any, basis: Any, half_transforms: Any) -> Any:
+    def gathered(self, weights: Array, basis: Array, half_transforms: Iterable[Array]) -> Any:
         """Return (channel, Ny, Nh): sum_k u_ck(f) S_k over the transforms of the projected planes."""
         one_by_one = expansion.coefficients(weights, basis, np.eye(weights.shape[1]))
         sums: Any = None
@@ -102,9 +106,9 @@ class GridTransfer:
                     own += transform * self._mixed(one_by_one[channel, number]).astype(transform.dtype)
         return sums
 
-    def _mixed(self, factors: Any) -> Any:
+    def _mixed(self, factors: Array) -> Array:
         """Return sum_l factors[l] T_l(f) on the frequencies of the transform."""
-        total: Any = np.zeros((1, 1))
+        total: Array = np.zeros((1, 1))
         for band, factor in enumerate(factors):
             total = total + factor * self.band(band)
         return total
@@ -114,14 +118,14 @@ class GridTransfer:
 class FilteredBands(BandArray):
     """Light after some transfer functions, one band at a time."""
 
-    light: Any
+    light: Array | BandArray
     joined: GridTransfer
 
     def __post_init__(self) -> None:
         self.shape = self.light.shape
         self.dtype = self.light.dtype
 
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         half = sampling.transform(np.asarray(self.light[band]))
         self.joined.apply(half, band)
         return sampling.planes_of(half, *self.shape[1:])
@@ -139,7 +143,7 @@ def places(grid: Grid, out: Grid) -> list[tuple[float, float, int]]:
     return found
 
 
-def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
+def from_bands(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array | BandArray]:
     """Return the arrays of a transfer stage, from the segment's input and all transfer functions since."""
     port, ref, variable = job.inputs[0]
     light, grid = results[ref].arrays[variable], job.input_grids[port]
@@ -183,7 +187,7 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     return {name: planes}
 
 
-def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int) -> Any:
+def _shared(job: Job, light: Array | BandArray, joined: GridTransfer, shares: Array, terms: int) -> Array:
     """Return half transforms of the channels before their pixels: equal for pixels of any size, and cached for the
     next of them.
     """
@@ -197,7 +201,7 @@ def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int)
         job.precision,
     )
 
-    def remembered(made: Any, planes: int, *more: Any) -> Any:
+    def remembered(made: Callable[[], Made], planes: int, *more: float) -> Made:
         size = planes * 2 * np.dtype(job.precision).itemsize * light.shape[1] * light.shape[2]
         whole = not own[1] or size > LARGEST_SHARED
         return made() if whole else TABLES.get((*own, *more), made)
@@ -206,14 +210,14 @@ def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int)
         return remembered(lambda: frozen(_exact(light, joined, shares)), shares.shape[0], joined.kept)
     live = shares.any(axis=1)
 
-    def fitted() -> Any:
+    def fitted() -> Array:
         highest = 0.5 * math.hypot(1 / joined.grid.line("y").step, 1 / joined.grid.line("x").step)
         frequency = np.linspace(0.0, highest, expansion.FITTED)
         return expansion.band_basis(
             shares[live], terms, joined.product.along(frequency).real, expansion.importance(frequency)
         )
 
-    def channels() -> Any:
+    def channels() -> Array:
         basis = fitted()
         transforms = remembered(
             lambda: tuple(frozen(sampling.transform(plane)) for plane in _gathered(light, basis)), terms
@@ -227,7 +231,7 @@ def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int)
     return remembered(channels, shares.shape[0], joined.kept)
 
 
-def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
+def _exact(light: Array | BandArray, joined: GridTransfer, weights: Array) -> Any:
     """Transform and filter every band by itself; sum in frequency."""
     sums: Any = None
     for band, plane in enumerate(in_order(light)):
@@ -241,10 +245,10 @@ def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
     return sums
 
 
-def _gathered(light: Any, basis: Any) -> Any:
+def _gathered(light: Array | BandArray, basis: Array) -> Array:
     """Return a few planes, each a sum over bands, of which every channel is a mixture."""
     planes = np.zeros((basis.shape[0], *light.shape[1:]), dtype=light.dtype)
-    group: list[Any] = []
+    group: list[Array] = []
     for band, plane in enumerate(in_order(light)):
         group.append(np.asarray(plane))
         if len(group) == TOGETHER or band + 1 == light.shape[0]:

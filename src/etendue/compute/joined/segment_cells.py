@@ -9,10 +9,10 @@ own; a product of separately folded functions would be wrong. So every cell of s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,10 @@ from etendue.plan.model import CellRef
 from etendue.transfer import cell_pixels, cells, sampling
 from etendue.transfer.products import Product
 from etendue.transfer.products import weights as weights_of
+from etendue.types.arrays import Array
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.segments import Result
 
 ROUNDING = 64  # ulp of the brightest cell: the residue that transforms leave where there is no light
 
@@ -48,7 +52,7 @@ class CellTransfer:
 
     @cached_property
     def product(self) -> Product:
-        def prepared(stage: Stage, _: Any) -> Any:
+        def prepared(stage: Stage, _: tuple[float, ...]) -> Any:
             return self.last[1] if self.last and stage is self.last[0] else prepared_on(stage, self.grid)
 
         return Product((*self.stages, *((self.last[0],) if self.last else ())), self.grid.bands().edges, prepared)
@@ -58,7 +62,7 @@ class CellTransfer:
         return lambda fy, fx: self.product.at(fy, fx, slice(band, band + 1))[0]
 
     @cached_property
-    def _key(self) -> tuple[Any, ...]:
+    def _key(self) -> tuple[Hashable, ...]:
         states = tuple(state_of(stage) for stage in self.product.stages)
         return (states, self.grid.line("y"), self.grid.line("x"), self.grid.bands().edges)
 
@@ -67,10 +71,10 @@ class CellTransfer:
         found: cells.Reach = TABLES.get(("cells reach", *self._key, band), lambda: cells.reach_of(self.otf(band), step))
         return found
 
-    def table(self, band: int, what: Any, along_y: cells.AliasRule, along_x: cells.AliasRule) -> Any:
+    def table(self, band: int, what: Hashable, along_y: cells.AliasRule, along_x: cells.AliasRule) -> Array:
         """Return the multiplier of the transform of one band, in the run's precision; ``what`` names the rules."""
 
-        def make() -> Any:
+        def make() -> Array:
             found = cells.folded(self.otf(band), self.reach(band), *self.axes, along_y, along_x)
             kind = (
                 np.result_type(np.dtype(self.precision), np.complex64)
@@ -86,14 +90,14 @@ class CellTransfer:
 class BlurredCells(BandArray):
     """Cell means after some transfer functions, one band at a time."""
 
-    light: Any
+    light: Array | BandArray
     joined: CellTransfer
 
     def __post_init__(self) -> None:
         self.shape = self.light.shape
         self.dtype = self.light.dtype
 
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         plane = np.asarray(self.light[band])
         y, x = self.joined.axes
         half = sampling.transform(plane) * self.joined.table(
@@ -102,7 +106,7 @@ class BlurredCells(BandArray):
         return without_rounding(sampling.planes_of(half, *self.shape[1:]), plane)
 
 
-def without_rounding(found: Any, given: Any) -> Any:
+def without_rounding(found: Array, given: Array) -> Array:
     """Set light that is negative by no more than rounding to 0. ``given`` gives the scale; if it holds negative light,
     nothing is changed.
     """
@@ -112,7 +116,7 @@ def without_rounding(found: Any, given: Any) -> Any:
     return found
 
 
-def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
+def from_cells(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array | BandArray]:
     """Return the arrays of a transfer stage on grid cells, from the segment's input and all transfer functions
     since.
     """
@@ -140,12 +144,12 @@ class _Along:
     width: float
 
 
-def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfer, ...]) -> Any:
+def _pixels(job: Job, end: Summed, light: Array | BandArray, grid: Grid, before: tuple[Transfer, ...]) -> Array:
     """Return sums over bands at the pixels: by folding if the pitch is a whole number of cells, else by an extended
     transform.
     """
     prepared = prepared_of(end, job.input_grids, job.grids)
-    weights: Any = weights_of(end, prepared).astype(float)
+    weights: Array = weights_of(end, prepared).astype(float)
     (out,) = job.grids.values()
     lines = [(grid.line(dim), *out.line(dim).um(), out.line(dim).size) for dim in ("y", "x")]
     joined, windows = CellTransfer(before, grid, job.precision), None
@@ -182,14 +186,16 @@ def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfe
     return found
 
 
-def _noted(plane: Any, brightest: Any, band: int) -> Any:
+def _noted(plane: Array, brightest: Array, band: int) -> Array:
     """Return the plane, and note its smallest and largest value."""
     plane = np.asarray(plane)
     brightest[:, band] = plane.min(), plane.max()
     return plane
 
 
-def _folded_pixels(light: Any, joined: CellTransfer, weights: Any, along: Sequence[_Along], brightest: Any) -> Any:
+def _folded_pixels(
+    light: Array | BandArray, joined: CellTransfer, weights: Array, along: Sequence[_Along], brightest: Array
+) -> Array:
     y, x = joined.axes
     nearest = [round(one.start) for one in along]
     far = [one.start - near for one, near in zip(along, nearest, strict=True)]

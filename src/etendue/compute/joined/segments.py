@@ -23,6 +23,7 @@ from etendue.contract.stage import state_of
 from etendue.plan.model import CellRef
 from etendue.transfer import sampling
 from etendue.transfer.products import Product, weights
+from etendue.types.arrays import Array
 
 
 @dataclass
@@ -48,7 +49,7 @@ class Result:
         return self
 
 
-def _on_grid(job: Job, stage: Transfer) -> Any:
+def _on_grid(job: Job, stage: Transfer) -> Array:
     """Return (band or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid,
     cached.
     """
@@ -56,7 +57,7 @@ def _on_grid(job: Job, stage: Transfer) -> Any:
     y, x = grid.line("y"), grid.line("x")
     edges = grid.bands().edges
 
-    def make() -> Any:
+    def make() -> Array:
         fy = sampling.frequencies(y.size, y.step, half=False)[:, None]
         fx = sampling.frequencies(x.size, x.step, half=True)[None, :]
         value = Product((stage,), edges, lambda own, _: prepared_of(own, job.input_grids, job.grids)).at(fy, fx)

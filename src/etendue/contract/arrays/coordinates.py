@@ -8,16 +8,16 @@ Out: read-only arrays: ``y`` ``x`` as on the grid, ``y_um`` ``x_um`` on the imag
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from etendue.contract.arrays.grid import Bands, Grid, Line
+from etendue.types.arrays import Array
 
 
-def coordinates_of(grids: Mapping[str, Grid], prefix: str = "") -> dict[str, Any]:
+def coordinates_of(grids: Mapping[str, Grid], prefix: str = "") -> dict[str, Array]:
     """Return the coordinate arrays of some grids by name, with a prefix."""
-    found: dict[str, Any] = {}
+    found: dict[str, Array] = {}
     for grid in grids.values():
         for dim, coordinate in grid.entries:
             if f"{prefix}{dim}" in found:

@@ -8,12 +8,13 @@ Out: ``Drawn``, and the attributes that carry the same to a program without a pl
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from etendue.contract.arrays.colouring import flat_dims
 from etendue.contract.arrays.variables import Variable, variable
+from etendue.types.documents import Document, DocumentView, Place
 
 BY = "drawn_by"  # attributes that hold only at some axis values, as JSON: [[{dim: value}, {attribute: value}], ...]
 
@@ -54,7 +55,7 @@ class Drawn:
         """Whether the value shown as white is chosen for the viewer."""
         return self.linear and self.white is None
 
-    def attributes(self) -> dict[str, Any]:
+    def attributes(self) -> Document:
         """Return the attributes for an archive; values that are the default are omitted."""
         found = {
             "drawn_white": self.white,
@@ -68,7 +69,7 @@ class Drawn:
         return {"drawn_as": self.shown} | {name: value for name, value in found.items() if value}
 
 
-def read(name: str, attrs: Mapping[str, Any], at: Mapping[str, Any]) -> Drawn:
+def read(name: str, attrs: DocumentView, at: Place) -> Drawn:
     """Return how to draw an array, from its attributes at a place on the axes; without any, from its name."""
     if "drawn_as" not in attrs:
         return Drawn.of(variable(name))

@@ -10,9 +10,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any
 
 from etendue.plugins import discovery
+from etendue.types.documents import DocumentView
 
 _FORM = re.compile(r"^\s*(?:(?P<name>[\w.*]+)\s*:)?\s*(?P<dims>[^\[\]]*?)\s*\[(?P<unit>[^\]]*)\]\s*(?P<flags>.*?)\s*$")
 DTYPES = ("float", "uint8", "uint16", "uint32")
@@ -103,7 +103,7 @@ def variable(name: str) -> Variable:
     return found if found.long_name else replace(found, long_name=name.replace("_", " "))
 
 
-def without(attrs: Mapping[str, Any]) -> str:
+def without(attrs: DocumentView) -> str:
     """Return the text after a metric's name for the stages that are not in it, '' if there are none."""
     return f", without {attrs[NOT_IN_IT]}" if attrs.get(NOT_IN_IT) else ""
 

@@ -9,9 +9,9 @@ Each limit is far above normal use and far below what a machine cannot handle: p
 from __future__ import annotations
 
 import re
-from typing import Any
 
 from etendue.errors import Fault
+from etendue.types.documents import DocumentView
 
 LARGEST_FILE = 1 << 20  # bytes
 MOST_KEYS = 10_000  # per file: tables, keys and the entries of tables in lists
@@ -50,7 +50,7 @@ def more_values(text: str, most_cells: int) -> Fault | None:
     return Fault("sweep", beyond(count, "values", most_cells, "to allow more, use --most-cells N"))
 
 
-def document_fault(document: Any) -> Fault | None:
+def document_fault(document: DocumentView) -> Fault | None:
     """Return a fault if a document is nested too deeply or has too many keys; checked without recursion."""
     keys, open_ = 0, [(document, "", 0)]
     while open_:

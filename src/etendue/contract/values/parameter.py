@@ -123,7 +123,7 @@ def param(default: Any = MISSING, **allowed: Any) -> Any:
     )
 
 
-def _lies_within(default: Any, settings: tuple[Any, ...]) -> bool:
+def _lies_within(default: bool | float, settings: tuple[Any, ...]) -> bool:
     """Return whether a default is one of the settings, or a number between the first and the last of them."""
     if len(settings) < 2 or len(set(settings)) < len(settings):
         return False

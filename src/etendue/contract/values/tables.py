@@ -6,12 +6,11 @@ Out: ``Table``. Every file may have ``[shared]``; a domain may give the table a 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
 
 from etendue.plugins import discovery
+from etendue.types.documents import DocumentView
 
 SHARED = "shared"
 
@@ -45,7 +44,7 @@ def tables() -> dict[str, Table]:
     return {**{name: replace(table, name=name) for name, table in own.items()}, SHARED: Table()}
 
 
-def table_in(document: Mapping[str, Any]) -> Table:
+def table_in(document: DocumentView) -> Table:
     """Return the table that a document has; if it has none, the first one."""
     every = tables()
     return next((table for name, table in every.items() if name in document), next(iter(every.values())))

@@ -8,13 +8,16 @@ chosen here.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.values.parameter import Parameter
 from etendue.errors import PluginError
 from etendue.plan.model import Approximated
 from etendue.plan.stage_calls import made
+
+if TYPE_CHECKING:
+    pass
 
 
 class WatchedFacts(dict[str, Any]):
@@ -118,7 +121,7 @@ def _finest(stage: Stage, knobs: tuple[str, ...]) -> Stage | None:
     return found
 
 
-def _allowed(parameter: Parameter, default: Any) -> tuple[Any, ...]:
+def _allowed(parameter: Parameter, default: bool | float) -> tuple[Any, ...]:
     """Return the settings that a plan may choose; for a dear knob, none finer than the default."""
     found = parameter.settings
     return found[: found.index(default) + 1] if parameter.dear and default in found else found

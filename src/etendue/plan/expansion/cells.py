@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import replace
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -58,11 +58,11 @@ class _Expansion:
         self.nodes = {node.name: node for node in graph.nodes}
         self.axes = {axis.dim: axis for axis in graph.axes}
         self.cells: dict[CellRef, Cell] = {}
-        self.stages: dict[tuple[str, tuple[Any, ...]], Stage] = {}
+        self.stages: dict[tuple[str, tuple[Hashable, ...]], Stage] = {}
         self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
         numbered = [(node, number) for node in graph.nodes for number in range(len(node.alternatives))]
         self.readings = {(node.name, number): reading_of(node, number, self.nodes) for node, number in numbered}
-        self.forms: dict[tuple[Any, ...], CellGrids] = {}
+        self.forms: dict[Hashable, CellGrids] = {}
         # Decisions by stage and form, shared by cells whose inputs have no known facts: nothing else can differ there.
         self.decisions: Once[Decisions] = Once()
         self.grids: dict[Grid, Grid] = {}

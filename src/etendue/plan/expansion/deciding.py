@@ -109,7 +109,7 @@ class Decider:
             self.chosen[whole if seen.looked else place] = known
         return known
 
-    def error(self, draft: Draft, stage: Stage, facts: Any) -> tuple[float | None, str]:
+    def error(self, draft: Draft, stage: Stage, facts: Mapping[str, Facts]) -> tuple[float | None, str]:
         """Return the error that ``stage`` states in place of the draft's own stage, and its basis."""
         node, grids = draft.node, draft.form.input_grids
         if not node.segment or not isinstance(stage, Summed):

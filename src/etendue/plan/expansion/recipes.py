@@ -7,7 +7,7 @@ Out: the fields of its key and their digest; the words that key its random numbe
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 from etendue.contract.capabilities import Sampled, draws_anew, is_random
@@ -20,6 +20,7 @@ from etendue.plan.identity.code import code_digest, libraries_of
 from etendue.plan.identity.keys import digest, key_of, parameters_for_key, plain_text, version_of
 from etendue.plan.identity.once import Once
 from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, light_of, pixel_of, scene_of
+from etendue.types.documents import Document
 
 NONE: Mapping[str, str] = {}  # never written to; a plain dict, since a mapping proxy cannot be pickled
 Lines = frozenset[str]
@@ -45,7 +46,7 @@ class Recipes:
         self.digests: Once[str] = Once()  # of parameters
         self.heads: Once[Head] = Once()
         self.forms: dict[CellGrids, str] = {}  # text of the grids
-        self.looked: dict[tuple[Any, ...], str] = {}  # text of the transfer functions looked at; many cells share it
+        self.looked: dict[Hashable, str] = {}  # text of the transfer functions looked at; many cells share it
         self.versions: dict[frozenset[str], dict[str, str]] = {}
         self.behind: dict[CellRef, Lines | None] = {}
         self.alike: Once[Lines | None] = Once()
@@ -99,7 +100,7 @@ class Recipes:
         averaged = self.expected and isinstance(stage, Sampled)
         bound = is_random(type(stage)) or node.segment or asked
         versions = self.versions_of(libraries.union(libraries_of(type(stage)), ("numpy", "scipy") if bound else ()))
-        fields: dict[str, Any] = {
+        fields: Document = {
             "stage": one.use,
             "code": one.digest,
             "parameters": self.parameters(stage),

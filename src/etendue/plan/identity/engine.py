@@ -91,6 +91,7 @@ MOVES = {
     "etendue.testing.*": _AFTER,
     "etendue.transfer": _WORDS,
     "etendue.trust.*": _AFTER,
+    "etendue.types.*": "names in annotations",
 }
 # Modules listed in ``MOVES`` that a process holds when it only computes cells; a test reports any other module.
 HELD = (
@@ -108,6 +109,8 @@ HELD = (
     "etendue.plugins.hookspecs",
     "etendue.run.batches",
     "etendue.run.order",
+    "etendue.types.arrays",
+    "etendue.types.documents",
 )
 
 

@@ -18,6 +18,7 @@ from etendue import plain_files
 from etendue.contract.stage import Stage, file_state, files_of, parameters_of
 from etendue.contract.values.late_bound import LateValue
 from etendue.plugins.discovery import named
+from etendue.types.documents import Document
 
 
 def digest(data: bytes) -> str:
@@ -51,7 +52,7 @@ def plain_text(value: Any) -> str:
     return float(value).hex() if hasattr(value, "__float__") else repr(value)
 
 
-def key_of(fields: dict[str, Any]) -> str:
+def key_of(fields: Document) -> str:
     return digest(json.dumps(canonical(fields), sort_keys=True).encode())
 
 
@@ -79,7 +80,7 @@ def _file_digest(path: str, state: tuple[int, int]) -> str:
     return found.hexdigest()
 
 
-def parameters_for_key(stage: Stage) -> dict[str, Any]:
+def parameters_for_key(stage: Stage) -> Document:
     """Return the resolved parameters, with files replaced by the digest of their content."""
     files = files_of(stage)
     return {

@@ -16,10 +16,10 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from etendue import cache as kept
 from etendue.plan.identity.keys import digest
+from etendue.types.documents import Document
 
 PACKAGE = Path(__file__).parents[2]
 SETTLED = 2.0  # s; a file changed more recently may change again without its time stamp showing it
@@ -143,7 +143,7 @@ def _name_of(node: ast.AST) -> str:
 
 
 @cache
-def _kept() -> dict[str, Any]:
+def _kept() -> Document:
     """Return the state and content, by path, of files read in earlier runs; empty if the cache file is damaged."""
     data = kept.read("code", _place()) or b""
     try:
@@ -164,7 +164,7 @@ def known(path: Path) -> SourceFile:
     state = [found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino]
     entry = _kept().get(name)
     if entry is not None and entry["state"] == state:
-        words: dict[str, Any] = {
+        words: Document = {
             word: tuple(value) if isinstance(value, list) else value for word, value in entry["source"].items()
         }
         return SourceFile(**words)

@@ -7,7 +7,6 @@ Out: classes with resolved values, and the axis that chooses among them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from etendue.contract.capabilities import is_transfer
 from etendue.contract.stage import Stage, parameters_of, writes_of
@@ -20,6 +19,7 @@ from etendue.plan.identity.code import code_digest
 from etendue.plan.model import Alternative, Axis
 from etendue.plan.request import Request
 from etendue.plan.wiring.parameters import Unfit, expected, resolve
+from etendue.types.documents import Document, DocumentView
 
 Entries = Mapping[str, tuple[Alternative, ...]]  # by name of the stage
 
@@ -64,14 +64,14 @@ def meaning(parameter: Parameter) -> str:
 
 
 def _alternative(
-    request: Request, stage: str, use: str, label: str, written: Mapping[str, Any], place: str
+    request: Request, stage: str, use: str, label: str, written: DocumentView, place: str
 ) -> Alternative | None:
     kind = _load(request, use, place)
     if kind is None:
         return None
     declared = parameters_of(kind)
     own = [name for name, (parameter, _, _) in declared.items() if not parameter.shared]
-    values: dict[str, Any] = {}
+    values: Document = {}
     for name, value in written.items():
         if name not in own:
             request.fault(f"{place}.{name}", _no_parameter(request, use, name, name in declared, own))

@@ -6,9 +6,7 @@ Out: nodes in order, axes, shared quantities, wanted and kept variables; or one 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 from etendue.contract.arrays import variables
 from etendue.contract.arrays.dims import is_light
@@ -28,6 +26,7 @@ from etendue.plan.wiring.quantities import resolve_quantities, to_be_found
 from etendue.plan.wiring.swapped import fitted_to_overrides
 from etendue.plugins import discovery
 from etendue.telling import plain
+from etendue.types.documents import Document, DocumentView
 
 
 @dataclass
@@ -36,7 +35,7 @@ class Graph:
 
     nodes: tuple[Node, ...]
     axes: tuple[Axis, ...]
-    shared: dict[str, Any]
+    shared: Document
     wanted: tuple[tuple[str, str], ...]
     keep: tuple[str, ...] | None
     warnings: tuple[str, ...]
@@ -157,7 +156,7 @@ def _check_found(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
             request.warnings.append(f"{request.pipeline.table.place(name)} is not used: {finder!r} finds it")
 
 
-def _try_values(request: Request, nodes: list[Node], axes: list[Axis], given: Mapping[str, Any]) -> None:
+def _try_values(request: Request, nodes: list[Node], axes: list[Axis], given: DocumentView) -> None:
     """Report values that a stage itself refuses, for all stages at once; swept parameters are tried at their first
     value.
     """

@@ -20,6 +20,7 @@ from etendue.contract.values.parameter import Parameter
 from etendue.contract.values.units import UnitError, as_written, to_unit
 from etendue.errors import nearest, unprintable
 from etendue.plugins.discovery import is_table_file
+from etendue.types.documents import Document
 
 SMALLEST, LARGEST = 1e-30, 1e30  # magnitudes of numbers; products of a few of them fit 64-bit floats
 MOST_STEPS = 100_000
@@ -198,7 +199,7 @@ def axis_values(entry: Any, parameter: Parameter, kind: Any, folder: Path) -> tu
     return tuple(values)
 
 
-def _spaced(entry: dict[str, Any], parameter: Parameter, folder: Path) -> list[Decimal]:
+def _spaced(entry: Document, parameter: Parameter, folder: Path) -> list[Decimal]:
     """Return the values of ``{ from, to, steps, spacing }``, to 12 significant digits."""
     known = ("from", "to", "steps", "spacing")
     for name in entry:

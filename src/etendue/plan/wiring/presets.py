@@ -19,6 +19,7 @@ from etendue.pipeline.presets import preset, preset_names
 from etendue.plan.model import Axis
 from etendue.plan.request import Request
 from etendue.plan.wiring.parameters import Unfit, resolve
+from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
     from etendue.plan.wiring.quantities import Declared
@@ -56,7 +57,7 @@ def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | No
     return None if len(request.faults) > before else Axis(word, word, tuple(tables), "", gives)
 
 
-def _tables(request: Request, written: Iterable[Any]) -> dict[str, Mapping[str, Any]]:
+def _tables(request: Request, written: Iterable[str]) -> dict[str, DocumentView]:
     """Return the table of each value of the axis, by its label."""
     word = request.pipeline.table.preset
     place, tables = f"sweep.{word}", dict[str, Mapping[str, Any]]()
@@ -75,7 +76,7 @@ def _tables(request: Request, written: Iterable[Any]) -> dict[str, Mapping[str, 
     return tables
 
 
-def _stated(name: str, whose: Table) -> Mapping[str, Any]:
+def _stated(name: str, whose: Table) -> DocumentView:
     """Return what an installed preset gives; empty if it cannot be read, which is reported where it is named."""
     try:
         return preset(name, whose).values()
@@ -83,7 +84,7 @@ def _stated(name: str, whose: Table) -> Mapping[str, Any]:
         return {}
 
 
-def _column(request: Request, name: str, one: Declared, tables: Mapping[str, Mapping[str, Any]]) -> tuple[Any, ...]:
+def _column(request: Request, name: str, one: Declared, tables: Mapping[str, DocumentView]) -> tuple[Any, ...]:
     """Return the values of one quantity along the axis."""
     whose = request.pipeline.table
     word, place = whose.preset, f"sweep.{whose.preset}"

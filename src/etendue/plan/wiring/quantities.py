@@ -22,6 +22,7 @@ from etendue.plan.request import Request
 from etendue.plan.wiring.alternatives import Entries, meaning
 from etendue.plan.wiring.parameters import Unfit, resolve
 from etendue.plan.wiring.presets import preset_axis
+from etendue.types.documents import Document
 
 
 class Declared(NamedTuple):
@@ -38,7 +39,7 @@ class Quantities:
     """All quantities that the stages of a pipeline share."""
 
     declared: Mapping[str, Declared]
-    values: dict[str, Any]  # None if a required one is missing or swept
+    values: Document  # None if a required one is missing or swept
     written: frozenset[str]  # those that a stage of the pipeline writes
     presets: Axis | None = None  # if the preset is swept
 
@@ -80,9 +81,9 @@ def _declared_by(request: Request, entries: Entries) -> dict[str, Declared]:
 
 def _values_of(
     request: Request, declared: Mapping[str, Declared], written: frozenset[str], by_preset: set[str]
-) -> dict[str, Any]:
+) -> Document:
     pipeline = request.pipeline
-    values: dict[str, Any] = {}
+    values: Document = {}
     given = {**({} if pipeline.preset_swept else pipeline.preset), **pipeline.shared}
     place, named = pipeline.table.place, pipeline.table.preset
     swept = {*pipeline.sweep, *by_preset}

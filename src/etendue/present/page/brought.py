@@ -21,6 +21,7 @@ from etendue.errors import ArchiveError, PluginError
 from etendue.plugins import discovery
 from etendue.plugins.shares import shared_out
 from etendue.present.page.opened import Opened
+from etendue.types.documents import Document
 
 PNG = b"\x89PNG\r\n\x1a\n"
 DATA = "data:image/png;base64,"
@@ -38,7 +39,7 @@ class Section:
     title: str
 
 
-def wordings(opened: Opened) -> dict[str, Any]:
+def wordings(opened: Opened) -> Document:
     """Return the wordings of a page from the distributions whose stages an archive uses, and the names to show
     first.
     """
@@ -57,14 +58,14 @@ def wordings(opened: Opened) -> dict[str, Any]:
     }
 
 
-def sections(opened: Opened) -> list[dict[str, Any]]:
+def sections(opened: Opened) -> list[Document]:
     """Return every section that has content or an error, in the order of registration."""
     every, tree = discovery.installed(), None
-    found: list[dict[str, Any]] = []
+    found: list[Document] = []
     for name in every.names("sections"):
         brought = every.all("sections", name)[0]
         plain = "".join(c if c.isalnum() else "-" for c in name)
-        said: dict[str, Any] = {"name": plain, "title": name, "origin": brought.origin, "blocks": [], "why": ""}
+        said: Document = {"name": plain, "title": name, "origin": brought.origin, "blocks": [], "why": ""}
         try:
             one = discovery.made_of(Section, f"the section {name!r}", brought)
             said["title"] = str(one.title)
@@ -79,13 +80,13 @@ def sections(opened: Opened) -> list[dict[str, Any]]:
     return found
 
 
-def _blocks(given: Any, what: str) -> list[dict[str, Any]]:
+def _blocks(given: Any, what: str) -> list[Document]:
     if not isinstance(given, list | tuple):
         raise PluginError(f"{what} returns {type(given).__name__}; {FORM}")
     return [_block(one, f"{what}, block {number}") for number, one in enumerate(given, 1)]
 
 
-def _block(one: Any, what: str) -> dict[str, Any]:
+def _block(one: Any, what: str) -> Document:
     own = dict(one) if isinstance(one, Mapping) else {}
     if isinstance(own.get("paragraph"), str):
         return {"paragraph": own["paragraph"]}

@@ -13,6 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
+
 KINDS: dict[str, np.dtype[Any]] = {
     "f4": np.dtype("<f4"),
     "f8": np.dtype("<f8"),
@@ -29,7 +32,7 @@ class Columns:
         self._parts: list[bytes] = []
         self._size = 0
 
-    def put(self, values: Any, kind: str = "f4") -> dict[str, Any]:
+    def put(self, values: Any, kind: str = "f4") -> Document:
         """Add an array, flattened in C order; return ``{"at": byte, "count": numbers, "kind": "f4"}``."""
         flat = np.ascontiguousarray(values).ravel().astype(KINDS[kind])
         shuffled = flat.view("u1").reshape(-1, KINDS[kind].itemsize).T.tobytes()
@@ -38,7 +41,7 @@ class Columns:
         self._size += len(shuffled)
         return place
 
-    def words(self, texts: Any) -> dict[str, Any]:
+    def words(self, texts: Array) -> Document:
         """Add repetitive texts: each distinct text once, and an index for every entry."""
         known, which = np.unique(np.asarray(texts, dtype=object).astype(str), return_inverse=True)
         kind = "u1" if len(known) <= 256 else "u2" if len(known) <= 65536 else "u4"

@@ -26,14 +26,13 @@ from etendue.present.page.looks import pictured
 from etendue.present.page.opened import Opened
 from etendue.present.page.opening import opening
 from etendue.present.page.tables import NUMBERS, WORDS, Ledger, failures, ledger, measured, omissions, stage_rows
+from etendue.types.documents import Document, DocumentView
 
 FORMAT = 1
 MOST_ROWS = 400_000  # largest number of cells with their own rows in the page; above it only sums are shown
 
 
-def document(
-    opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: Mapping[str, Any] | None = None
-) -> dict[str, Any]:
+def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: DocumentView | None = None) -> Document:
     """Return all that is shown. ``about``: descriptions of installed stages, by name; ``pictures``: those embedded in
     the page.
     """
@@ -143,14 +142,14 @@ def _losses_command(opened: Opened, start: Mapping[str, int]) -> str:
     return shlex.join(words)
 
 
-def _pipeline(opened: Opened) -> dict[str, Any]:
+def _pipeline(opened: Opened) -> Document:
     try:
         return tomllib.loads(str(opened.record.get("text", "")))
     except (tomllib.TOMLDecodeError, RecursionError):
         return {}
 
 
-def _shared(opened: Opened) -> list[dict[str, Any]]:
+def _shared(opened: Opened) -> list[Document]:
     """Return the shared quantities that some stage has used and that are not swept, with units."""
     used = {name for node in opened.record["nodes"].values() for name in node.get("shown", {})}
     swept = {axis.key for axis in opened.axes}
@@ -176,7 +175,7 @@ def _said(opened: Opened, stage: str, variable: str) -> dict[str, str]:
     return {"label": str(attrs.get("long_name", variable)) + without(attrs), "units": "" if units == "1" else units}
 
 
-def _figure(one: MetricColumn, columns: Columns) -> dict[str, Any]:
+def _figure(one: MetricColumn, columns: Columns) -> Document:
     dims = [
         {
             "name": dim,
@@ -199,14 +198,14 @@ def _figure(one: MetricColumn, columns: Columns) -> dict[str, Any]:
     }
 
 
-def _coordinate(one: Coordinate, columns: Columns) -> dict[str, Any]:
+def _coordinate(one: Coordinate, columns: Columns) -> Document:
     said = {"name": one.name, "label": one.label, "units": one.units, "axes": list(one.axes)}
     if one.values.dtype.kind in "fiu":
         return {**said, "data": columns.put(one.values, "f8")}
     return {**said, "labels": [str(v) for v in one.values.ravel().tolist()]}
 
 
-def _cells(opened: Opened, table: Ledger, columns: Columns) -> dict[str, Any]:
+def _cells(opened: Opened, table: Ledger, columns: Columns) -> Document:
     """Pack the ledger, one column each; of a very large archive only its size."""
     rows = len(table["stage"])
     if rows > MOST_ROWS:
@@ -221,7 +220,7 @@ def _cells(opened: Opened, table: Ledger, columns: Columns) -> dict[str, Any]:
     return {"rows": rows, "columns": packed, "at": at}
 
 
-def _provenance(opened: Opened) -> dict[str, Any]:
+def _provenance(opened: Opened) -> Document:
     record = opened.record
     last = sorted((opened.folder / "runs").glob("*.toml"))
     return {

@@ -16,6 +16,7 @@ import numpy as np
 from etendue.contract.arrays.variables import variable, without
 from etendue.errors import ArchiveError
 from etendue.present.page.opened import PLANE, Opened, ShownGroup
+from etendue.types.arrays import Array
 
 LARGEST = 4096  # numbers per cell; variables with more are neither metric nor curve
 MOST = 4_000_000  # numbers of one variable over all cells
@@ -29,7 +30,7 @@ class Coordinate:
     label: str
     units: str
     axes: tuple[str, ...]
-    values: Any  # (axes..., dim)
+    values: Array  # (axes..., dim)
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class MetricColumn:
     units: str
     axes: tuple[str, ...]
     dims: tuple[str, ...]
-    values: Any  # (axes..., dims...)
+    values: Array  # (axes..., dims...)
     coordinates: dict[str, list[Coordinate]] = field(default_factory=dict)
     meanings: tuple[str, ...] = ()  # names of whole numbers that are codes
 
@@ -101,7 +102,7 @@ def _figure(opened: Opened, stage: str, name: str, groups: list[ShownGroup]) -> 
     )
 
 
-def _arrays(opened: Opened, groups: list[ShownGroup], name: str) -> Iterator[tuple[ShownGroup, tuple[int, ...], Any]]:
+def _arrays(opened: Opened, groups: list[ShownGroup], name: str) -> Iterator[tuple[ShownGroup, tuple[int, ...], Array]]:
     for group in groups:
         for place, cell in opened.cells(group):
             if opened.has(cell):

@@ -10,12 +10,11 @@ import base64
 import hashlib
 import html
 import json
-from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
-from typing import Any
 
 from etendue.present.page.document import plain
+from etendue.types.documents import DocumentView
 
 SCRIPTS = (
     "base.js",
@@ -43,7 +42,7 @@ def _script() -> str:
     return "(() => {\n'use strict';\n" + "\n".join(static(name) for name in SCRIPTS) + "\n})();\n"
 
 
-def page(document: Mapping[str, Any], live: bool = False) -> str:
+def page(document: DocumentView, live: bool = False) -> str:
     """Return the HTML of a document."""
     style, script = static("page.css"), _script()
     policy = "; ".join(
@@ -70,7 +69,7 @@ def page(document: Mapping[str, Any], live: bool = False) -> str:
     return "".join(parts.get(piece, piece) for piece in static("page.html").split("@@"))
 
 
-def embedded(document: Mapping[str, Any]) -> str:
+def embedded(document: DocumentView) -> str:
     """Return JSON that no HTML parser takes for the end of its element."""
     text = json.dumps(plain(document), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")

@@ -11,7 +11,7 @@ import json
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from etendue.present.page.looks import Picture, picture, pictured
 from etendue.present.page.opened import FINISHED, Opened
 from etendue.present.page.report import about_stages
 from etendue.present.page.shots import strip
+from etendue.types.documents import Document
 
 HELD = 768 * 2**20  # bytes of arrays kept in memory
 PATIENCE = 2.0  # minimum seconds between two refreshes of a growing archive
@@ -59,8 +60,8 @@ class Live:
         self.about = about_stages(self.opened)
         self.serial = 1
         self._lock = threading.RLock()
-        self._drawn: tuple[int, dict[str, Any]] | None = None
-        self._pictures: OrderedDict[tuple[Any, ...], Picture] = OrderedDict()
+        self._drawn: tuple[int, Document] | None = None
+        self._pictures: OrderedDict[tuple[Hashable, ...], Picture] = OrderedDict()
         self._seen, self._state, self._cost = time.monotonic(), self._stat(), 0.5
         self._made()
         self.answers: dict[str, Callable[[Words], tuple[str, bytes, dict[str, str]]]] = {
@@ -105,7 +106,7 @@ class Live:
 
     # -- answers --------------------------------------------------------------------------------------
 
-    def shown(self, through: str) -> dict[str, Any]:
+    def shown(self, through: str) -> Document:
         """Return the current document; ``through``: how its page sends requests, ``server`` or ``frame``."""
         made = self._made()
         return {**made, "live": {**made["live"], "through": through}}
@@ -113,7 +114,7 @@ class Live:
     def _page(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
         return "text/html; charset=utf-8", page(self.shown("server"), live=True).encode(), {}
 
-    def _made(self) -> dict[str, Any]:
+    def _made(self) -> Document:
         with self._lock:
             if self._drawn is None or self._drawn[0] != self.serial:
                 made = document(self.opened, self.about)
@@ -169,7 +170,7 @@ class Live:
         at, on_plane = self._at(words), words.get("plane") == "1"
         rows = []
         for stage, variable in pictured(self.opened):
-            row: dict[str, Any] = {"stage": stage, "variable": variable}
+            row: Document = {"stage": stage, "variable": variable}
             try:
                 one = self._shown(stage, variable, at)
             except ArchiveError as error:

@@ -21,6 +21,7 @@ from etendue.errors import ArchiveError
 from etendue.present.page.opened import PLANE, Opened, ShownGroup
 from etendue.present.pictures.appearance import rendered, white_among
 from etendue.present.plots import pictures
+from etendue.types.arrays import Array
 
 LARGEST = 64 * 2**20  # largest number of elements of an array that is shown
 
@@ -44,7 +45,7 @@ class Picture:
     group: ShownGroup
     variable: str
     places: Mapping[str, int]  # positions on the axes of the sweep
-    array: Any  # (..., y, x) as stored
+    array: Array  # (..., y, x) as stored
     origin: tuple[float, float]  # y, x of the first sample
     step: tuple[float, float]
     on_plane: bool  # True: um on the image plane; False: samples

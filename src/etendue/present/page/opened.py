@@ -8,7 +8,7 @@ Out: ``Opened``. Arrays are read from where the journal locates them, and checke
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -28,6 +28,7 @@ from etendue.archive.sharding.unfolding import check_group
 from etendue.archive.structure.layout import BOUNDS
 from etendue.archive.structure.naming import cell_label
 from etendue.errors import ArchiveError
+from etendue.types.documents import AxisValue, Document
 
 PLANE = ("y", "x")
 FINISHED = ("done", "left_out")
@@ -41,10 +42,10 @@ class ArchivedAxis:
     key: str  # the parameter, such as "sharpen.strength"
     label: str
     units: str
-    values: tuple[Any, ...]
+    values: tuple[AxisValue, ...]
 
     @cached_property
-    def places(self) -> Mapping[Any, int]:
+    def places(self) -> Mapping[AxisValue, int]:
         return {value: place for place, value in enumerate(self.values)}
 
     @property
@@ -58,7 +59,7 @@ class ShownGroup:
 
     stage: str
     path: str
-    axes: Mapping[str, list[Any]]  # values by dim, as stored
+    axes: Mapping[str, list[AxisValue]]  # values by dim, as stored
     data: xarray.Dataset
 
     @property
@@ -92,7 +93,7 @@ class Opened:
         self.running = is_running(folder)
         self.stored = Stored(folder)
         self.damaged: set[str] = set()
-        self.whites: dict[tuple[Any, ...], float] = {}
+        self.whites: dict[tuple[Hashable, ...], float] = {}
         record = latest_record(folder)
         if record is None:
             why = (
@@ -101,7 +102,7 @@ class Opened:
                 else "no readable run record; run etendue verify"
             )
             raise ArchiveError(f"{folder}: {why}")
-        self.record: dict[str, Any] = record
+        self.record: Document = record
         self.ended = self.stored.manifest is not None and not self.running
         if self.stored.manifest is not None and not self.running and (changed := self.stored.manifest.changed(folder)):
             raise ArchiveError(
@@ -120,11 +121,11 @@ class Opened:
         return order_of(self.folder / DATA, self.record)
 
     @cached_property
-    def runs(self) -> list[dict[str, Any]]:
+    def runs(self) -> list[Document]:
         return records(self.folder)
 
     @cached_property
-    def progress(self) -> dict[str, Any]:
+    def progress(self) -> Document:
         """Cells requested by the last run and those finished; for a run in progress also its rate and the time left."""
         return progress(self.stored.journal, str(self.record["began"]) if self.running else "")
 
@@ -147,7 +148,7 @@ class Opened:
     @cached_property
     def axes(self) -> tuple[ArchivedAxis, ...]:
         """Every axis that any group has, in the order of the sweep."""
-        values: dict[str, dict[Any, None]] = {str(dim): {} for dim in self.record["axes"]}
+        values: dict[str, dict[AxisValue, None]] = {str(dim): {} for dim in self.record["axes"]}
         shown: dict[str, tuple[str, str, str]] = {}
         for group in (one for groups in self.groups.values() for one in groups):
             for dim, own in group.axes.items():

@@ -25,6 +25,8 @@ from etendue.present.page.figures import MetricColumn
 from etendue.present.page.opened import ArchivedAxis
 from etendue.present.page.tables import Ledger
 from etendue.present.plots.drawing.pareto import front
+from etendue.types.arrays import Array
+from etendue.types.documents import Document, DocumentView
 
 OTHER = "other"
 MOST_OPEN = 8
@@ -48,7 +50,7 @@ class Number:
         return self.known.subject or OTHER
 
     @property
-    def said(self) -> dict[str, Any]:
+    def said(self) -> Document:
         return {"stage": self.figure.stage, "variable": self.figure.variable, "inner": self.inner}
 
     @property
@@ -67,7 +69,7 @@ class Number:
     def at(self, place: Mapping[str, int]) -> float:
         return float(self.values[tuple(place[dim] for dim in self.figure.axes)])
 
-    def worth(self, values: Any) -> Any:
+    def worth(self, values: Array) -> Any:
         """Return values for which higher is better, on a ratio scale: decibels and stops are converted from
         logarithms.
         """
@@ -78,7 +80,7 @@ class Number:
 
 def opening(
     figures: Sequence[MetricColumn], axes: Sequence[ArchivedAxis], start: Mapping[str, int], table: Ledger
-) -> dict[str, Any]:
+) -> Document:
     """Return how the page opens. ``start``: where it starts if there is nothing to choose."""
     numbers = [one for figure in figures if (one := _number(figure)) is not None]
     chosen = _front(numbers, axes)
@@ -116,7 +118,7 @@ def _ranked(numbers: Sequence[Number], subject: str) -> list[Number]:
     return sorted(last.values(), key=lambda one: one.known.rank)
 
 
-def _open(numbers: Sequence[Number], chosen: Mapping[str, Any] | None) -> list[Number]:
+def _open(numbers: Sequence[Number], chosen: DocumentView | None) -> list[Number]:
     """Return one metric of each subject, those of the front first; if no subject is known, the first available."""
     found = []
     for subject in _opens():
@@ -131,7 +133,7 @@ def _same(one: Number, other: Number) -> bool:
     return one.figure.axes == other.figure.axes and np.array_equal(one.values, other.values, equal_nan=True)
 
 
-def _subjects(figures: Sequence[MetricColumn]) -> list[dict[str, Any]]:
+def _subjects(figures: Sequence[MetricColumn]) -> list[Document]:
     """Return every metric by its subject, as (stage, variable)."""
     found: dict[str, list[list[str]]] = {}
     for one in figures:
@@ -148,7 +150,7 @@ def _subjects(figures: Sequence[MetricColumn]) -> list[dict[str, Any]]:
 # ------------------------------------------------------------------------------------------------------------
 
 
-def _front(numbers: Sequence[Number], axes: Sequence[ArchivedAxis]) -> dict[str, Any] | None:
+def _front(numbers: Sequence[Number], axes: Sequence[ArchivedAxis]) -> Document | None:
     """Return two metrics that a sweep trades against each other, and their front; None if it does not vary two."""
     if not axes or math.prod(len(axis.values) for axis in axes) > MOST_CELLS:
         return None
@@ -213,7 +215,7 @@ def _burnt(numbers: Sequence[Number], over: Sequence[ArchivedAxis]) -> Any:
     return found
 
 
-def _shares(worth: Any) -> Any:
+def _shares(worth: Array) -> Any:
     """Return each value as a share of the best in its column: as a ratio, inverted where lower is better; as a share of
     the range if values may be 0.
     """
@@ -232,7 +234,7 @@ def _shares(worth: Any) -> Any:
 
 def _beside(
     x: Number, y: Number, over: Sequence[ArchivedAxis], place: Mapping[str, int], usable: Any
-) -> list[dict[str, Any]]:
+) -> list[Document]:
     """Return what one step along each axis would change: both metrics, and whether the cell is usable."""
     found = []
     for axis in over:
@@ -253,7 +255,7 @@ def _beside(
 # -----------------------------------------------------------------------------------------
 
 
-def _limits(figures: Sequence[MetricColumn], place: Mapping[str, int]) -> list[dict[str, Any]]:
+def _limits(figures: Sequence[MetricColumn], place: Mapping[str, int]) -> list[Document]:
     """Return which of the named factors is the limit at a position, and its gain if a metric gives it.
 
     ``capped``: how many times as far it would go without the factor that caps all others; above 1 that factor comes
@@ -295,7 +297,7 @@ def _limits(figures: Sequence[MetricColumn], place: Mapping[str, int]) -> list[d
     return found
 
 
-def _error(table: Ledger, axes: Sequence[ArchivedAxis], place: Mapping[str, int]) -> dict[str, Any]:
+def _error(table: Ledger, axes: Sequence[ArchivedAxis], place: Mapping[str, int]) -> Document:
     """Return the largest stated error of a stage in the cell at a position, and the error bound of omissions there."""
     here = np.ones(len(table["stage"]), bool)
     for axis in axes:

@@ -20,6 +20,7 @@ from etendue.present.page.html import page
 from etendue.present.page.opened import Opened
 from etendue.present.page.shots import shots
 from etendue.telling import printable
+from etendue.types.documents import Document
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def report(archive: Path, output: Path, blame: Blame | None = None) -> WrittenRe
     return WrittenReport(output, len(text.encode()), made["cells"]["rows"], len(made["pictures"]["places"]), failed)
 
 
-def reported(opened: Opened) -> dict[str, Any]:
+def reported(opened: Opened) -> Document:
     """Return the document of a report: metrics of all cells, pictures of a few."""
     made = document(opened, about_stages(opened))
     made = {**made, "pictures": shots(opened, made["start"])}

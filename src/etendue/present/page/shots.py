@@ -10,13 +10,14 @@ import base64
 import io
 from collections.abc import Sequence
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from etendue.errors import ArchiveError
 from etendue.present.page.looks import Picture, drawn_of, picture, pictured
 from etendue.present.page.opened import Opened
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 
 MOST_CELLS = 64
 BUDGET = 3_300_000  # bytes of all pictures: 4.4 MB as text
@@ -57,7 +58,7 @@ def _along(size: int, count: int, middle: int) -> list[int]:
     return sorted(set(places))
 
 
-def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> dict[str, Any]:
+def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> Document:
     """Return ``strip``: every stage of the cell at ``start``; and ``cells``: pictures of chosen cells, those of the
     last stages first.
     """
@@ -67,7 +68,7 @@ def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> dict[s
         dict(zip(dims, place, strict=True))
         for place in chosen([len(axis.values) for axis in opened.axes], list(start.values()))
     ]
-    shown: list[dict[str, Any]] = []
+    shown: list[Document] = []
     left_out: list[str] = []
     for stage, variable in _wanted(opened):
         made = _series(opened, stage, variable, places, budget - spent, lossless=not shown)
@@ -107,14 +108,12 @@ def _shown(opened: Opened) -> list[tuple[str, str]]:
     return [one for one in pictured(opened) if drawn_of(opened, *one).shown]
 
 
-def strip(
-    opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE * BUDGET)
-) -> tuple[list[dict[str, Any]], int]:
+def strip(opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE * BUDGET)) -> tuple[list[Document], int]:
     """Return the picture of every stage at one cell, and their bytes: lossless as far as they fit, the largest
     compressed first.
     """
-    found: list[dict[str, Any]] = []
-    exact: list[tuple[Any, bytes]] = []
+    found: list[Document] = []
+    exact: list[tuple[Array, bytes]] = []
     for stage, variable in _shown(opened):
         one = _picture(opened, stage, variable, start)
         if one is None:
@@ -143,14 +142,14 @@ def strip(
 
 def _series(
     opened: Opened, stage: str, variable: str, places: list[dict[str, int]], budget: float, lossless: bool
-) -> dict[str, Any] | None:
+) -> Document | None:
     """Return one variable of all chosen cells, each cell once however many axes do not reach it; None if it does not
     fit.
     """
     axes = opened.reaching(stage)
     pictures: dict[str, str] = {}
     sizes: dict[str, list[int]] = {}
-    raw: dict[str, Any] = {}
+    raw: Document = {}
     for place in places:
         key = ",".join(str(place[dim]) for dim in axes)
         if key in raw:
@@ -191,7 +190,7 @@ def _picture(opened: Opened, stage: str, variable: str, place: dict[str, int]) -
         return None
 
 
-def _webp(pixels: Any, quality: int | None) -> bytes:
+def _webp(pixels: Array, quality: int | None) -> bytes:
     from PIL import Image
 
     file = io.BytesIO()

@@ -18,6 +18,8 @@ from etendue.archive.records.manifest import DATA
 from etendue.archive.records.remembered import documents
 from etendue.archive.sharding.unfolding import check_group
 from etendue.present.page.opened import Opened
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed", "reused")
 WORDS = ("stage", "status", "how", "approximated", "why_left_out", "message")
@@ -72,7 +74,7 @@ def _from_journal(opened: Opened) -> Ledger:
     return found
 
 
-def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, str]]) -> list[dict[str, Any]]:
+def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, str]]) -> list[Document]:
     """Return a row per stage: description, axes, cells, seconds, errors."""
     rows, nodes = [], opened.record["nodes"]
     for number, stage in enumerate(opened.stages):
@@ -107,7 +109,7 @@ def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, s
     return rows
 
 
-def omissions(table: Ledger) -> list[dict[str, Any]]:
+def omissions(table: Ledger) -> list[Document]:
     """Return what was left out or coarser, and why: a row per stage and reason."""
     rows = []
     for kind, column in (("left out", "why_left_out"), ("coarser", "approximated")):
@@ -126,7 +128,7 @@ def omissions(table: Ledger) -> list[dict[str, Any]]:
     return rows
 
 
-def failures(opened: Opened, table: Ledger) -> dict[str, Any]:
+def failures(opened: Opened, table: Ledger) -> Document:
     """Return failed cells by stage and message, and how many later cells were skipped."""
     rows = []
     for stage, message, own in _by(table, table["status"] == "failed", "message"):
@@ -138,9 +140,9 @@ def failures(opened: Opened, table: Ledger) -> dict[str, Any]:
     return {"rows": rows, "skipped": int((table["status"] == "skipped").sum())}
 
 
-def measured(opened: Opened) -> list[dict[str, Any]]:
+def measured(opened: Opened) -> list[Document]:
     """Return the errors of wanted variables from the reference settings, as last measured by ``run --measure``."""
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, Document] = {}
     for document in documents(opened.folder).values():
         errors = document.get("errors")
         for name, one in errors.items() if isinstance(errors, dict) else ():
@@ -154,19 +156,19 @@ def measured(opened: Opened) -> list[dict[str, Any]]:
     return sorted(found.values(), key=lambda one: -one["rms"])
 
 
-def _by(table: Ledger, which: Any, column: str) -> list[tuple[str, str, Any]]:
+def _by(table: Ledger, which: Array, column: str) -> list[tuple[str, str, Array]]:
     pairs = dict.fromkeys(zip(table["stage"][which].tolist(), table[column][which].tolist(), strict=True))
     return [
         (str(stage), str(text), which & (table["stage"] == stage) & (table[column] == text)) for stage, text in pairs
     ]
 
 
-def _total(values: Any) -> float | None:
+def _total(values: Array) -> float | None:
     known = values[np.isfinite(values)]
     return float(known.sum()) if known.size else None
 
 
-def _largest(values: Any) -> float | None:
+def _largest(values: Array) -> float | None:
     known = values[np.isfinite(values)]
     return float(known.max()) if known.size else None
 

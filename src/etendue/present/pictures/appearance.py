@@ -19,6 +19,7 @@ import numpy as np
 from etendue.contract.arrays import colouring as kinds
 from etendue.contract.arrays.drawn import Drawn, Pictured, lit_by
 from etendue.present.pictures.fitting import LARGEST, coloured, fitted, tinted
+from etendue.types.arrays import Array
 
 BRIGHT, SHARE = 0.995, 0.9  # this quantile of the brightest channel is shown at this share of white
 HATCH = (225, 120, 112), (250, 232, 230)  # stripes where there is no value
@@ -39,14 +40,14 @@ class Appearance:
     tints: Any = None
     grey: bool = False
 
-    def rgb(self, array: Any, row: int = 0) -> Any:
+    def rgb(self, array: Array, row: int = 0) -> Array:
         """Return (3, y, x) float32, unscaled if linear, of all rows or of some starting at ``row``."""
         array = np.asarray(array)
         if self.tints is not None:
             return coloured(self.values(array), self.tints, row)
         return self.mixed(self.share(array, self.ends(array)) if self.grey else self.values(array))
 
-    def small(self, array: Any) -> Any:
+    def small(self, array: Array) -> Array:
         """Return the same, averaged over areas until it fits."""
         array = np.asarray(array)
         if self.tints is not None:
@@ -54,12 +55,12 @@ class Appearance:
         ends = self.ends(array) if self.grey else None
         return self.mixed(fitted(array, self.values if ends is None else lambda rows: self.share(rows, ends)))
 
-    def values(self, rows: Any) -> Any:
+    def values(self, rows: Array) -> Array:
         """Return numbers above black."""
         rows = rows.astype(np.float32, copy=False)
         return np.maximum(rows - np.float32(self.drawn.black), 0) if self.drawn.black else rows
 
-    def mixed(self, planes: Iterable[Any]) -> Any:
+    def mixed(self, planes: Iterable[Any]) -> Array:
         """Return planes mixed to colours, at any size; summed in order, so that they may arrive one by one."""
         if self.matrix is None:
             planes = planes if isinstance(planes, np.ndarray) else np.stack(list(planes))
@@ -72,7 +73,7 @@ class Appearance:
                 own += weight * plane
         return mixed
 
-    def ends(self, plane: Any) -> tuple[float, float]:
+    def ends(self, plane: Array) -> tuple[float, float]:
         """Return the numbers of a map shown as black and white, or their logarithms."""
         if self.drawn.range is not None:
             low, high = np.log(self.drawn.range) if self.drawn.log else self.drawn.range
@@ -84,14 +85,14 @@ class Appearance:
             low, high = min(low, found.min(initial=np.inf)), max(high, found.max(initial=-np.inf))
         return float(low), float(high)
 
-    def share(self, rows: Any, ends: tuple[float, float]) -> Any:
+    def share(self, rows: Array, ends: tuple[float, float]) -> Any:
         """Return how far numbers lie between the ends, from 0 to 1."""
         found, (low, high) = self._measured(rows), ends
         with np.errstate(invalid="ignore"):
             share = (found - low) / (high - low) if high > low else np.where(np.isnan(found), np.nan, 0.5)
         return np.clip(share, 0, 1).astype(np.float32)
 
-    def _measured(self, rows: Any) -> Any:
+    def _measured(self, rows: Array) -> Any:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.log(rows, dtype=np.float64) if self.drawn.log else rows.astype(np.float64)
 
@@ -128,7 +129,7 @@ def appearance(
     return Appearance(drawn, tints=np.array(period, dtype=np.float32))
 
 
-def brightness(drawn: Drawn, small: Any) -> float:
+def brightness(drawn: Drawn, small: Array) -> float:
     """Return the linear value shown as white in a single picture, from its reduced version.
 
     If brightness is adapted for viewing it is at least a thousandth of the brightest value: beside a point source
@@ -164,7 +165,7 @@ def rendered(drawn: Drawn, light: Any, white: float) -> Any:
     return np.ascontiguousarray(np.moveaxis(np.rint(255 * seen(drawn, light, white)).astype(np.uint8), 0, -1))
 
 
-def seen(drawn: Drawn, found: Any, bright: float) -> Any:
+def seen(drawn: Drawn, found: Array, bright: float) -> Array:
     """Return (3, y, x) display values in 0 to 1 from the result of `Appearance`; ``bright`` is shown as white if that
     is linear.
     """
@@ -183,7 +184,7 @@ def striped(shape: tuple[int, ...]) -> Any:
     return np.moveaxis(stripes, -1, 0)
 
 
-def encoded(linear: Any) -> Any:
+def encoded(linear: Array) -> Any:
     """Apply the sRGB curve, IEC 61966-2-1, to linear values in 0 to 1; the dtype is kept."""
     linear = np.asarray(linear)
     curve = np.maximum(linear, linear.dtype.type(0.0031308)) ** linear.dtype.type(1 / 2.4)

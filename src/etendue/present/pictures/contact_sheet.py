@@ -14,12 +14,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from etendue.contract.arrays.variables import variable as known
 from etendue.present.pictures.details import SIDE
+from etendue.types.arrays import Array
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 BOX, LABEL, GAP, HEAD = (
     256,
@@ -45,7 +49,7 @@ class _Tile:
     place: tuple[float, ...]
 
 
-def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequence[Any] = ()) -> None:
+def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequence[Array] = ()) -> None:
     """Write all frames in order, each with its stage, variable and true size, as one PNG, completely or not at all.
 
     Enlarged frames, and all with a pattern, use a whole number of dots per sample: any other resampling shows a false
@@ -89,7 +93,7 @@ def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequen
     _save(whole, maps, path)
 
 
-def with_maps(path: Path, sheet: Path, maps: Sequence[Any]) -> None:
+def with_maps(path: Path, sheet: Path, maps: Sequence[Array]) -> None:
     """Write the sheet of an earlier run with the maps of this one below its pictures."""
     from PIL import Image
 
@@ -99,7 +103,7 @@ def with_maps(path: Path, sheet: Path, maps: Sequence[Any]) -> None:
     _save(pictures, maps, path)
 
 
-def _save(pictures: Any, maps: Sequence[Any], path: Path) -> None:
+def _save(pictures: Image.Image, maps: Sequence[Array], path: Path) -> None:
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -118,9 +122,9 @@ def _save(pictures: Any, maps: Sequence[Any], path: Path) -> None:
     os.replace(temporary, path)
 
 
-def _flowed(maps: Sequence[Any], width: int) -> list[tuple[int, list[tuple[int, Any]]]]:
+def _flowed(maps: Sequence[Array], width: int) -> list[tuple[int, list[tuple[int, Array]]]]:
     """Arrange maps side by side in as many rows as needed: the height of each row, and the left edge of each map."""
-    rows: list[tuple[int, list[tuple[int, Any]]]] = []
+    rows: list[tuple[int, list[tuple[int, Array]]]] = []
     left = width
     for one in maps:
         y, x = one.shape[:2]
@@ -162,7 +166,7 @@ def _tiles(table: Mapping[str, Any]) -> list[_Tile]:
     return tiles
 
 
-def _enlarged(picture: Any, target: int) -> Any:
+def _enlarged(picture: Array, target: int) -> Array:
     """Return (y, x, 3) with a longer side of ``target``: square samples if the factor is whole, else resampled."""
     y, x = picture.shape[:2]
     times, left = divmod(target, max(y, x))
@@ -175,7 +179,7 @@ def _enlarged(picture: Any, target: int) -> Any:
     return np.asarray(Image.fromarray(np.ascontiguousarray(picture)).resize(size, how))
 
 
-def _frame(pixels: Any, top: int, left: int, place: Sequence[float], size: tuple[int, int]) -> None:
+def _frame(pixels: Array, top: int, left: int, place: Sequence[float], size: tuple[int, int]) -> None:
     """Outline the detail in its picture."""
     y, x = round(place[0] * size[0]), round(place[1] * size[1])
     high, wide = max(3, round(place[2] * size[0])), max(3, round(place[3] * size[1]))
@@ -183,7 +187,7 @@ def _frame(pixels: Any, top: int, left: int, place: Sequence[float], size: tuple
     _edge(pixels, top + min(y, size[0] - high), left + min(x, size[1] - wide), high, wide)
 
 
-def _edge(pixels: Any, top: int, left: int, high: int, wide: int) -> None:
+def _edge(pixels: Array, top: int, left: int, high: int, wide: int) -> None:
     """Draw a line one dot wide along the inside of a rectangle."""
     own = pixels[top : top + high, left : left + wide]
     own[[0, -1]] = MARK

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 import scipy
 
-from etendue.contract.drawn import Drawn
+from etendue.contract.arrays.drawn import Drawn
 from etendue.present.pictures.appearance import Appearance, brightness, rendered
+from etendue.types.arrays import Array
 
 SIDE, SHOWN, COLUMNS = 56, 280, 5  # samples of a crop, its size on the screen, crops in a row
 COARSE = 28  # samples of a crop of the coarsest picture, if pixel sizes differ
@@ -32,7 +33,7 @@ class Strip:
     plane: Plane | None = None
 
 
-def where_most(pictures: list[Any], side: int) -> tuple[int, int]:
+def where_most(pictures: list[Array], side: int) -> tuple[int, int]:
     """Return the first row and column of the window in which the pictures differ most from each other."""
     spread = np.stack([np.asarray(p, np.float64) for p in pictures]).std(axis=0).mean(axis=0)
     rows, columns = spread.shape

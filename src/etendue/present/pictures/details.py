@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from etendue.contract.arrays.grid import Grid, Line
 from etendue.transfer.resampling import area_weights
+from etendue.types.arrays import Array
 
 SIDE = 132  # dots, and maximum samples, along the side of a detail
 BAND = 1 << 18  # samples of the coarsest picture kept at full resolution
@@ -80,7 +80,7 @@ def side_of(shape: tuple[int, int]) -> int:
     return min(33 if largest >= 128 else 22 if largest >= 64 else 11, *shape)
 
 
-def part_of(picture: Any, side: int) -> tuple[int, int]:
+def part_of(picture: Array, side: int) -> tuple[int, int]:
     """Return the window (y, x) with a strong edge between flat areas in a picture (y, x, 3) or (3, y, x), values 0 to
     1.
 
@@ -103,14 +103,14 @@ def part_of(picture: Any, side: int) -> tuple[int, int]:
     return int(top), int(left)
 
 
-def _means(values: Any, side: int) -> Any:
+def _means(values: Array, side: int) -> Array:
     """Return means over every window of a size."""
     total = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
     total[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
     return (total[side:, side:] - total[:-side, side:] - total[side:, :-side] + total[:-side, :-side]) / side**2
 
 
-def limited(part: Any) -> Any:
+def limited(part: Array) -> Array:
     """Return (3, y, x) area-averaged if it has more samples than dots."""
     y, x = part.shape[-2:]
     if max(y, x) <= SIDE:

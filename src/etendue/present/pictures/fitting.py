@@ -14,16 +14,17 @@ from typing import Any
 import numpy as np
 
 from etendue.transfer.resampling import area_weights
+from etendue.types.arrays import Array
 
 LARGEST = 256  # samples on either side
 Decode = Callable[[Any], Any]
 
 
-def as_float(rows: Any) -> Any:
+def as_float(rows: Array) -> Array:
     return rows.astype(np.float32, copy=False)
 
 
-def fitted(picture: Any, decode: Decode = as_float) -> Any:
+def fitted(picture: Array, decode: Decode = as_float) -> Any:
     """Average over areas until the picture fits; smaller pictures are unchanged.
 
     Parameters
@@ -45,7 +46,7 @@ def fitted(picture: Any, decode: Decode = as_float) -> Any:
     return gathered.made()
 
 
-def tinted(plane: Any, tints: Any, decode: Decode) -> Any:
+def tinted(plane: Array, tints: Array, decode: Decode) -> Array:
     """`fitted` for a plane in the colours of its pattern, (3, y', x'): each sample contributes to the colours it
     has.
     """
@@ -56,7 +57,7 @@ def tinted(plane: Any, tints: Any, decode: Decode) -> Any:
     return gathered.made()
 
 
-def coloured(plane: Any, tints: Any, row: int = 0) -> Any:
+def coloured(plane: Array, tints: Array, row: int = 0) -> Array:
     """Return (3, y, x): a plane with each sample in the colour of its pattern; ``row`` is the plane's first row in the
     whole.
     """
@@ -74,7 +75,7 @@ class Rows(ABC):
         self.decode, self.next = decode, 0
         self.start, self.left = 0, np.empty((*shape[:-2], 0, x), np.float32)  # rows needed again
 
-    def take(self, start: int, rows: Any) -> None:
+    def take(self, start: int, rows: Array) -> None:
         """Take the rows from ``start`` on, which follow those taken before."""
         if self.left.size:
             start, rows = self.start, np.concatenate((self.left, rows), axis=-2)
@@ -88,7 +89,7 @@ class Rows(ABC):
         self.left = rows[..., self.start - start :, :].copy()
 
     @abstractmethod
-    def put(self, row: int, first: int, weights: Any, light: Any) -> None: ...
+    def put(self, row: int, first: int, weights: Array, light: Array) -> None: ...
 
     @abstractmethod
     def made(self) -> Any: ...
@@ -99,28 +100,28 @@ class Fitted(Rows):
         super().__init__(shape, decode)
         self.rows = np.empty((*shape[:-2], len(self.down), shape[-1]), np.float32)
 
-    def put(self, row: int, first: int, weights: Any, light: Any) -> None:
+    def put(self, row: int, first: int, weights: Array, light: Array) -> None:
         self.rows[..., row, :] = weights @ light
 
-    def made(self) -> Any:
+    def made(self) -> Array:
         return _across(self.rows, self.across)
 
 
 class Tinted(Rows):
     """Each sample contributes to the colours it has."""
 
-    def __init__(self, shape: tuple[int, ...], tints: Any, decode: Decode) -> None:
+    def __init__(self, shape: tuple[int, ...], tints: Array, decode: Decode) -> None:
         super().__init__(shape, decode)
         self.tints = tints
         self.rows = np.zeros((len(tints), len(self.down), shape[-1]), np.float32)  # by the row of the pattern's period
 
-    def put(self, row: int, first: int, weights: Any, light: Any) -> None:
+    def put(self, row: int, first: int, weights: Array, light: Array) -> None:
         height = len(self.tints)
         for phase in range(height):
             own = slice((phase - first) % height, None, height)
             self.rows[phase, row] = weights[own] @ light[own]
 
-    def made(self) -> Any:
+    def made(self) -> Array:
         height, width = self.tints.shape[:2]
         coloured = np.zeros((3, *self.rows.shape[1:]), np.float32)
         for phase in range(height):
@@ -138,14 +139,14 @@ def _fitting(size: int, largest: int) -> int:
 
 
 @lru_cache(maxsize=16)
-def _down(before: int, after: int) -> tuple[tuple[int, Any], ...]:
+def _down(before: int, after: int) -> tuple[tuple[int, Array], ...]:
     """Return for each output sample the first input sample in it, and the weights of that one and the following."""
     whole = area_weights(before, after).astype(np.float32)
     spans = [(row * before // after, -(-(row + 1) * before // after)) for row in range(after)]
     return tuple((first, whole[row, first:last].copy()) for row, (first, last) in enumerate(spans))
 
 
-def _across(rows: Any, down: tuple[tuple[int, Any], ...]) -> Any:
+def _across(rows: Array, down: tuple[tuple[int, Array], ...]) -> Array:
     """Average columns in the same way: (..., y', x) to (..., y', x')."""
     turned = np.ascontiguousarray(np.swapaxes(rows, -1, -2))
     found = np.empty((*turned.shape[:-2], len(down), turned.shape[-1]), np.float32)

@@ -28,6 +28,7 @@ from etendue.present.pictures.contact_sheet import contact_sheet, with_maps
 from etendue.present.pictures.details import PlaneWindow, limited, lines_of, part_of, side_of
 from etendue.present.pictures.fitting import LARGEST
 from etendue.present.pictures.thumbnails import Thumbnail, window_of
+from etendue.types.arrays import Array
 
 
 @dataclass
@@ -38,7 +39,7 @@ class Frame:
 
     stage: str
     variable: str
-    picture: Any
+    picture: Array
     size: tuple[int, int]
     drawn: Drawn
     exact: Any = None  # (3, rows, x): the picture itself, or a band of a larger one, before scaling and encoding
@@ -113,7 +114,7 @@ def sheet(
     shown: Mapping[str, CellRef],
     small: Mapping[CellRef, Mapping[str, Thumbnail]],
     at: str,
-    maps: Callable[[], list[Any]] = list,
+    maps: Callable[[], list[Array]] = list,
 ) -> ContactSheet | None:
     """Return the sheet of the shown cells, which have the axis values ``at``; None if there is no picture."""
     frames = render(plan, shown, small)
@@ -124,7 +125,7 @@ def sheet(
     return ContactSheet(table, lambda path: contact_sheet(table, path, title, maps()), tuple(shown.values()), at)
 
 
-def same_pictures(folder: Path, maps: Callable[[], list[Any]]) -> ContactSheet | None:
+def same_pictures(folder: Path, maps: Callable[[], list[Array]]) -> ContactSheet | None:
     """Return the sheet of an earlier run whose pictures are still those of the shown cells, with maps of the current
     values.
     """

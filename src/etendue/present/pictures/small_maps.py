@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,11 @@ from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, CellRef, Node, Plan
 from etendue.plan.shown import shown_cells
 from etendue.present.pictures.contact_sheet import font
+from etendue.types.arrays import Array
+from etendue.types.documents import AxisValue
+
+if TYPE_CHECKING:
+    from PIL import ImageDraw
 
 MOST, LONGEST = 4, 20  # maps, and values along a side: longer axes are thinned out
 WIDE, HIGH, LETTERS = 46, 24, 12  # dots of a cell, and of its letters
@@ -40,7 +45,7 @@ class SmallMap:
     node: str
     variable: str
     unit: str
-    sides: tuple[tuple[str, tuple[Any, ...], str], ...]  # along x, then y: name, values, unit
+    sides: tuple[tuple[str, tuple[AxisValue, ...], str], ...]  # along x, then y: name, values, unit
     cells: tuple[CellRef, ...]  # (y, x), row by row
     at: str
     names: tuple[str, ...] = ()  # names of its index values
@@ -96,7 +101,7 @@ def _some(axis: Axis) -> list[int]:
     ]
 
 
-def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Any]]) -> Any:
+def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Array]]) -> Array:
     """Return (y, x) float64, the last of several stages; NaN where a cell is missing."""
     found = [
         float(np.ravel(figures[ref][one.variable])[-1]) if one.variable in figures.get(ref, {}) else math.nan
@@ -105,7 +110,7 @@ def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Any]]) -> An
     return np.array(found).reshape(-1, len(one.sides[0][1]))
 
 
-def drawn(one: SmallMap, values: Any, failed: Any) -> Any:
+def drawn(one: SmallMap, values: Array, failed: Array) -> Array:
     """Return (dots, dots, 3) uint8: the map below its title, x to the right, y upwards, both increasing."""
     from PIL import Image, ImageDraw
 
@@ -150,7 +155,7 @@ def drawn(one: SmallMap, values: Any, failed: Any) -> Any:
     return np.asarray(picture)
 
 
-def _draw_names(pen: Any, names: Sequence[str], base: int) -> None:
+def _draw_names(pen: ImageDraw.ImageDraw, names: Sequence[str], base: int) -> None:
     """Draw the legend of the colours in a line."""
     place, letters = 6, font(LETTERS)
     for number, text in enumerate(names):
@@ -159,7 +164,7 @@ def _draw_names(pen: Any, names: Sequence[str], base: int) -> None:
         place += 26 + round(letters.getlength(text))
 
 
-def _colours(values: Any, named: bool) -> Any:
+def _colours(values: Array, named: bool) -> Any:
     """Return (y, x, 3) colours: by share of the range, logarithmic if numbers differ by more than a factor of thirty;
     or by index.
     """
@@ -195,14 +200,14 @@ def _text(value: Any) -> str:
     return str(value) if isinstance(value, str | bool) else f"{float(value):.4g}"
 
 
-def _number(value: float) -> str:
+def _number(value: Any) -> str:
     text = f"{value:.2e}" if 0 < abs(value) < 1e-3 else f"{value:.3g}"
     return f"{value:.0f}" if "e+0" in text and abs(value) < 1e5 else text.replace("e-0", "e-").replace("e+0", "e")
 
 
 def all_drawn(
-    maps: Sequence[SmallMap], figures: Mapping[CellRef, Mapping[str, Any]], failed: Sequence[CellRef]
-) -> list[Any]:
+    maps: Sequence[SmallMap], figures: Mapping[CellRef, Mapping[str, Array]], failed: Sequence[CellRef]
+) -> list[Array]:
     """Draw every map whose numbers differ."""
     wrong = set(failed)
     found = []

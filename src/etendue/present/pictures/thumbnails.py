@@ -24,6 +24,7 @@ from etendue.plan.model import Cell, CellRef, Plan
 from etendue.present.pictures.appearance import Appearance, appearance
 from etendue.present.pictures.details import PlaneWindow, band_of, lines_of
 from etendue.present.pictures.fitting import LARGEST, Fitted, Rows, Tinted, fitted
+from etendue.types.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class _View:
     light: bool = False  # many planes, perhaps stored one by one
     rows: tuple[int, int] = (0, 0)  # rows kept at full resolution if the picture is larger than a thumbnail
 
-    def of(self, array: Any) -> Thumbnail | None:
+    def of(self, array: Array) -> Thumbnail | None:
         if getattr(array, "on_demand", False):  # a large variable that is not stored would be computed again
             return None
         for _ in range(self.middles):  # the middle one of several frames; planes form a picture
@@ -61,16 +62,16 @@ class _View:
             picture, band = self.seen.small(array), self.band(array) if max(size) > LARGEST else None
         return Thumbnail(np.ascontiguousarray(picture, dtype=np.float32), size, band, self.rows[0])
 
-    def band(self, array: Any) -> Any:
+    def band(self, array: Array) -> Any:
         """Return some rows of a large picture at full resolution, in the colours of the whole."""
         first, last = self.rows
         return None if last <= first or self.seen.grey else self.banded(np.asarray(array[..., first:last, :]))
 
-    def banded(self, rows: Any) -> Any:
+    def banded(self, rows: Array) -> Array:
         """Return the same for rows that start with the band; used for rows that arrive one by one."""
         return np.array(self.seen.rgb(rows, self.rows[0]), dtype=np.float32)
 
-    def _large_light(self, array: Any) -> tuple[Any, Any]:
+    def _large_light(self, array: Array) -> tuple[Any, Any]:
         """Return the reduced picture and some of its rows; planes are read one by one, as all together may be too large
         for memory.
         """
@@ -138,7 +139,7 @@ class Gathering:
         self.view, self.size, self.rows = view, (shape[-2], shape[-1]), rows
         self.band: list[Any] = []
 
-    def take(self, start: int, rows: Any) -> None:
+    def take(self, start: int, rows: Array) -> None:
         self.rows.take(start, rows)
         first, last = (min(max(0, end - start), rows.shape[-2]) for end in self.view.rows)
         if last > first:

@@ -25,6 +25,7 @@ from etendue.present.plots.places import resolved_in
 from etendue.present.plots.plot import Plot
 from etendue.present.plots.summary import page
 from etendue.present.plots.summary.contents import glance
+from etendue.types.documents import Document
 
 NAME = "etendue"
 
@@ -83,7 +84,7 @@ class TreeAccessor:
         """Show one picture of one cell, upright: ``tree.etendue.show("picture", gain=2.8)``."""
         return Plots(self._tree)("show", *([variable] if variable else []), **at)
 
-    def list(self) -> dict[str, Any]:
+    def list(self) -> Document:
         """Return the available kinds of plots, variables and axes."""
         return listed(Holdings(self._tree))
 

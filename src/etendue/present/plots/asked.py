@@ -6,9 +6,7 @@ Out: a ``Plot``. Kinds that distributions register are functions of the same two
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from etendue.present.plots.drawing.budget import budget
 from etendue.present.plots.drawing.curves import curves
@@ -19,6 +17,7 @@ from etendue.present.plots.holdings import HeldVariable, Holdings
 from etendue.present.plots.labels import places_text
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot
+from etendue.types.documents import Document, DocumentView, Place
 
 
 @dataclass(frozen=True)
@@ -31,12 +30,10 @@ class PlotRequest:
     lines: str = ""
     panels: tuple[str, ...] = ()
     better: tuple[str, ...] = ()
-    at: Mapping[str, Any] = field(default_factory=dict)
-    blame: Mapping[str, Any] | None = None  # for a budget: the document of each stage's share of the losses
-    blamed_at: Mapping[str, Any] | None = (
-        None  # axis values of the cell of ``blame``; None: the cell whose pictures are kept
-    )
-    middle: Mapping[str, Any] = field(default_factory=dict)  # values of dims that are not requested and do not fit
+    at: Place = field(default_factory=dict)
+    blame: DocumentView | None = None  # for a budget: the document of each stage's share of the losses
+    blamed_at: Place | None = None  # axis values of the cell of ``blame``; None: the cell whose pictures are kept
+    middle: Place = field(default_factory=dict)  # values of dims that are not requested and do not fit
 
     @property
     def first(self) -> str:
@@ -46,7 +43,7 @@ class PlotRequest:
     def second(self) -> str:
         return self.figures[1] if len(self.figures) > 1 else ""
 
-    def cell(self, held: HeldVariable) -> dict[str, Any]:
+    def cell(self, held: HeldVariable) -> Document:
         """Return one value of every axis that reaches a variable: as requested, else that of the run's pictures, else
         the middle.
         """

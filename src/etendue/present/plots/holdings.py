@@ -20,6 +20,8 @@ from etendue.contract.arrays.variables import variable as known
 from etendue.contract.values.names import TABLES
 from etendue.errors import ArchiveError, EtendueError, RequestError, nearest
 from etendue.present.plots.labels import title_text
+from etendue.types.arrays import Array
+from etendue.types.documents import AxisValue, Document, DocumentView, Place
 
 PLANE = ("y", "x")
 FINISHED = (0, 1)  # values of status: done, left out
@@ -37,7 +39,7 @@ class HeldVariable:
     stage: str
     variable: str
     groups: tuple[xarray.Dataset, ...] = field(repr=False)  # one group, or one for each shape
-    order: Mapping[str, Mapping[Any, int]] = field(
+    order: Mapping[str, Mapping[AxisValue, int]] = field(
         default_factory=dict, repr=False
     )  # order of names along axes, as swept
     archive: str = field(default=ANY, repr=False)  # name of the archive in suggested commands
@@ -58,7 +60,7 @@ class HeldVariable:
         return tuple(str(dim) for dim in self.groups[0][self.variable].dims if dim not in self.axes)
 
     @property
-    def attrs(self) -> Mapping[str, Any]:
+    def attrs(self) -> DocumentView:
         return self.groups[0][self.variable].attrs
 
     @property
@@ -117,7 +119,7 @@ class HeldVariable:
         group = self.groups[0]
         return str(group[dim].attrs.get("parameter", dim)) if dim in group.coords else dim
 
-    def values(self, at: Mapping[str, Any] | None = None) -> xarray.DataArray:
+    def values(self, at: Place | None = None) -> xarray.DataArray:
         """Return all values, or those at given axis values: float64, NaN where a cell is missing; axes in order.
 
         Raises
@@ -127,24 +129,22 @@ class HeldVariable:
         """
         return self._joined(self.variable, at or {})[0]
 
-    def failed(self, at: Mapping[str, Any] | None = None) -> xarray.DataArray:
+    def failed(self, at: Place | None = None) -> xarray.DataArray:
         """Return over the axes whether a cell failed, or was skipped after one that failed."""
         return self._joined(self.variable, at or {})[1]
 
-    def there(self, at: Mapping[str, Any] | None = None) -> xarray.DataArray:
+    def there(self, at: Place | None = None) -> xarray.DataArray:
         """Return over the axes whether a cell is finished."""
         return self._joined(self.variable, at or {})[2]
 
-    def _joined(
-        self, variable: str, at: Mapping[str, Any]
-    ) -> tuple[xarray.DataArray, xarray.DataArray, xarray.DataArray]:
+    def _joined(self, variable: str, at: Place) -> tuple[xarray.DataArray, xarray.DataArray, xarray.DataArray]:
         axes = [dim for dim in self.axes if dim not in at]
         labels = {dim: self.values_of(dim) for dim in axes}
         whole: Any = None
         failed = np.zeros([len(own) for own in labels.values()], bool)
         finished = failed.copy()
         dims: tuple[str, ...] = ()
-        coords: dict[str, Any] = {}
+        coords: Document = {}
         for group in self.groups_at(at):
             array, flags = self._cells(group, variable, at, axes)
             dims = tuple(str(dim) for dim in array.dims if dim not in axes)
@@ -168,7 +168,7 @@ class HeldVariable:
         values = xarray.DataArray(whole, {**over, **coords}, (*axes, *dims), variable, dict(first[variable].attrs))
         return values, xarray.DataArray(failed, over, tuple(axes)), xarray.DataArray(finished, over, tuple(axes))
 
-    def groups_at(self, at: Mapping[str, Any]) -> list[xarray.Dataset]:
+    def groups_at(self, at: Place) -> list[xarray.Dataset]:
         """Return the groups that have cells at some values of the axes."""
         own = {dim: value for dim, value in at.items() if dim in self.axes}
         return [
@@ -176,8 +176,8 @@ class HeldVariable:
         ]
 
     def _cells(
-        self, group: xarray.Dataset, variable: str, at: Mapping[str, Any], axes: Sequence[str]
-    ) -> tuple[xarray.DataArray, Any]:
+        self, group: xarray.Dataset, variable: str, at: Place, axes: Sequence[str]
+    ) -> tuple[xarray.DataArray, Array]:
         """Return a variable of a group at some values, and the status of each cell over the axes."""
         chosen = group[[variable, *(["status"] if "status" in group else [])]].sel(
             {k: v for k, v in at.items() if k in group.coords}
@@ -225,12 +225,12 @@ class Holdings:
         place = self.order.get(dim, {})
         return sorted(values, key=lambda v: place.get(v, len(place))) if place else list(values)
 
-    def _order(self, groups: Iterable[xarray.Dataset]) -> dict[str, dict[Any, int]]:
+    def _order(self, groups: Iterable[xarray.Dataset]) -> dict[str, dict[AxisValue, int]]:
         """Return the order of names along each axis, as swept: from the ledger, else from the group that has most of
         them.
         """
         ledger = self.table("ledger")
-        found: dict[str, dict[Any, None]] = {}
+        found: dict[str, dict[AxisValue, None]] = {}
         along: dict[str, list[list[str]]] = {}
         for group in groups:
             for dim in map(str, group["status"].dims if "status" in group else ()):

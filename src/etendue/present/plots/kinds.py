@@ -21,6 +21,7 @@ from etendue.present.plots.holdings import HeldVariable, Holdings
 from etendue.present.plots.labels import unit_text, value_text
 from etendue.present.plots.places import dim_of
 from etendue.present.plots.plot import Plot
+from etendue.types.documents import Document
 
 _HERE = "etendue.present.plots.asked"
 
@@ -169,14 +170,14 @@ def _of_variable(holdings: Holdings, variable: str, others: int) -> str:
     return "curves" if "curve" in {one.kind for one in named} else "show"
 
 
-def shown_at(holdings: Holdings) -> dict[str, Any]:
+def shown_at(holdings: Holdings) -> Document:
     """Return the axis values of the cell whose pictures and metrics a run shows; {} if not recorded."""
     frames = holdings.table("frames")
     found = frames.attrs.get("cell", {}) if frames is not None else {}
     return dict(found) if isinstance(found, Mapping) else {}
 
 
-def listed(holdings: Holdings) -> dict[str, Any]:
+def listed(holdings: Holdings) -> Document:
     """Return all kinds, axes and variables that can be plotted."""
     units = {dim: one.units_of(dim) for one in holdings for dim in one.axes}
     return {
@@ -186,7 +187,7 @@ def listed(holdings: Holdings) -> dict[str, Any]:
     }
 
 
-def _said(one: HeldVariable) -> dict[str, Any]:
+def _said(one: HeldVariable) -> Document:
     better = str(one.attrs.get("better", "")) or one.known.better
     dims = {"axes": list(one.axes), "dims": list(one.dims)}
     return {

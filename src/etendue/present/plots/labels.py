@@ -12,6 +12,7 @@ from typing import Any
 
 from etendue.contract import wording
 from etendue.contract.values.quantities import long_name
+from etendue.types.documents import AxisValue
 
 SAID = {
     "1": "",
@@ -85,7 +86,7 @@ def number_text(value: float, digits: int = 3) -> str:
     return text.replace("0.", ".", 1) if text.startswith(("0.", "-0.")) else text
 
 
-def places_text(places: dict[str, Any], units: dict[str, str]) -> str:
+def places_text(places: dict[str, AxisValue], units: dict[str, str]) -> str:
     """Return axis values as text: ``5.4 µm, 8 ms``."""
     texts = []
     for dim, value in places.items():

@@ -7,8 +7,6 @@ Out: (y, x, 3) bytes, encoded sRGB, the first row of the array on top.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import xarray
 
@@ -18,6 +16,7 @@ from etendue.contract.arrays.dims import banded
 from etendue.contract.arrays.drawn import Drawn, read
 from etendue.errors import RequestError
 from etendue.present.pictures.appearance import Appearance, appearance, brightness, rendered
+from etendue.types.arrays import Array
 
 ENDS = ("band_from", "band_to")
 
@@ -72,7 +71,7 @@ def bright_in(array: xarray.DataArray) -> float:
     return brightness(own.drawn, own.small(array.values) if own.drawn.scaled else None)
 
 
-def drawn(array: xarray.DataArray, bright: float | None = None, failed: bool = False, small: bool = False) -> Any:
+def drawn(array: xarray.DataArray, bright: float | None = None, failed: bool = False, small: bool = False) -> Array:
     """Return (y, x, 3) uint8 as seen, at full size or ``small``; missing values are striped, and the whole picture if
     the cell ``failed``.
     """
@@ -90,7 +89,7 @@ def upright(array: xarray.DataArray) -> xarray.DataArray:
     return array.transpose(*front, "y", "x") if {"y", "x"} <= set(array.dims) else array
 
 
-def _edges(array: xarray.DataArray, band: str) -> Any:
+def _edges(array: xarray.DataArray, band: str) -> Array:
     """Return the edges of bins: as stored beside the light, else midway between their centres."""
     if set(ENDS) <= set(array.coords):
         first, last = (array[name].values for name in ENDS)

@@ -7,7 +7,7 @@ Out: the matching value, or a message with the available ones.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
@@ -16,6 +16,7 @@ from etendue.contract.values.units import UnitError, to_unit
 from etendue.errors import Fault, RequestError, nearest
 from etendue.present.plots.holdings import HeldVariable
 from etendue.present.plots.labels import value_text
+from etendue.types.documents import Document, Place
 
 SAME = 1e-9  # relative tolerance between an axis value and its retyped text, perhaps in another unit
 
@@ -71,7 +72,7 @@ def _number(text: str) -> Decimal | str:
         return text
 
 
-def resolved(held: Sequence[HeldVariable], at: Mapping[str, Any]) -> dict[str, Any]:
+def resolved(held: Sequence[HeldVariable], at: Place) -> Document:
     """Return the request as values of dims. Names are those of dims or of the parameters that axes set; values are
     numbers or texts with units.
 
@@ -80,7 +81,7 @@ def resolved(held: Sequence[HeldVariable], at: Mapping[str, Any]) -> dict[str, A
     RequestError
         Unknown dim, or no such value along it.
     """
-    found: dict[str, Any] = {}
+    found: Document = {}
     faults = []
     for name, asked in at.items():
         dim, owner = dim_of(held, name)
@@ -111,9 +112,9 @@ def resolved(held: Sequence[HeldVariable], at: Mapping[str, Any]) -> dict[str, A
     return found
 
 
-def resolved_in(array: Any, at: Mapping[str, Any]) -> dict[str, Any]:
+def resolved_in(array: Any, at: Place) -> Document:
     """Return the same for the dims of one xarray array."""
-    found: dict[str, Any] = {}
+    found: Document = {}
     faults = []
     keys = {
         str(dim): str(array[dim].attrs.get("parameter", dim)) if dim in array.coords else str(dim) for dim in array.dims

@@ -17,17 +17,18 @@ from typing import Any
 from etendue.contract.wording import words as called
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.present.terminal.work_precision import Series, diagrams
+from etendue.types.documents import Document, DocumentView
 
 UNBOUNDED = 132  # columns when stdout is not a terminal
 TABLE, DOCUMENT, DIAGRAM = "accuracy.csv", "accuracy.json", "accuracy.png"
 
 
-def document(found: Any) -> dict[str, Any]:
+def document(found: Any) -> Document:
     """Return all curves, trials and choices; errors are rms relative to full scale, seconds are thread time."""
     knobs = {curve.knob.key: curve.knob for curve in found.curves}
     elsewhere = {tolerance: error for tolerance, error, _ in found.verified}
 
-    def point(trial: Any) -> dict[str, Any]:
+    def point(trial: Any) -> Document:
         settings = {key: trial.setting(knob) for key, knob in knobs.items()}
         return {"settings": settings, "error": trial.error, "variable": trial.variable, "seconds": trial.whole}
 
@@ -54,7 +55,7 @@ def document(found: Any) -> dict[str, Any]:
     }
 
 
-def _curve(curve: Any) -> dict[str, Any]:
+def _curve(curve: Any) -> Document:
     knob = curve.knob
     return {
         "stage": knob.stage or None,
@@ -80,7 +81,7 @@ def _curve(curve: Any) -> dict[str, Any]:
     }
 
 
-def csv_text(document: Mapping[str, Any]) -> str:
+def csv_text(document: DocumentView) -> str:
     """Return a row for each setting of each knob alone, and for each combination on the front."""
     text = io.StringIO()
     rows = csv.writer(text)
@@ -107,7 +108,7 @@ def csv_text(document: Mapping[str, Any]) -> str:
     return text.getvalue()
 
 
-def files_of(document: Mapping[str, Any]) -> dict[str, bytes]:
+def files_of(document: DocumentView) -> dict[str, bytes]:
     """Return the files of a document that contains no NaN or infinity."""
     return {
         TABLE: csv_text(document).encode(),
@@ -116,7 +117,7 @@ def files_of(document: Mapping[str, Any]) -> dict[str, bytes]:
     }
 
 
-def diagram(document: Mapping[str, Any]) -> bytes:
+def diagram(document: DocumentView) -> bytes:
     """Plot the results. Left: each knob alone, error of its stage against the time of the stages it affects. Right: all
     trials.
     """
@@ -148,7 +149,7 @@ def diagram(document: Mapping[str, Any]) -> bytes:
     )
 
 
-def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
+def print_accuracy(document: Document, files: list[Path]) -> None:
     """Print every knob alone, the front, the cheapest setting for each tolerance, and notes."""
     console = _out()
     if not console.is_terminal:
@@ -198,11 +199,11 @@ def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
         console.print(f"file        {escape(str(path))}", soft_wrap=True)
 
 
-def _key(curve: Mapping[str, Any]) -> str:
+def _key(curve: DocumentView) -> str:
     return f"{curve['stage']}.{curve['knob']}" if curve["stage"] else curve["knob"]
 
 
-def _law(curve: Mapping[str, Any]) -> str:
+def _law(curve: DocumentView) -> str:
     """Return ', order 4.0' or ', a factor 3.1 each' for the observed convergence."""
     if curve["order"] is None:
         return ""
@@ -217,7 +218,7 @@ def _value(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _settings(settings: Mapping[str, Any], reference: Mapping[str, Any] = {}) -> str:
+def _settings(settings: DocumentView, reference: Mapping[str, Any] = {}) -> str:
     """Return settings as text, omitting those at their reference."""
     moved = {key: value for key, value in settings.items() if key not in reference or value != reference[key]}
     return ", ".join(f"{key} = {_value(value)}" for key, value in moved.items()) or "the reference"

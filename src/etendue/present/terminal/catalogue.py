@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import re
 from inspect import cleandoc
-from typing import Any
 
 from rich.console import Console
 from rich.padding import Padding
@@ -22,12 +21,13 @@ from etendue.contract.values.tables import tables
 from etendue.errors import PluginError
 from etendue.plugins import discovery
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.types.documents import Document
 
 
-def stage_document(registry: Registry, name: str) -> dict[str, Any]:
+def stage_document(registry: Registry, name: str) -> Document:
     """Return one stage as JSON; a broken plugin gives the reason."""
     installed = registry.installed(name)
-    document: dict[str, Any] = {"name": name, "distribution": installed.distribution, "version": installed.version}
+    document: Document = {"name": name, "distribution": installed.distribution, "version": installed.version}
     try:
         kind = registry.load(name)
     except PluginError as error:
@@ -60,7 +60,7 @@ def stage_document(registry: Registry, name: str) -> dict[str, Any]:
     }
 
 
-def print_stages(documents: list[dict[str, Any]]) -> None:
+def print_stages(documents: list[Document]) -> None:
     """Print every stage on a line below its role, in the order in which roles are declared; then undeclared roles and
     broken stages.
     """
@@ -85,7 +85,7 @@ def print_stages(documents: list[dict[str, Any]]) -> None:
     console.print("details of a stage: etendue stages NAME; shared quantities: etendue quantities")
 
 
-def _origin(document: dict[str, Any]) -> str:
+def _origin(document: Document) -> str:
     """Return ' (from NAME VERSION)' for what is not built in."""
     return (
         "" if document["distribution"] == discovery.OWN else f" (from {document['distribution']} {document['version']})"
@@ -98,7 +98,7 @@ def first_sentence(doc: str) -> str:
     return re.split(r"(?<=[.!?])(?<!\beq\.)(?<!\beqs\.)(?<!\bFig\.)\s", paragraph, maxsplit=1)[0]
 
 
-def print_stage(document: dict[str, Any]) -> None:
+def print_stage(document: Document) -> None:
     """Print one stage in full: description, inputs, outputs, and a paragraph for every parameter."""
     console = _out()
     role = f", {document['role']}" if document["role"] else ""
@@ -114,7 +114,7 @@ def print_stage(document: dict[str, Any]) -> None:
         _print_parameter(console, key, p)
 
 
-def _print_parameter(console: Console, key: str, p: dict[str, Any]) -> None:
+def _print_parameter(console: Console, key: str, p: Document) -> None:
     units = f" {p['units']}" if p["units"] not in ("1", "") else ""
     value = f" in{units}" if units else ""
     if not p["required"]:
@@ -139,12 +139,12 @@ def _print_parameter(console: Console, key: str, p: dict[str, Any]) -> None:
             console.print(Padding(escape(text), (0, 0, 0, 4)))
 
 
-def quantity_document(name: str, registry: Registry | None = None) -> dict[str, Any]:
+def quantity_document(name: str, registry: Registry | None = None) -> Document:
     """Return one shared quantity as JSON; with a registry, also the stages that take it. One that cannot be read gives
     the reason.
     """
     brought = discovery.installed().all("quantities", name)
-    found: dict[str, Any] = {"name": name, "distribution": brought[0].distribution, "version": brought[0].version}
+    found: Document = {"name": name, "distribution": brought[0].distribution, "version": brought[0].version}
     try:
         if clash := discovery.installed().clash("quantities", name):
             raise PluginError(clash)
@@ -173,7 +173,7 @@ def _takes(registry: Registry, stage: str, name: str) -> bool:
     return declared is not None and declared[0].shared
 
 
-def _plain(parameter: quantities.Quantity) -> dict[str, Any]:
+def _plain(parameter: quantities.Quantity) -> Document:
     value = None if parameter.default is MISSING else parameter.default
     if isinstance(value, float) and not math.isfinite(value):
         value = "inf"
@@ -187,7 +187,7 @@ def _plain(parameter: quantities.Quantity) -> dict[str, Any]:
     }
 
 
-def print_quantities(documents: list[dict[str, Any]]) -> None:
+def print_quantities(documents: list[Document]) -> None:
     """Print every shared quantity on a line."""
     columns = (
         ("quantity", "left", "name"),
@@ -200,12 +200,12 @@ def print_quantities(documents: list[dict[str, Any]]) -> None:
     console.print("range and stages of a quantity: etendue quantities NAME")
 
 
-def _valued(document: dict[str, Any]) -> str:
+def _valued(document: Document) -> str:
     units = "" if document["units"] in ("1", "") else f" {document['units']}"
     return "''" if document["default"] == "" else f"{document['default']}{units}"
 
 
-def print_quantity(document: dict[str, Any]) -> None:
+def print_quantity(document: Document) -> None:
     console = _out()
     console.print(escape(f"{document['name']}: {document['doc']}{_origin(document)}"))
     if "broken" in document:

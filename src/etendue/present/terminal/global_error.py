@@ -13,13 +13,14 @@ from typing import Any
 from rich.console import Console
 
 from etendue.present.terminal.terminal import _out, _table, escape, human_seconds, short_axes
+from etendue.types.documents import Document
 
 SHOWN = 10  # rows; smaller errors are summarised in one line
 
 
 def global_error_document(
     found: Any, tolerance: float, norm: str = "rms", stated: Mapping[str, float | None] | None = None
-) -> dict[str, Any]:
+) -> Document:
     """Return ``global_error`` by variable and how it was measured; ``stated`` holds bounds for cells not measured."""
     errors = {}
     for name, error in found.errors.items():
@@ -40,7 +41,7 @@ def global_error_document(
     return {"global_error": errors, "measured": told}
 
 
-def held_document(held: Any, stated: Mapping[str, float | None]) -> dict[str, Any]:
+def held_document(held: Any, stated: Mapping[str, float | None]) -> Document:
     """Return what ``--hold`` found and the errors that it measured."""
     document = global_error_document(held.measured, held.asked, held.norm, stated)
     document["measured"] |= {"seconds": held.seconds, "remembered": held.remembered}
@@ -54,7 +55,7 @@ def say_held(held: Any) -> list[str]:
     return said + _not_held(held.document(), held.measured.errors)
 
 
-def _not_held(hold: dict[str, Any], errors: Any) -> list[str]:
+def _not_held(hold: Document, errors: Any) -> list[str]:
     """Return which variables are not held, by how much, and the causes."""
     said = []
     for name in hold["missed"][:SHOWN]:
@@ -72,7 +73,7 @@ def _not_held(hold: dict[str, Any], errors: Any) -> list[str]:
     return said
 
 
-def print_global_error(document: dict[str, Any]) -> None:
+def print_global_error(document: Document) -> None:
     """Print the largest errors, the variables that could not be measured, and the time it took."""
     out, told = _out(), document["measured"]
     errors = sorted(
@@ -104,7 +105,7 @@ def _plain(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _print_held(out: Console, document: dict[str, Any], errors: list[tuple[str, dict[str, Any]]]) -> None:
+def _print_held(out: Console, document: Document, errors: list[tuple[str, Document]]) -> None:
     """Print whether the wanted variables are within the tolerance, and where that was measured."""
     told = document["measured"]
     if len(errors) > SHOWN:

@@ -12,6 +12,7 @@ from typing import Any
 
 from etendue.present.pictures.small_maps import small_maps
 from etendue.telling import printable
+from etendue.types.documents import Document
 
 
 def next_commands(outcome: Any) -> list[str]:
@@ -26,7 +27,7 @@ def next_commands(outcome: Any) -> list[str]:
     return [f"plot it        etendue plot {place} {kinds[0]}  (or {', '.join(kinds[1:])}; see --list)"]
 
 
-def plots_text(document: dict[str, Any]) -> list[str]:
+def plots_text(document: Document) -> list[str]:
     """Return what can be plotted from an archive, line by line."""
     lines = []
     for name, what in document["kinds"].items():

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from etendue.present.terminal.terminal import _out, _product, escape, human_rate, human_seconds, short_axes
 from etendue.telling import human_bytes
+from etendue.types.documents import Document
 
 
 def _span(sizes: list[int]) -> str:
@@ -20,13 +21,13 @@ def _span(sizes: list[int]) -> str:
     return f"{min(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)}..{max(sizes)}"
 
 
-def short(text: object, most: int = 200) -> str:
+def short(text: str, most: int = 200) -> str:
     """Return a name found in an archive, shortened to one line."""
     said = str(text)
     return said if len(said) <= most else f"{said[:most]}... ({len(said)} characters)"
 
 
-def print_archive(document: dict[str, Any]) -> None:
+def print_archive(document: Document) -> None:
     console = _out()
     runs = "1 run" if document["runs"] == 1 else f"{document['runs']} runs"
     state = "a run is in progress" if document["running"] else f"{runs}, the last started {document['began']}"
@@ -54,7 +55,7 @@ def print_archive(document: dict[str, Any]) -> None:
     console.print(f"open it: xarray.open_datatree('{document['store']}', engine='zarr')", soft_wrap=True)
 
 
-def _print_stage(console: Console, document: dict[str, Any], stage: dict[str, Any], axes: dict[str, str]) -> None:
+def _print_stage(console: Console, document: Document, stage: Document, axes: dict[str, str]) -> None:
     """Print the cells of a stage, and each of its variables once: cells of several sizes are stored in one group
     each.
     """

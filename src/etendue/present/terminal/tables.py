@@ -19,6 +19,8 @@ from etendue.plan.identity.once import Once
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, Cell, CellRef, Plan
 from etendue.plan.reports import DONE, FAILED, LEFT_OUT, NOTHING, REUSED, SKIPPED, STATUSES, Reports
+from etendue.types.arrays import Array
+from etendue.types.documents import Document
 
 Table = dict[str, Any]
 
@@ -31,7 +33,7 @@ class Column:
     def __init__(self, make: Callable[[], list[Any]], dtype: Any) -> None:
         self.make, self.dtype = make, dtype
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Any:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         return np.array(self.make(), dtype=dtype or self.dtype)
 
 
@@ -40,7 +42,7 @@ def ledger(plan: Plan, reports: Reports) -> Table:
     cells, nodes = plan.cells, {node.name: node for node in plan.nodes}
     arrays: dict[str, Any] = {}
 
-    def put(name: str, long_name: str, of: Callable[[Cell], Any], units: str = "") -> None:
+    def put(name: str, long_name: str, of: Callable[[Cell], float | str], units: str = "") -> None:
         """Add a column computed from each cell: text, or numbers if there are units."""
         _put(arrays, name, long_name, lambda: [of(cell) for cell in cells.values()], units)
 
@@ -124,7 +126,7 @@ def _at(plan: Plan, axis: Axis) -> Column:
     )
 
 
-def stage_rows(plan: Plan, reports: Reports) -> list[dict[str, Any]]:
+def stage_rows(plan: Plan, reports: Reports) -> list[Document]:
     """Return one row per stage: cells computed, reused, left out and failed, seconds, share, worst error."""
     rows = []
     took = {node.name: reports.seconds_of(node.name) for node in plan.nodes}
@@ -194,7 +196,9 @@ def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]
     return texts
 
 
-def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Any]]) -> list[tuple[str, float, str, tuple[str, ...]]]:
+def headlines(
+    plan: Plan, arrays: Mapping[CellRef, Mapping[str, Array]]
+) -> list[tuple[str, float, str, tuple[str, ...]]]:
     """Return up to three metrics of the shown cells, preferred ones first: name, value, unit, and the stages that do
     not affect them.
     """

@@ -22,6 +22,7 @@ from etendue.present.terminal.cells import Column, cells
 from etendue.present.terminal.looking import next_commands
 from etendue.present.terminal.tables import floored, headlines, stage_rows
 from etendue.telling import human_bytes, printable
+from etendue.types.documents import Document
 
 MOST_STORED = 6  # variables whose bytes are listed individually
 
@@ -103,7 +104,7 @@ def _product(names: Iterable[str]) -> str:
     return text if len(text) <= 24 else " * ".join(names)
 
 
-def _axis(axis: dict[str, Any], short: str) -> str:
+def _axis(axis: Document, short: str) -> str:
     """Return a line such as 'spacing = grid_spacing: 2.8 .. 5.4 um (2)'."""
     values = [f"{v:g}" if isinstance(v, float) else str(v) for v in axis["values"]]
     units = f" {axis['units']}" if axis["units"] not in (None, "1") else ""
@@ -111,7 +112,7 @@ def _axis(axis: dict[str, Any], short: str) -> str:
     return f"{'' if short == axis['name'] else short + ' = '}{axis['name']}: {shown}{units} ({len(values)})"
 
 
-def _uses(stages: list[dict[str, Any]]) -> list[str]:
+def _uses(stages: list[Document]) -> list[str]:
     """Return 'filter is filter_fast' for every stage whose name differs from what it uses."""
     texts = []
     for stage in stages:
@@ -121,7 +122,7 @@ def _uses(stages: list[dict[str, Any]]) -> list[str]:
     return texts
 
 
-def _bound(stages: list[dict[str, Any]]) -> list[str]:
+def _bound(stages: list[Document]) -> list[str]:
     """Return lines for stages that take a shared quantity from an earlier one, and for those run once for each index of
     a dim.
     """
@@ -138,7 +139,7 @@ def _bound(stages: list[dict[str, Any]]) -> list[str]:
     return texts + [f"for each  {dims}: {', '.join(names)}" for dims, names in mapped.items()]
 
 
-def _stored(document: dict[str, Any]) -> list[str]:
+def _stored(document: Document) -> list[str]:
     """Return the stored bytes by variable, largest first, and what the words under `keep` would store."""
     sizes: dict[str, int] = {}
     for stage in document["stages"]:
@@ -194,7 +195,7 @@ def print_plan(document: dict[str, Any]) -> None:
         notes.print(f"note: {escape(text)}")
 
 
-def outcome_document(outcome: Any) -> dict[str, Any]:
+def outcome_document(outcome: Any) -> Document:
     """Return the document of ``etendue run --json``."""
     stages = stage_rows(outcome.plan, outcome.reports)
     return {

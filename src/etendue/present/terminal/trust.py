@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
@@ -12,6 +11,7 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, Trans
 from etendue.present.terminal.stored import short
 from etendue.present.terminal.terminal import _out, _table, escape, human_seconds
 from etendue.telling import human_bytes
+from etendue.types.documents import Document
 
 MOST = 16  # lines of each kind; --json has all
 LONGEST = 1000  # characters of a path
@@ -25,7 +25,7 @@ def _counted(number: int) -> str:
     return str(number or "")
 
 
-def print_reproduction(document: dict[str, Any]) -> None:
+def print_reproduction(document: Document) -> None:
     """Print for each stage how many arrays are reproduced, how far the others differ, and what differs in platform and
     software.
     """
@@ -46,7 +46,7 @@ def print_reproduction(document: dict[str, Any]) -> None:
     _print_reasons(console, document)
 
 
-def _print_reasons(console: Console, document: dict[str, Any]) -> None:
+def _print_reasons(console: Console, document: Document) -> None:
     """Print why cells and files differ, and what was not checked."""
     for name, pair in document["platform"]["differs"].items():
         console.print(escape(f"platform  {name}: {pair['then']} then, {pair['now']} now"), soft_wrap=True)
@@ -84,7 +84,7 @@ def _print_reasons(console: Console, document: dict[str, Any]) -> None:
         console.print("rms and bound are relative to full scale")
 
 
-def print_differences(document: dict[str, Any]) -> None:
+def print_differences(document: Document) -> None:
     """Print for each stage which cells of two archives differ, by how much, and why."""
     console = _out()
     state = "equal" if document["equal"] else "not equal"
@@ -105,7 +105,7 @@ def print_differences(document: dict[str, Any]) -> None:
     _print_where(console, document)
 
 
-def _print_where(console: Console, document: dict[str, Any]) -> None:
+def _print_where(console: Console, document: Document) -> None:
     """Print what caused the differences, and which cells only one archive has."""
     if any(stage["differing"] for stage in document["stages"]):
         console.print(
@@ -162,7 +162,7 @@ def reading(silent: bool = False) -> Iterator[Callable[[int, int], None]]:
         bar.stop()
 
 
-def print_verified(document: dict[str, Any]) -> None:
+def print_verified(document: Document) -> None:
     """Print what is damaged, and how much was read."""
     console = _out()
     for damage in document["damages"][:MOST]:
@@ -194,13 +194,13 @@ def print_verified(document: dict[str, Any]) -> None:
         console.print(escape(f"to repair: etendue verify {document['archive']} --repair"), soft_wrap=True)
 
 
-def _damage(damage: dict[str, Any]) -> str:
+def _damage(damage: Document) -> str:
     where = f" ({damage['array']})" if damage["array"] and not damage["cell"] else ""
     cell = f", cell {damage['cell']} of {damage['array']}" if damage["cell"] else where
     return short(f"{damage['kind']}: {short(damage['path'], LONGEST)}{cell}: {damage['what']}", 3 * LONGEST)
 
 
-def print_repaired(document: dict[str, Any]) -> None:
+def print_repaired(document: Document) -> None:
     """Print what was damaged, what was done, and what is left."""
     console = _out()
     for damage in document["repaired"][:MOST]:

@@ -8,7 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from etendue.types.documents import Document
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 AROUND = (  # candidate positions of a label, in points from its dot
     (8, 6, "left"),
@@ -71,7 +76,7 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
     return picture.getvalue()
 
 
-def _label(axes: Any, points: list[Point], renderer: Any) -> None:
+def _label(axes: Axes, points: list[Point], renderer: Any) -> None:
     """Put a label beside each point, where it covers no point and no other label."""
     taken = [axes.transData.transform((p.seconds, p.error)) for p in points]
     boxes: list[Any] = []
@@ -137,12 +142,12 @@ def diagrams(title: str, panels: list[Panel]) -> bytes:
     return picture.getvalue()
 
 
-def _draw(axes: Any, series: Series, order: int) -> None:
+def _draw(axes: Axes, series: Series, order: int) -> None:
     points = [(seconds, error) for seconds, error in series.points if seconds > 0 and error > 0]
     if not points:
         return
     x, y = zip(*points, strict=True)
-    how: dict[str, Any] = {
+    how: Document = {
         "line": {"marker": "o", "ms": 4, "lw": 1.3, "color": f"C{order}", "zorder": 3},
         "dots": {"marker": "o", "ms": 4, "lw": 0, "color": "#b5b5b5", "zorder": 2},
         "front": {"marker": "o", "ms": 5.5, "lw": 1.5, "color": "#3b6fb6", "zorder": 4},
@@ -151,7 +156,7 @@ def _draw(axes: Any, series: Series, order: int) -> None:
     axes.plot(x, y, label=series.label, **how)
 
 
-def _few_ticks(axes: Any) -> None:
+def _few_ticks(axes: Axes) -> None:
     """Set ticks that do not overlap, and leave room above for the legend."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 

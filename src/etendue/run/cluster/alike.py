@@ -19,6 +19,7 @@ from etendue.plan.identity.code import code_digest
 from etendue.plan.identity.keys import version_of
 from etendue.run.memory import keep_freed_memory
 from etendue.telling import said
+from etendue.types.documents import Document, DocumentView
 
 Platform = Callable[[], Mapping[str, Any]]  # returns what bits depend on, in the calling process
 Mark = tuple[str, bytes]  # a file that all workers must see, and its content
@@ -30,7 +31,7 @@ class Common:
 
     run: str  # a unique name
     platform: Platform
-    has: Mapping[str, Any]  # the result of ``platform`` in the owner, and the version of etendue
+    has: DocumentView  # the result of ``platform`` in the owner, and the version of etendue
     code: Mapping[
         tuple[str, str], tuple[str, str]
     ]  # by module and class of each stage: the digest of its code, its distribution
@@ -68,7 +69,7 @@ def common_of(run: str, stages: Iterable[type[Stage]], platform: Platform, mark:
     return Common(run, platform, _has(platform), code, mark)
 
 
-def _has(platform: Platform) -> dict[str, Any]:
+def _has(platform: Platform) -> Document:
     return {**platform(), "etendue": version_of("etendue")}
 
 

@@ -18,6 +18,7 @@ from etendue.testing.bench import LARGE, SMALL, Bench, full_scale
 from etendue.testing.checks import bound_of
 from etendue.testing.digits import UNSTATED
 from etendue.testing.measured import hold, magnified, ratio_of, within
+from etendue.types.arrays import Array
 
 BRIGHTER = (1 + 1e-6, 1.01, 2.0, 1e3)
 SIGMAS = 5.0  # tolerance of a measured variance: exceeded once in two million draws, and every run makes the same draws
@@ -59,7 +60,7 @@ def frame_read(bench: Bench) -> str | None:
     return frames[0] if len(frames) == 1 and not bench.looks else None
 
 
-def spot(array: Any, height: float) -> Any:
+def spot(array: Array, height: float) -> Array:
     found = np.zeros_like(array)
     found[tuple(size // 2 for size in found.shape)] = height
     return found
@@ -177,7 +178,7 @@ def _solved_back(bench: Bench) -> None:
     ordinary = bench.arrays("ordinary", SMALL)
     size = ordinary[port].shape[0]
     base = np.random.default_rng(3).uniform(0.3, 0.7, size)
-    colours = [base, base * 0.9, *(base + STEP * unit for unit in np.eye(size))]
+    colours: list[Any] = [base, base * 0.9, *(base + STEP * unit for unit in np.eye(size))]
     found = []
     for colour in colours:
         one = bench.run(

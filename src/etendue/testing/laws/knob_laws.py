@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,9 +19,10 @@ from etendue.contract.arrays.grid import Coordinate, Grid
 from etendue.contract.capabilities import Sampled, is_random, mean_arguments_of, rounds
 from etendue.contract.stage import Stage, parameters_of
 from etendue.plan.model import CellRef
-from etendue.testing.bench import Bench, LawBroken
+from etendue.testing.bench import Arrays, Bench, LawBroken
 from etendue.testing.checks import along_ladder
 from etendue.testing.measured import hold
+from etendue.types.arrays import Array
 
 DRAWS = 24
 ERRORS = 6.0  # standard errors of the mean over these draws
@@ -98,7 +99,7 @@ def check_mean(bench: Bench) -> None:
         )
 
 
-def mean_of(bench: Bench, inputs: Any) -> dict[str, Any]:
+def mean_of(bench: Bench, inputs: Arrays) -> dict[str, Array]:
     """Return what ``mean`` returns when the engine calls it, with every input as floats."""
     job = dataclasses.replace(bench.job(), expected=True)
     floats = {port: np.asarray(array, dtype=np.float64) for port, array in inputs.items()}

@@ -7,7 +7,6 @@ Out: nothing, or a broken law.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from etendue.compute.rows import has_rows
 from etendue.contract.capabilities import halo_of
 from etendue.testing.bench import FRAME, PRECISIONS, Bench, LawBroken, digests
 from etendue.testing.measured import hold
+from etendue.types.arrays import Array
 
 
 class RowLaws:
@@ -53,7 +53,7 @@ class RowLaws:
                     )
 
 
-def _differing(whole: Mapping[str, Any], cut: Mapping[str, Any], names: list[str]) -> str:
+def _differing(whole: Mapping[str, Array], cut: Mapping[str, Array], names: list[str]) -> str:
     """Describe the largest difference between these arrays, relative to the largest value; '' if they are not
     numeric.
     """

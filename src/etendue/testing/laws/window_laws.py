@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from etendue.contract.values import quantities
 from etendue.plugins import discovery
 from etendue.testing.bench import Bench, Frame, full_scale
 from etendue.testing.measured import hold, ratio_of, within
+from etendue.types.arrays import Array
 
 FIRST: tuple[Frame, ...] = ((1, 0), (0, 1), (1, 1))  # first pixels of the windows
 AT_LEAST = 12  # pixels of a window in each direction
@@ -70,7 +70,7 @@ class WindowLaws:
                         )
 
 
-def _off(found: Any, expected: Any, halo: int | None) -> float:
+def _off(found: Array, expected: Array, halo: int | None) -> float:
     """Return the difference between a window and the same place of the whole, in full scale: the maximum inside its
     border, else the median.
     """
@@ -119,7 +119,7 @@ def _pattern(bench: Bench) -> Pattern:
     return colouring.pattern(str(getattr(bench.stage, name, quantities.declared(name).default))) if name else PLAIN
 
 
-def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -> Any:
+def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -> Array:
     """Return an input for the whole frame. For uniform colours, a single frame has the colour of its mask at every
     pixel, and each of several planes has a colour of its own.
     """
@@ -136,7 +136,7 @@ def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -
     return np.rint(found) if declaration.dtype != "float" else found
 
 
-def _cut(array: Any, declaration: Declaration, first: Frame, frame: Frame) -> Any:
+def _cut(array: Array, declaration: Declaration, first: Frame, frame: Frame) -> Array:
     return (
         array[..., first[0] : first[0] + frame[0], first[1] : first[1] + frame[1]]
         if has_rows(declaration.dims)

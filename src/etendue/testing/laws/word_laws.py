@@ -10,10 +10,10 @@ import dataclasses
 import importlib.metadata
 import math
 import pickle
-from typing import Any
+from collections.abc import Mapping
 
 from etendue.contract.arrays import variables
-from etendue.contract.arrays.facts import UNKNOWN
+from etendue.contract.arrays.facts import UNKNOWN, Facts
 from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Probe, is_source, is_transfer
 from etendue.contract.stage import Stage, arguments_of, looks, looks_at_stages, parameters_of, reads_of, writes_of
@@ -126,7 +126,7 @@ class WordLaws:
             given = self.bench.input_grids(frame)
             kept = dict(given)
             try:
-                first, second = stage.grid(given), stage.grid(dict(given))  # type: ignore[attr-defined]
+                first, second = stage.grid(given), stage.grid(dict(given))
             except ValueError as error:
                 hold(frame != FRAME, f"{stage!r}.grid refuses an ordinary grid: {error}")
                 continue
@@ -153,7 +153,7 @@ class WordLaws:
     def test_its_notes_are_of_their_form(self) -> None:
         """``warn`` gets the facts of what the stage writes and the grids of what it reads, and returns texts."""
         stage, kind, bench = self.stage, type(self.stage), self.bench
-        facts: Any = UNKNOWN
+        facts: Facts | Mapping[str, Facts] = UNKNOWN
         if is_source(kind):
             facts = stage.describe()[0]  # type: ignore[attr-defined]
         elif kind.carry is not Stage.carry:

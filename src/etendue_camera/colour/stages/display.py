@@ -6,13 +6,15 @@ Out: ``rgb_linear``, ``lms``, ``xyz_display``, ``rgb_display``; the name of a va
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import RGB, XYZ, Grid, Haloed, Labels, measured, param
+from etendue.api import RGB, XYZ, Facts, Grid, Haloed, Labels, measured, param
 from etendue_camera import spectra
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.colour import encoding as transfer
 from etendue_camera.colour import matrices
 from etendue_camera.colour.stages.display_white import MEASURED, TABLE_EDGES, white_name, white_of
@@ -24,7 +26,7 @@ PRINTED = {"eq16_corrected_3digit": matrices.EQ16_CORRECTED, "eq16_as_printed": 
 OWN = {"ebu": matrices.RGB_TO_XYZ_PAL, "sRGB": matrices.RGB_TO_XYZ_SRGB}
 
 
-def space_to_xyz(name: str) -> Any:
+def space_to_xyz(name: str) -> FloatArray:
     """Return the matrix from linear RGB of a named space to XYZ, in full precision, from its primaries and white."""
     if name in OWN:
         return OWN[name]
@@ -34,7 +36,7 @@ def space_to_xyz(name: str) -> Any:
     return spectra.rgb_space_matrix(name)[0]  # XYZ itself as a space: its primaries have no luminance
 
 
-def primaries_to_xyz(display: str) -> Any:
+def primaries_to_xyz(display: str) -> FloatArray:
     """Return the matrix from linear display RGB to XYZ, with Y = 1 for white, from measured spectra or else from the
     primaries of its space.
     """
@@ -44,7 +46,7 @@ def primaries_to_xyz(display: str) -> Any:
     return found / found[1].sum()
 
 
-def primaries_to_cones(display: str) -> Any:
+def primaries_to_cones(display: str) -> FloatArray:
     """Return the matrix from linear RGB to cone responses, white (1, 1, 1) to (1, 1, 1): primaries x cone fundamentals
     (section 3.2 of the paper).
 
@@ -88,16 +90,16 @@ class Display(Displaying, Haloed):
     def __post_init__(self) -> None:
         check_display(self.display)
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         return {"the display": self.display, "the white of the display": white_name(self.display)}
 
-    def to_xyz(self) -> Any:
+    def to_xyz(self) -> FloatArray:
         return primaries_to_xyz(self.display)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"rgb_linear": inputs["xyz_scene"].replace(channel=RGB)}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         if self.display not in MEASURED:
             return np.linalg.inv(space_to_xyz(self.display))
         # Cones are not an exact combination of colour-matching functions: rows are scaled so that white stays white.
@@ -105,7 +107,7 @@ class Display(Displaying, Haloed):
         fitted = fitted / (fitted @ white_of(self.display))[:, None]
         return np.linalg.solve(primaries_to_cones(self.display), fitted)
 
-    def run(self, xyz_scene: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, xyz_scene: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         return {"rgb_linear": matrices.apply_matrix(prepared, xyz_scene)}
 
 
@@ -127,10 +129,10 @@ class _Cones(Haloed):
     def __post_init__(self) -> None:
         check_display(self.display)
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         return {"the display": self.display}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         return primaries_to_cones(self.display)
 
 
@@ -143,10 +145,10 @@ class ToCones(_Cones):
     writes: ClassVar = {"lms": "channel y x [1]"}
     creates: ClassVar = {"channel": LMS}
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"lms": inputs["rgb_linear"].replace(channel=LMS)}
 
-    def run(self, rgb_linear: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, rgb_linear: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         return {"lms": matrices.apply_matrix(prepared, rgb_linear)}
 
 
@@ -159,13 +161,13 @@ class FromCones(_Cones, Displaying):
     writes: ClassVar = {"rgb_linear": "channel y x [1]"}
     creates: ClassVar = {"channel": RGB}
 
-    def to_xyz(self) -> Any:
+    def to_xyz(self) -> FloatArray:
         return primaries_to_xyz(self.display)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"rgb_linear": inputs["lms"].replace(channel=RGB)}
 
-    def run(self, lms: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, lms: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         return {"rgb_linear": matrices.apply_matrix(np.linalg.inv(prepared), lms)}
 
 
@@ -184,7 +186,7 @@ class ToXyz(Haloed):
     working: ClassVar = 0.7
 
     libraries: ClassVar = ("colour-science",)
-    error: ClassVar[Any] = measured(1e-6, 1e-15)
+    error: ClassVar = measured(1e-6, 1e-15)
 
     matrix: str = param(
         "sRGB",
@@ -194,16 +196,16 @@ class ToXyz(Haloed):
     def __post_init__(self) -> None:
         spectra.check_rgb_space(self.matrix, (*PRINTED, "ebu", *MEASURED))
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         return {"the display": "ebu" if self.matrix in PRINTED else self.matrix}
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"xyz_display": inputs["rgb_linear"].replace(channel=XYZ)}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         return PRINTED[self.matrix] if self.matrix in PRINTED else primaries_to_xyz(self.matrix)
 
-    def run(self, rgb_linear: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, rgb_linear: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         return {"xyz_display": matrices.apply_matrix(prepared, rgb_linear)}
 
 
@@ -218,7 +220,7 @@ class _Encoding(Haloed):
     encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"))
     exponent: float = param(0.45, above=0, at_most=5, doc="exponent of encoding 'power' (eq. 15)")
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         return {"the encoding": ("power", self.exponent) if self.encoding == "power" else self.encoding}
 
 
@@ -233,7 +235,7 @@ class Encode(_Encoding):
     writes: ClassVar = {"rgb_display": "channel y x [1]", "gamut_clipped": "[1]"}
     keeps: ClassVar = ("order",)
 
-    def run(self, rgb_linear: Any) -> dict[str, Any]:
+    def run(self, rgb_linear: FloatArray) -> dict[str, Array]:
         kind = rgb_linear.dtype.type
         inside = np.clip(rgb_linear, kind(0), kind(1))
         outside = np.count_nonzero(np.abs(rgb_linear - inside) > BEYOND) / max(rgb_linear.size, 1)
@@ -243,7 +245,7 @@ class Encode(_Encoding):
             encoded = (transfer.srgb_encode if self.encoding == "sRGB" else transfer.bt709_encode)(inside)
         return {"rgb_display": encoded, "gamut_clipped": np.array(outside)}
 
-    def joined(self, parts: Any, sizes: Any) -> dict[str, Any]:
+    def joined(self, parts: Mapping[str, Sequence[Array]], sizes: Sequence[int]) -> dict[str, Array]:
         """Return the fraction of all values, from integer counts."""
         clipped = sum(round(float(share) * size) for share, size in zip(parts["gamut_clipped"], sizes, strict=True))
         return {"gamut_clipped": np.array(clipped / max(sum(sizes), 1))}
@@ -258,11 +260,11 @@ class Decode(_Encoding):
     writes: ClassVar = {"rgb_linear": "channel y x [1]"}
     keeps: ClassVar = ("order",)
 
-    def run(self, rgb_display: Any) -> dict[str, Any]:
+    def run(self, rgb_display: FloatArray) -> dict[str, Array]:
         if self.encoding == "power":
             return {"rgb_linear": transfer.gamma_signed(rgb_display, 1 / self.exponent)}
         return {"rgb_linear": (transfer.srgb_decode if self.encoding == "sRGB" else transfer.bt709_decode)(rgb_display)}
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         steep = max(1.0, 1 / self.exponent) if self.encoding == "power" else 2.4
         return steep * (1e-6 if precision == "float32" else 2e-15), "measured"

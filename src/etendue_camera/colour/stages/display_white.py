@@ -6,9 +6,8 @@ Out: XYZ with Y = 1.
 
 from __future__ import annotations
 
-from typing import Any
-
 from etendue_camera import spectra
+from etendue_camera.arrays import FloatArray
 from etendue_camera.colour import matrices
 
 TABLE_EDGES = tuple(float(w) for w in range(380, 785, 5))
@@ -24,7 +23,7 @@ def white_name(name: str) -> str:
     return spectra.rgb_space_white(name) if name in spectra.rgb_space_names() else name
 
 
-def white_of(name: str) -> Any:
+def white_of(name: str) -> FloatArray:
     """Return XYZ (Y = 1) of an illuminant, of a measured display with all primaries on, or of an RGB space's white.
 
     Display standards give their white as the published chromaticity of an illuminant. Illuminants use it here too, so

@@ -6,15 +6,17 @@ Out: ``xyz_scene``; for its rendering on a display see ``display.py``.
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from etendue import require
-from etendue.api import XYZ, Grid, Haloed, Labels, Viewed, fitted, measured, param, quantity
+from etendue.api import XYZ, Facts, Grid, Haloed, Labels, Viewed, fitted, measured, param, quantity
 from etendue_camera import spectra
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.colour import matrices
 from etendue_camera.colour.stages.display_white import MEASURED, TABLE_EDGES, white_name, white_of
 from etendue_camera.mosaic import white_balance
@@ -79,7 +81,7 @@ class ColourFit(Collecting):
                 "peak above 0, or remove the stage colour_fit"
             )
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         if self.reflectances != "ColorChecker":
             spectra.require_shares("reflectances", self.reflectances)
         edges, channels = inputs["white_radiance"].bands().edges, len(self.channels)
@@ -93,19 +95,24 @@ class ColourFit(Collecting):
             )
         return {"colour_matrix": Grid.of({"component": XYZ, "channel": Labels(self.channels)})}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, ...]]:
         edges = tuple(coordinates["wavelength_edges"])
         centres = coordinates["wavelength"] * np.diff(coordinates["wavelength_edges"])
         response = quantum_efficiency(self, edges) * centres
         return response, spectra.colour_matching(edges), self.patches(edges), edges
 
-    def patches(self, edges: tuple[float, ...]) -> Any:
+    def patches(self, edges: tuple[float, ...]) -> FloatArray:
         """Return the reflectance of each patch, (patch, wavelength)."""
         if self.reflectances == "ColorChecker":
             return spectra.colorchecker(edges)[1]
         return spectra.table_from_csv(self.reflectances, edges, outside="hold")[1].T
 
-    def run(self, white_radiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+    def run(
+        self,
+        white_radiance: FloatArray,
+        white_irradiance: FloatArray,
+        prepared: tuple[FloatArray, FloatArray, FloatArray, tuple[float, ...]],
+    ) -> dict[str, Array]:
         response, cmf, reflectance, edges = prepared
         light = np.asarray(white_irradiance, dtype=float)
         response = mixing_of(self, edges, response * light) @ response
@@ -140,7 +147,7 @@ class ColourFit(Collecting):
             "directions_floored": np.array(float(fit.undetermined)),
         }
 
-    def warn(self, facts: Any, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         few = {
             1: "pictures are luminance in the colour of the white",
             2: "colours outside one plane cannot be determined",
@@ -185,14 +192,16 @@ class CameraToXyz(Haloed):
         "neutral", choices=("neutral", "keep"), doc="treatment of clipped channels: clip all to neutral, or keep"
     )
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         found = {port: tuple(inputs[port]["channel"].values()) for port in ("rgb_camera", "white", "colour_matrix")}
         if len(set(found.values())) > 1:
             text = ", ".join(f"{port} {' '.join(map(str, names))}" for port, names in found.items())
             raise ValueError(f"channels differ: {text}; the demosaicer, white and colour_fit must use the same pattern")
         return {"xyz_scene": inputs["rgb_camera"].replace(channel=XYZ)}
 
-    def run(self, rgb_camera: Any, white: Any, clipping_level: Any, colour_matrix: Any) -> dict[str, Any]:
+    def run(
+        self, rgb_camera: FloatArray, white: FloatArray, clipping_level: FloatArray, colour_matrix: FloatArray
+    ) -> dict[str, Array]:
         require.that(
             np.all(white > 0), f"the white has a dead channel: {white}; check the filter, the illuminant and peak_qe"
         )
@@ -248,20 +257,20 @@ class Balance(Viewed, Haloed):
         if self.target not in MEASURED and self.target not in spectra.rgb_space_names():
             spectra.check_illuminant(self.target, TABLE_EDGES[0], TABLE_EDGES[-1])
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         return white_of(self.target)
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         """The paper's diagonal has its own target white."""
         return {"the white of the display": white_name(self.target)} if self.gains == "white" else {}
 
-    def viewing_white(self) -> Any:
+    def viewing_white(self) -> FloatArray | None:
         """Return XYZ of the white to which a viewer of the result is adapted, for rendering pictures; None: that of the
         picture.
         """
         return white_of(self.target) if self.gains == "white" else None
 
-    def run(self, xyz_scene: Any, white_xyz: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, xyz_scene: FloatArray, white_xyz: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         cones = matrices.TRANSFORMS[SPACES[self.space]]
         if self.gains == "as_printed":
             matrix, floored = np.linalg.solve(cones, np.diag(PRINTED_GAINS) @ cones), 0

@@ -7,14 +7,19 @@ Out: ``expected_charge`` and ``charge``, electron, (y, x).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, ends, param, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics import amplifier, distributions, dynamic_range, noise
 from etendue_camera.electronics.stages.gain_chain import Well
+
+if TYPE_CHECKING:
+    from etendue.compute.tables import PatternRandom
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +54,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         doc="whether each pixel has its own dark current, drawn with dark_nonuniformity; false: all have the mean",
     )
 
-    def dark_charge(self, time: float) -> Any:
+    def dark_charge(self, time: float) -> FloatArray:
         """Return the mean dark charge after a time, electron."""
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
         return dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, time)
@@ -73,7 +78,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
             "dark_spread": math.sqrt(dark_variance * self.dark_pattern) * dark,
         }
 
-    def run(self, photocurrent: Any, rng_sensor: Any) -> dict[str, Any]:
+    def run(self, photocurrent: FloatArray, rng_sensor: PatternRandom) -> dict[str, Array]:
         kind = photocurrent.dtype.type
         signal = photocurrent * kind(self.integration_time)
         if self.prnu > 0:
@@ -87,7 +92,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         signal += dark
         return {"expected_charge": signal}
 
-    def mean(self, photocurrent: Any) -> dict[str, Any]:
+    def mean(self, photocurrent: FloatArray) -> dict[str, Array]:
         """Return the mean over many sensors."""
         kind = photocurrent.dtype.type
         dark = self.dark_charge(self.integration_time) * noise.mean_factor(self.dark_nonuniformity)
@@ -95,7 +100,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
             "expected_charge": photocurrent * kind(self.integration_time * noise.mean_factor(self.prnu)) + kind(dark)
         }
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float | None, str]:
         """Bound the rounding error. Without the dark current pattern, whose mean is kept, also the fraction of the
         variance
         of any pixel that it would add, since every pixel has at least the shot noise of its dark charge."""
@@ -106,7 +111,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         odds = variance * float(self.dark_charge(ends(self.integration_time)[1])) / mean
         return rounding + (odds / (1 + odds) if math.isfinite(odds) else 1.0), "proved"
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """Return the range from darkest to brightest light with a six-sigma pattern: one pixel in 1e9 lies outside."""
         light = facts["photocurrent"]
         if light.low is None or light.high is None:
@@ -168,7 +173,7 @@ class ShotNoise(Sampled, Noisy, Haloed):
         """
         return 0 if self.common_draws else None
 
-    def run(self, expected_charge: Any, rng: Any) -> dict[str, Any]:
+    def run(self, expected_charge: FloatArray, rng: np.random.Generator) -> dict[str, Array]:
         if self.common_draws:
             return {
                 "charge": noise.poisson_by_inversion(
@@ -177,14 +182,14 @@ class ShotNoise(Sampled, Noisy, Haloed):
             }
         return {"charge": noise.poisson(expected_charge, rng, self.exact_below)}
 
-    def mean(self, expected_charge: Any) -> dict[str, Any]:
+    def mean(self, expected_charge: FloatArray) -> dict[str, Array]:
         return {"charge": expected_charge}
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """The expected value is unchanged."""
         return facts["expected_charge"]
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the total variation from Poisson, not the error of the mean: largest where the expansion begins, and at
         the
         seam of common draws.
@@ -212,7 +217,7 @@ class FullWell(Well, Bounded, Datasheet):
     def datasheet(self) -> dict[str, float]:
         return {"full_well": self.well()}
 
-    def run(self, charge: Any) -> dict[str, Any]:
+    def run(self, charge: FloatArray) -> dict[str, Array]:
         return {"charge": np.minimum(charge, charge.dtype.type(self.well()))}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
@@ -223,7 +228,7 @@ class FullWell(Well, Bounded, Datasheet):
         away = (self.well() - facts.high) / sigma
         return sigma * math.exp(-0.5 * away**2) / self.well(), "the light stays below the full well"
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         known, capacity = facts["charge"], self.well()
         return Facts(
             uniform=known.uniform,

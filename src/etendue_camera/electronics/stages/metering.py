@@ -6,6 +6,7 @@ Out: ``integration_time``, s, of one exposure or of each frame. Later stages use
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from etendue import require
 from etendue.api import Facts, Grid, Labels, Stage, ends, measured, param, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics import metering
 from etendue_camera.electronics.stages.gain_chain import GainChain
 
@@ -68,14 +70,14 @@ class Meter(GainChain):
         level = metering.metered_level(photocurrent, self.metering, self.quantile)
         return metering.metered_time(level, share * self.saturation(), self.ev_bias, self.shortest, self.longest)
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """Return the limits of the time."""
         if self.metering != "exposure_value":
             return Facts(low=self.shortest, high=self.longest)
         time = self.time(None)
         return Facts(low=time, high=time)
 
-    def run(self, photocurrent: Any) -> dict[str, Any]:
+    def run(self, photocurrent: FloatArray) -> dict[str, Array]:
         return {"integration_time": np.array(self.time(photocurrent))}
 
 
@@ -105,14 +107,14 @@ class Bracket(Stage):
     def __post_init__(self) -> None:
         require.that(self.brackets, "brackets = [] gives no exposure; use [0] for the integration time itself")
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"integration_time": Grid.of({"frame": Labels(tuple(range(len(self.brackets) * self.repeats)))})}
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         low, high = ends(self.integration_time)
         return Facts(low=low * 2.0 ** min(self.brackets), high=high * 2.0 ** max(self.brackets))
 
-    def run(self) -> dict[str, Any]:
+    def run(self) -> dict[str, Array]:
         return {
             "integration_time": self.integration_time
             * 2.0 ** np.repeat(np.array(self.brackets, dtype=float), self.repeats)

@@ -7,6 +7,7 @@ Out: scalars, each over the axes that affect it.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from etendue.api import measured, quantity
 from etendue_camera import spectra
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.constants import LUMINOUS_EFFICACY
 from etendue_camera.electronics import amplifier, dynamic_range, metering
 from etendue_camera.electronics.stages.gain_chain import GainChain, analogue_gain
@@ -40,7 +42,7 @@ class NoiseFloor(GainChain):
     read_noise: float = quantity("read_noise")
     read_noise_after: float = quantity("read_noise_after")
 
-    def dark_charge(self, time: float) -> Any:
+    def dark_charge(self, time: float) -> FloatArray:
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
         return dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, time)
 
@@ -87,7 +89,7 @@ class DynamicRange(NoiseFloor):
     dsnu: float = quantity("dsnu")
     integration_time: float = quantity("integration_time")
 
-    def run(self, sheets: Sheets = ()) -> dict[str, Any]:
+    def run(self, sheets: Sheets = ()) -> dict[str, float | Array]:
         gain, dark, largest = self.dn_per_electron(), self.dark_charge(self.integration_time), self.saturation()
         sigma = _with(self.sigma(), elsewhere(sheets, "read_noise"))
         elgamal = dynamic_range.dynamic_range_elgamal(largest, dark, sigma, _with(self.dsnu, elsewhere(sheets, "dsnu")))
@@ -123,7 +125,7 @@ class ExposureReport(KnownNoise):
     working: ClassVar = 1.5
     error: ClassVar = measured(1e-6, 1e-14)
 
-    def run(self, raw: Any, expected_charge: Any, sheets: Sheets = ()) -> dict[str, Any]:
+    def run(self, raw: Array, expected_charge: FloatArray, sheets: Sheets = ()) -> dict[str, Array]:
         floor = self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
         floor += elsewhere(sheets, "read_noise") + elsewhere(sheets, "dsnu")
         held = np.result_type(
@@ -175,12 +177,14 @@ class ExposureNumbers(NoiseFloor, Collecting):
     f_number: float = quantity("f_number")
     integration_time: float = quantity("integration_time")
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         edges = tuple(coordinates["wavelength_edges"])
         lumens = LUMINOUS_EFFICACY * spectra.luminous_efficiency(edges) * np.diff(edges)
         return electrons_per_irradiance(self, edges), lumens, edges
 
-    def run(self, white_radiance: Any, white_irradiance: Any, prepared: Any, sheets: Sheets = ()) -> dict[str, Any]:
+    def run(
+        self, white_radiance: FloatArray, white_irradiance: FloatArray, prepared: Any, sheets: Sheets = ()
+    ) -> dict[str, Array]:
         time = self.integration_time
         electrons, lumens, edges = prepared
         rates = electrons * white_irradiance

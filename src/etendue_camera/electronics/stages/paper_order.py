@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from etendue.api import Haloed, param, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics import amplifier, dynamic_range
 from etendue_camera.electronics.stages.gain_chain import Well
 
@@ -33,7 +34,7 @@ class ChargeFraction(Well, Haloed):
 
     reference_time: float = param(0.01, units="s", above=0)
 
-    def run(self, photocurrent: Any) -> dict[str, Any]:
+    def run(self, photocurrent: FloatArray) -> dict[str, Array]:
         return {
             "mosaic_linear": photocurrent * photocurrent.dtype.type(self.reference_time / self.well()),
             "clipping_level": np.array(1.0),  # where paper_exposure clips
@@ -69,7 +70,7 @@ class PaperExposure(Haloed):
     dsnu: float = quantity("dsnu")
     reference_time: float = param(0.01, units="s", above=0)
 
-    def run(self, rgb_camera: Any) -> dict[str, Any]:
+    def run(self, rgb_camera: FloatArray) -> dict[str, Array]:
         kind = rgb_camera.dtype.type
         capacity = amplifier.full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)

@@ -6,12 +6,14 @@ Out: signal and variance by channel and level, the fitted line, metrics with 95 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from etendue.api import Grid, Labels, Stage, measured, param, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics import emva
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import first_pixel, mask_of
@@ -78,7 +80,7 @@ class PhotonTransfer(Stage):
     def __post_init__(self) -> None:
         mask_of(self.pattern)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         frames = inputs["raw"]["frame"].size
         if frames < self.repeats:
             raise ValueError(
@@ -96,12 +98,12 @@ class PhotonTransfer(Stage):
             **dict.fromkeys(FIGURES, figures),
         }
 
-    def run(self, raw: Any, integration_time: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, raw: FloatArray, integration_time: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         mask, levels = mask_of(self.pattern), len(raw) // self.repeats
         whole = levels * self.repeats
         stacks = raw[:whole].reshape(levels, self.repeats, *raw.shape[1:])
         times = np.asarray(integration_time, dtype=float)[:whole].reshape(levels, self.repeats)
-        found: dict[str, Any] = {name: np.full((len(mask.channels), 3), np.nan) for name in FIGURES}
+        found: dict[str, Array] = {name: np.full((len(mask.channels), 3), np.nan) for name in FIGURES}
         curve = {name: np.full((len(mask.channels), levels), np.nan) for name in ("signal", "variance", "fit")}
         one_time = bool(np.all(times == times[:, :1]))
         for number, channel in enumerate(mask.channels):
@@ -122,7 +124,7 @@ class PhotonTransfer(Stage):
         return {"transfer_time": time, **{f"transfer_{name}": values for name, values in curve.items()}, **found}
 
 
-def _measured(times: Any, stacks: Any) -> emva.SensorFigures | None:
+def _measured(times: Array, stacks: Any) -> emva.SensorFigures | None:
     """Measure levels (level, frame, y, x) whose first is dark; None if they form no photon transfer curve."""
     if len(times) < 5 or not 0 <= times[0] < DARK * times[1:].min():
         return None

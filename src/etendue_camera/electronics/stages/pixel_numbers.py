@@ -7,11 +7,12 @@ Out: scalars, each over the axes that affect it; ``mean_irradiance`` with a dime
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from etendue.api import Probe, Stage, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.amplifier import full_well
 from etendue_camera.light import radiometry
 
@@ -29,7 +30,7 @@ class PixelNumbers(Stage):
     focal_length: float = quantity("focal_length")
     full_well_density: float = quantity("full_well_density")
 
-    def run(self) -> dict[str, Any]:
+    def run(self) -> dict[str, float | Array]:
         return {
             "nyquist_frequency": np.array(0.5 / self.pixel_pitch),
             "plate_scale": radiometry.plate_scale(self.pixel_pitch, self.focal_length),
@@ -47,5 +48,5 @@ class LightBudget(Probe):
     nanoseconds: ClassVar = 5.0
     error: ClassVar = proved(1e-7, 1e-15)
 
-    def run(self, planes: Any) -> dict[str, Any]:
+    def run(self, planes: list[tuple[str, FloatArray]]) -> dict[str, Array]:
         return {"mean_irradiance": np.array([plane.mean(dtype=np.float64) for _, plane in planes])}

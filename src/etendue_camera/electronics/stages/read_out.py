@@ -7,16 +7,21 @@ Out: ``raw``, DN, and ``mosaic_linear``, 1 where pixels saturate.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, param, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics import amplifier, converter
 from etendue_camera.electronics.stages.gain_chain import GainChain, ReadOut, analogue_gain
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.roles import Scaled
+
+if TYPE_CHECKING:
+    from etendue.compute.tables import PatternRandom
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +53,7 @@ class ReadNoise(ReadOut, Bounded, Sampled, Noisy, Datasheet, Haloed):
     def datasheet(self) -> dict[str, float]:
         return {"read_noise": self.read_sigma(), "dsnu": self.dsnu}
 
-    def run(self, charge: Any, rng: Any, rng_sensor: Any) -> dict[str, Any]:
+    def run(self, charge: FloatArray, rng: np.random.Generator, rng_sensor: PatternRandom) -> dict[str, Array]:
         kind, sigma = charge.dtype.type, self.read_sigma()
         if sigma > 0:
             noise = rng.standard_normal(charge.shape, dtype=charge.dtype)
@@ -60,14 +65,14 @@ class ReadNoise(ReadOut, Bounded, Sampled, Noisy, Datasheet, Haloed):
             charge = charge + offset if offset.shape != charge.shape else np.add(charge, offset, out=offset)
         return {"charge": charge}
 
-    def mean(self, charge: Any) -> dict[str, Any]:
+    def mean(self, charge: FloatArray) -> dict[str, Array]:
         return {"charge": charge}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         quiet = self.read_noise == 0 and self.read_noise_after == 0 and self.dsnu == 0
         return (0.0, "there is neither read noise nor an offset pattern") if quiet else None
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         return facts["charge"]
 
 
@@ -117,7 +122,7 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
         """Return None where new column offsets are drawn: they are drawn once for all rows."""
         return None if self.column_noise > 0 else 0
 
-    def run(self, charge: Any, rng: Any, rng_sensor: Any) -> dict[str, Any]:
+    def run(self, charge: FloatArray, rng: np.random.Generator, rng_sensor: PatternRandom) -> dict[str, Array]:
         kind = charge.dtype.type
         *leading, rows, columns = charge.shape
         offset = np.zeros((1, 1), dtype=charge.dtype)
@@ -131,14 +136,14 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
             offset = offset + kind(self.column_noise) * rng.standard_normal((*leading, 1, columns), dtype=charge.dtype)
         return {"charge": charge + offset}
 
-    def mean(self, charge: Any) -> dict[str, Any]:
+    def mean(self, charge: FloatArray) -> dict[str, Array]:
         return {"charge": charge}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         quiet = self.row_pattern == self.column_pattern == self.row_noise == self.column_noise == 0
         return (0.0, "there is no row or column noise") if quiet else None
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """The expected value is unchanged, except for fixed patterns, which are unbounded."""
         return facts["charge"] if self.row_pattern == self.column_pattern == 0 else Facts()
 
@@ -172,13 +177,13 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
         gain = self.dn_per_electron()
         return {"gain": gain, "full_well": (2**self.bits - 1 - self.black_level) / gain}
 
-    def run(self, charge: Any) -> dict[str, Any]:
+    def run(self, charge: FloatArray) -> dict[str, Array]:
         return {"raw": converter.digitise(charge, self.dn_per_electron(), self.black_level, self.bits)}
 
-    def mean(self, charge: Any) -> dict[str, Any]:
+    def mean(self, charge: FloatArray) -> dict[str, Array]:
         return {"raw": converter.unrounded(charge, self.dn_per_electron(), self.black_level, self.bits)}
 
-    def warn(self, facts: Facts, grid: Any) -> list[str]:
+    def warn(self, facts: Facts, grid: Mapping[str, Grid]) -> list[str]:
         sigma = self.read_sigma()
         wide = sigma * self.dn_per_electron()
         if self.black_level >= 4 * wide:
@@ -191,7 +196,7 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
             f"{math.ceil(4 * wide)} DN avoid this"
         ]
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the rounding: half a step, relative to the range from black to white."""
         return 0.5 / (2**self.bits - 1 - self.black_level), "proved"
 
@@ -214,7 +219,7 @@ class Linearise(KnownNoise, Scaled):
     working: ClassVar = 2.0
     error: ClassVar = proved(6e-8, 2e-16)
 
-    def run(self, raw: Any) -> dict[str, Any]:
+    def run(self, raw: Array) -> dict[str, Array]:
         white = self.white()
         sigma = math.hypot(self.read_sigma(), self.dsnu)
         lowest = amplifier.lowest_clipped_code(self.well(), self.dn_per_electron(), self.black_level, self.bits, sigma)

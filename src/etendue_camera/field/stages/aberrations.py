@@ -7,12 +7,14 @@ Out: ``irradiance``, blurred. Diffraction is included: use this stage in place o
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, cast
 
 import numpy as np
 
 from etendue.api import Banded, Facts, Grid, param
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.field import blur, node_grids
 from etendue_camera.field.psf_bank import PsfBank
 from etendue_camera.field.stages.illumination import farthest, nearest
@@ -102,7 +104,7 @@ class Aberrations(Blur, Aberrated, Banded):
     def aperture(self) -> pupil.Aperture:
         return pupil.Aperture("annular", self.obstruction) if self.obstruction else pupil.Aperture()
 
-    def path(self, y: Any, x: Any, height_um: float) -> Any:
+    def path(self, y: FloatArray, x: FloatArray, height_um: float) -> FloatArray:
         """Return the optical path for an image point on the +y axis."""
         return self.path_at(y, x, height_um * 1e-3 / self.full_height, 0.0)
 
@@ -130,7 +132,7 @@ class Aberrations(Blur, Aberrated, Banded):
             )
         return samples
 
-    def bank(self, heights: Any, wavelengths: Any) -> PsfBank:
+    def bank(self, heights: FloatArray, wavelengths: FloatArray) -> PsfBank:
         """Return the PSFs at image heights (um) and wavelengths (um), each wavelength on its own sample spacing."""
         number, half = self.cone_f_number(), self.half(float(wavelengths[0]), heights)
         samples = self.samples(half)
@@ -147,7 +149,7 @@ class Aberrations(Blur, Aberrated, Banded):
                 )
         return PsfBank(np.asarray(heights), np.asarray(wavelengths), pictures, spacing, "Seidel wavefront")
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> blur.Prepared:
         y, x, bands = (
             coordinates["y_um"],
             coordinates["x_um"],
@@ -173,10 +175,10 @@ class Aberrations(Blur, Aberrated, Banded):
         """
         return step > 0.5 * shortest * self.cone_f_number()
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: blur.Prepared, bands: slice) -> blur.Prepared:
         return prepared.take(bands)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         found = "cells" if inputs["irradiance"].line("x").cells else "bandlimited"
         if found != self.light:
             raise ValueError(
@@ -200,14 +202,14 @@ class Aberrations(Blur, Aberrated, Banded):
             )
         return {}
 
-    def run(self, irradiance: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, prepared: blur.Prepared) -> dict[str, Array]:
         return {"irradiance": blur.apply(irradiance, prepared)}
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         own = facts["irradiance"]
         return own if own.uniform else replace(own, low=None, high=None, contrast=None)
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the error: the accuracy asked for, interpolation between the heights and wavelengths of the bank, and
         pupil
         sampling.
@@ -232,5 +234,5 @@ class Aberrations(Blur, Aberrated, Banded):
             1.0, self.accuracy + coarse + between + colours + cells + (1e-6 if precision == "float32" else 0.0)
         ), "fitted"
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         return too_coarse(facts, grids["irradiance"], self.cone_f_number())

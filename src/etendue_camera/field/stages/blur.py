@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -17,6 +18,7 @@ import numpy as np
 from etendue.api import Banded, Bounded, Facts, Grid, param
 from etendue.contract.stage import file_state
 from etendue.transfer import rings as scene_rings
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.field import blur, warp
 from etendue_camera.field.psf_bank import PsfBank
 from etendue_camera.field.stages.illumination import ends_of, farthest
@@ -28,7 +30,7 @@ def _bank(path: str, state: tuple[int, int]) -> PsfBank:
 
 
 @lru_cache(maxsize=8)
-def _table(path: str, state: tuple[int, int]) -> Any:
+def _table(path: str, state: tuple[int, int]) -> tuple[FloatArray, FloatArray, FloatArray]:
     return warp.read_table(path)
 
 
@@ -93,7 +95,7 @@ class LensPsfField(Banded, Bounded):
     def bank(self) -> PsfBank:
         return _bank(self.file, file_state(self.file))
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         found = "cells" if inputs["irradiance"].line("x").cells else "bandlimited"
         if found != self.light:
             raise ValueError(
@@ -101,7 +103,7 @@ class LensPsfField(Banded, Bounded):
             )
         return {}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> blur.Prepared:
         return blur.prepare(
             self.bank(),
             coordinates["y_um"],
@@ -114,16 +116,16 @@ class LensPsfField(Banded, Bounded):
             centre=self.centre,  # type: ignore[arg-type]
         )
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: blur.Prepared, bands: slice) -> blur.Prepared:
         return prepared.take(bands)
 
-    def run(self, irradiance: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, prepared: blur.Prepared) -> dict[str, Array]:
         return {"irradiance": blur.apply(irradiance, prepared)}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         return (0.0, "the scene is uniform: blur has no effect") if facts.uniform and self.weights == "image" else None
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         own = facts["irradiance"]
         if own.uniform and self.weights == "image":
             return own
@@ -131,11 +133,11 @@ class LensPsfField(Banded, Bounded):
             own, uniform=None if own.uniform else own.uniform, low=None, high=None, contrast=None
         )
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the error of the convolution against a separate PSF for every sample."""
         return self.tolerance + (2e-6 if precision == "float32" else 1e-13), "measured"
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         grid, bank, notes = grids["irradiance"], self.bank(), []
         corner, last = farthest(grid), float(bank.heights_um[-1])
         if corner > 1.001 * last:
@@ -235,7 +237,7 @@ class Distortion(Banded, Bounded):
     def does_nothing(self) -> bool:
         return not self.table and not (self.k1 or self.k2 or self.k3 or self.lateral_colour)
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         corner = math.hypot(np.abs(coordinates["y_um"]).max(), np.abs(coordinates["x_um"]).max())
         lens = self.map()
         return tuple(lens.ratio(corner, float(w) * 1e-3) for w in coordinates["wavelength"])
@@ -243,7 +245,7 @@ class Distortion(Banded, Bounded):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[bands]
 
-    def run(self, irradiance: Any, y_um: Any, x_um: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray, prepared: Any) -> dict[str, Array]:
         if self.does_nothing():
             return {"irradiance": irradiance}
         planes = np.empty_like(irradiance)
@@ -264,7 +266,7 @@ class Distortion(Banded, Bounded):
         lost = scene_rings.rms_of(scene_rings.moved(most, np.array(content.edges)), np.array(content.power))
         return lost, f"light moves by at most {most:.2g} um, and the scene has little detail that fine"
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """A uniform plane is unchanged; a spline may leave the range of another plane slightly."""
         own = facts["irradiance"]
         return (
@@ -273,7 +275,7 @@ class Distortion(Banded, Bounded):
             else dataclasses.replace(own, low=None, high=None, contrast=None, band_limit=None)
         )
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the interpolation error on a Gaussian edge with the scene's band limit, or 1 sample rms where that is
         unknown.
         """
@@ -286,7 +288,7 @@ class Distortion(Banded, Bounded):
         )  # exp(-2 pi^2 s^2 f^2) = 0.01
         return min(1.0, warp.edge_error(self.order, softness, self.oversampling)) + rounding, "fitted"
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if self.does_nothing():
             return []
         grid, lens, notes = grids["irradiance"], self.map(), []

@@ -7,12 +7,14 @@ Out: ``irradiance``, multiplied by the factor for its angle, or from a table.
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from etendue.api import Banded, Bounded, Facts, Grid, measured, param
+from etendue_camera.arrays import Array, FloatArray, Floats
 from etendue_camera.field.stages.illumination import Dimming, by_curves, farthest, nearest
 from etendue_camera.field.stages.tables import FieldTable, field_table
 from etendue_camera.light import radiometry
@@ -60,18 +62,18 @@ class Falloff(Dimming, Banded, Bounded):
     def rows(self) -> FieldTable:
         return field_table(self.table, ("height_mm", "angle_deg"))
 
-    def tangent(self, radius_um: Any, corner_um: float) -> Any:
+    def tangent(self, radius_um: Floats, corner_um: float) -> Floats:
         """Return the tangent of the angle at which light from the centre of the exit pupil arrives."""
         if self.geometry == "paper":
             return radius_um * (math.tan(math.radians(0.5 * self.full_field)) / corner_um if corner_um > 0 else 0.0)
         return radius_um / (1e3 * self.pupil_distance())
 
-    def relative(self, tangent: Any) -> Any:
+    def relative(self, tangent: FloatArray) -> Floats:
         if self.model == "disc":
             return radiometry.disc_falloff(self.f_number, tangent, self.image_magnification(), self.pupil_magnification)
         return radiometry.cos4(tangent)
 
-    def place(self, radius_um: Any, corner_um: float) -> Any:
+    def place(self, radius_um: Floats, corner_um: float) -> FloatArray:
         """Return the position in the table of a radius: image height in mm, or object-side field angle in degrees."""
         if self.rows().axis == "height_mm":
             return np.asarray(radius_um) * 1e-3
@@ -85,18 +87,18 @@ class Falloff(Dimming, Banded, Bounded):
             return self.rows().range(float(self.place(nearest(grid), corner)), float(self.place(corner, corner)))
         return float(self.relative(np.array(self.tangent(corner, corner)))), 1.0
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         if self.model == "table":
             return {"the fall-off": ("that of", self.table)}
         return {"the fall-off": (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         return self.rows().curves(coordinates["wavelength"]) if self.model == "table" else np.ones((1, 1))
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: FloatArray, bands: slice) -> FloatArray:
         return prepared if len(prepared) == 1 else prepared[bands]
 
-    def run(self, irradiance: Any, y_um: Any, x_um: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         radius = np.hypot(y_um[:, None], x_um[None, :])
         corner = math.hypot(max(abs(y_um[0]), abs(y_um[-1])), max(abs(x_um[0]), abs(x_um[-1])))
         if self.model == "table":
@@ -107,10 +109,10 @@ class Falloff(Dimming, Banded, Bounded):
         low, high = self.bounds(grid)
         return max(1.0 - low, high - 1.0), "the field is so small that falloff is below this at the corner"
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=self.model != "table")
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if self.model != "table":
             return []
         corner, bands = farthest(grids["irradiance"]), grids["irradiance"].bands().values()

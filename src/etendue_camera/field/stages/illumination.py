@@ -7,12 +7,14 @@ Out: ``irradiance``, reduced away from the axis.
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from etendue.api import Banded, Bounded, Facts, Grid, Line, measured, param
+from etendue_camera.arrays import Array, FloatArray, Floats
 from etendue_camera.field import illumination
 from etendue_camera.field.stages.tables import FieldTable, field_table
 from etendue_camera.optics.stages.conjugates import Conjugates
@@ -35,7 +37,7 @@ def nearest(grid: Grid) -> float:
     return math.hypot(*(0.0 if min(ends) <= 0 <= max(ends) else min(map(abs, ends)) for ends in sides))
 
 
-def by_curves(irradiance: Any, where: Any, nodes: Any, curves: Any) -> Any:
+def by_curves(irradiance: FloatArray, where: FloatArray, nodes: FloatArray, curves: FloatArray) -> FloatArray:
     """Multiply light by a field curve: (1 or wavelength, rows) values at nodes, interpolated at (y, x) places."""
     if len(curves) == 1:
         return irradiance * illumination.table_at(where, nodes, curves[0]).astype(irradiance.dtype, copy=False)
@@ -80,7 +82,7 @@ class Vignetting(Dimming, Banded, Bounded):
         super().__post_init__()
         self.relative(0.0)
 
-    def relative(self, radius_um: Any) -> Any:
+    def relative(self, radius_um: Floats) -> FloatArray:
         """Return the open fraction of the pupil, by image height."""
         magnification = self.image_magnification()
         slower = 1.0 - magnification / self.pupil_magnification
@@ -93,7 +95,7 @@ class Vignetting(Dimming, Banded, Bounded):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared
 
-    def run(self, irradiance: Any, y_um: Any, x_um: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray) -> dict[str, Array]:
         return {
             "irradiance": irradiance * self.relative(np.hypot(y_um[:, None], x_um[None, :])).astype(irradiance.dtype)
         }
@@ -101,11 +103,11 @@ class Vignetting(Dimming, Banded, Bounded):
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:
         return 1.0 - float(self.relative(farthest(grid))), "vignetting at the corner is at most this"
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         lowest = float(self.relative(farthest(grid["irradiance"])))
         return facts["irradiance"].scaled(lowest, 1.0)
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if float(self.relative(farthest(grids["irradiance"]))) > 0:
             return []
         return [
@@ -148,13 +150,13 @@ class AngularResponse(Dimming, Banded, Bounded):
         if self.table and self.power:
             raise ValueError("power and table are both given; give only one of them")
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         return {"the response by angle": ("that of", self.table) if self.table else ("power", self.power)}
 
     def distance(self) -> float:
         return self.exit_pupil_distance or self.pupil_distance()
 
-    def angle(self, radius_um: Any) -> Any:
+    def angle(self, radius_um: FloatArray) -> FloatArray:
         """Return the angle of the chief ray relative to the design direction of the pixel there, degrees."""
         height = np.asarray(radius_um) * 1e-3
         return illumination.chief_ray_angle(height, self.distance()) - self.microlens_shift * height
@@ -162,7 +164,7 @@ class AngularResponse(Dimming, Banded, Bounded):
     def rows(self) -> FieldTable:
         return field_table(self.table, ("angle_deg",))
 
-    def folded(self, angle: Any) -> Any:
+    def folded(self, angle: FloatArray) -> FloatArray:
         """Return the table's value for either sign, if it begins on the axis."""
         return np.abs(angle) if self.rows().nodes[0] >= 0 else angle
 
@@ -181,13 +183,13 @@ class AngularResponse(Dimming, Banded, Bounded):
     def does_nothing(self) -> bool:
         return not self.table and self.power == 0
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         return self.rows().curves(coordinates["wavelength"]) if self.table else np.ones((1, 1))
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: FloatArray, bands: slice) -> FloatArray:
         return prepared if len(prepared) == 1 else prepared[bands]
 
-    def run(self, irradiance: Any, y_um: Any, x_um: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         angle = self.angle(np.hypot(y_um[:, None], x_um[None, :]))
         if self.table:
             return {"irradiance": by_curves(irradiance, self.folded(angle), self.rows().nodes, prepared)}
@@ -199,14 +201,14 @@ class AngularResponse(Dimming, Banded, Bounded):
         low, high = self.bounds(grid)
         return max(1.0 - low, high - 1.0), "the response is within this of its on-axis value"
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         return (
             facts["irradiance"]
             if self.does_nothing()
             else facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=not self.table)
         )
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if not self.table:
             return []
         radii = np.linspace(0.0, farthest(grids["irradiance"]), 257)

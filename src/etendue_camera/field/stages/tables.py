@@ -10,12 +10,12 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from etendue import require
 from etendue.contract.stage import file_state
+from etendue_camera.arrays import FloatArray
 from etendue_camera.field.illumination import table_at
 
 
@@ -25,15 +25,15 @@ class FieldTable:
 
     path: str
     axis: str
-    nodes: Any
-    values: Any  # (rows, columns)
+    nodes: FloatArray
+    values: FloatArray  # (rows, columns)
     wavelengths: tuple[float, ...]
 
-    def centre(self) -> Any:
+    def centre(self) -> FloatArray:
         """Return each column's value at 0."""
         return np.array([float(table_at(0.0, self.nodes, column)) for column in self.values.T])
 
-    def curves(self, wavelength_nm: Any) -> Any:
+    def curves(self, wavelength_nm: FloatArray) -> FloatArray:
         """Return each column relative to its value at 0, (wavelength or 1, rows): linear between columns, constant
         outside."""
         relative = self.values / self.centre()

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Stage, measured, param, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.mosaic import defect_correction
 from etendue_camera.sensor.stages.masks import first_pixel, mask_of
@@ -21,7 +22,7 @@ from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 class DefectDetection(KnownNoise):
     """Parameters and result of defect detection."""
 
-    error: ClassVar[Any] = measured(2e-7, 1e-15)  # arithmetic error; the true value at a defect is unknown
+    error: ClassVar = measured(2e-7, 1e-15)  # arithmetic error; the true value at a defect is unknown
 
     pattern: str = quantity("pattern")
     threshold: float = param(
@@ -72,7 +73,7 @@ class CorrectDefects(DefectDetection):
 
     by: str = param("both", choices=("map", "detection", "both"), doc="which pixels are replaced")
 
-    def run(self, mosaic_linear: Any, defect_map: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, defect_map: Any, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         known, first, mask = defect_map != 0, first_pixel(y, x), mask_of(self.pattern)
         chosen = np.zeros_like(known) if self.by == "detection" else known
         if self.by != "map":
@@ -99,7 +100,7 @@ class CorrectFoundDefects(DefectDetection):
     nanoseconds: ClassVar = 55.0
     working: ClassVar = 6.9
 
-    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         first = first_pixel(y, x)
         chosen = self.found(mosaic_linear, first)
         result, left = defect_correction.replaced(mosaic_linear, chosen, mask_of(self.pattern), *first)
@@ -118,5 +119,5 @@ class JoinDefectMaps(Stage):
     working: ClassVar = 0.1
     error: ClassVar = proved(0.0)
 
-    def run(self, defect_map: Any, stuck_map: Any) -> dict[str, Any]:
+    def run(self, defect_map: Any, stuck_map: Any) -> dict[str, Array]:
         return {"defect_map": np.where(stuck_map > 0, stuck_map, defect_map)}

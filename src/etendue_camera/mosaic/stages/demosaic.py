@@ -6,10 +6,12 @@ Out: ``rgb_camera`` (channel, y, x), linear camera RGB.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import RGB, Grid, Haloed, Labels, Stage, measured, param, quantity
+from etendue.api import RGB, Facts, Grid, Haloed, Labels, Stage, measured, param, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.mosaic import any_mask, bilinear, directional
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import bayer_order, first_pixel, mask_of
@@ -34,7 +36,7 @@ class _Demosaic(Stage):
     def __post_init__(self) -> None:
         bayer_order(self.pattern, "this demosaicer")
 
-    def seen(self, y: Any, x: Any) -> str:
+    def seen(self, y: FloatArray, x: FloatArray) -> str:
         """Return the Bayer order as seen from the window, which may start on odd rows and columns."""
         return cfa.shifted_bayer(bayer_order(self.pattern, "this demosaicer"), *first_pixel(y, x))
 
@@ -47,7 +49,7 @@ class DemosaicNearest(_Demosaic, Haloed):
     nanoseconds: ClassVar = 2.0
     working: ClassVar = 0.4
 
-    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"rgb_camera": bilinear.nearest(mosaic_linear, self.seen(y, x), *first_pixel(y, x))}
 
     def halo(self) -> int:
@@ -62,7 +64,7 @@ class DemosaicBilinear(_Demosaic, Haloed):
     nanoseconds: ClassVar = 5.0
     working: ClassVar = 0.4
 
-    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"rgb_camera": bilinear.bilinear(mosaic_linear, self.seen(y, x))}
 
     def halo(self) -> int:
@@ -77,7 +79,7 @@ class DemosaicColourDifference(_Demosaic, Haloed):
     nanoseconds: ClassVar = 10.0
     working: ClassVar = 0.5
 
-    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"rgb_camera": bilinear.colour_difference(mosaic_linear, self.seen(y, x))}
 
     def halo(self) -> int:
@@ -101,14 +103,14 @@ class DemosaicDirectional(_Demosaic, Haloed):
         doc="floor of mean differences, 1 at clipping; smaller ones carry no direction information",
     )
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the rounding plus what the floor hides, such as two greens on a flat background that differ by a tenth
         of
         full scale.
         """
         return (4e-7 + 5e-9 / self.floor if precision == "float32" else 1e-15 + 1e-17 / self.floor), "measured"
 
-    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"rgb_camera": directional.directional(mosaic_linear, self.seen(y, x), self.floor)}
 
     def halo(self) -> int:
@@ -129,17 +131,17 @@ class DemosaicAny(Haloed):
     nanoseconds: ClassVar = 10.0
     working: ClassVar = 0.6
     # Arithmetic error only; interpolation error between samples is a property of the method.
-    error: ClassVar[Any] = measured(1e-6, 3e-15)
+    error: ClassVar = measured(1e-6, 3e-15)
 
     pattern: str = quantity("pattern")
 
     def __post_init__(self) -> None:
         mask_of(self.pattern)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"rgb_camera": inputs["mosaic_linear"].replace(channel=Labels(mask_of(self.pattern).channels))}
 
-    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"rgb_camera": any_mask.linear(mosaic_linear, mask_of(self.pattern), *first_pixel(y, x))}
 
     def halo(self) -> int:

@@ -7,15 +7,16 @@ Out: ``mosaic_linear`` as from a lens without falloff, noisier away from the axi
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Haloed, measured, param, quantity
+from etendue.api import Bounded, Facts, Grid, Haloed, Stage, measured, param, quantity
 from etendue.contract.stage import file_state
+from etendue_camera.arrays import FloatArray
 from etendue_camera.field import illumination
 from etendue_camera.field.stages.falloff import Falloff
 from etendue_camera.field.stages.illumination import AngularResponse, Vignetting, farthest
@@ -56,7 +57,7 @@ class LensShading(Conjugates, Bounded, Haloed):
     nanoseconds: ClassVar = 8.0
     working: ClassVar = 7.0
     # Arithmetic error only; the fit of model or table to the lens is separate.
-    error: ClassVar[Any] = measured(1e-6, 2e-14)
+    error: ClassVar = measured(1e-6, 2e-14)
 
     pattern: str = quantity("pattern")
     map: str = param("model", choices=("model", "table"), doc="source of the gains")
@@ -82,7 +83,7 @@ class LensShading(Conjugates, Bounded, Haloed):
         if self.map == "model":
             self.relative(np.zeros(1), 0.0)
 
-    def relative(self, radius_um: Any, corner_um: float) -> Any:
+    def relative(self, radius_um: FloatArray, corner_um: float) -> Any:
         """Return the relative illumination by image height that the camera assumes."""
         shared: dict[str, Any] = {
             "f_number": self.f_number,
@@ -134,7 +135,7 @@ class LensShading(Conjugates, Bounded, Haloed):
             )[0]
         )
 
-    def gains(self, y_um: Any, x_um: Any) -> Any:
+    def gains(self, y_um: FloatArray, x_um: FloatArray) -> Any:
         """Return the gains, (1 or channel, y, x)."""
         radius = np.hypot(y_um[:, None], x_um[None, :])
         if self.map == "model":
@@ -146,7 +147,15 @@ class LensShading(Conjugates, Bounded, Haloed):
             [self.weakened(np.interp(1e-3 * radius, table.heights_mm, table.gains[:, column])) for column in columns]
         )
 
-    def run(self, mosaic_linear: Any, clipping_level: Any, y: Any, x: Any, y_um: Any, x_um: Any) -> dict[str, Any]:
+    def run(
+        self,
+        mosaic_linear: FloatArray,
+        clipping_level: FloatArray,
+        y: FloatArray,
+        x: FloatArray,
+        y_um: FloatArray,
+        x_um: FloatArray,
+    ) -> dict[str, Any]:
         gains = self.gains(y_um, x_um)
         own = gains[0] if len(gains) == 1 else cfa.pick(gains, mask_of(self.pattern), *first_pixel(y, x))
         own = own.astype(mosaic_linear.dtype, copy=False)
@@ -168,14 +177,14 @@ class LensShading(Conjugates, Bounded, Haloed):
             return 0.0, "strength is 0"
         return (self.largest(grid) - 1, "the largest gain is within this of 1") if self.map == "model" else None
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         """Return the model's assumptions on the lens; a table makes none."""
         if self.map != "model" or self.strength == 0:
             return {}
         fall_off = (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))
         return {"the fall-off": fall_off, "the response by angle": ("power", self.power)}
 
-    def warn_among(self, others: Any) -> list[str]:
+    def warn_among(self, others: Mapping[str, type[Stage]]) -> list[str]:
         rims = [name for name, kind in others.items() if kind.role == Vignetting.role]
         if self.strength > 0 and self.map == "model" and math.isinf(self.rim_radius) and rims:
             return [
@@ -184,7 +193,7 @@ class LensShading(Conjugates, Bounded, Haloed):
             ]
         return []
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if self.strength == 0:
             return []
         notes, grid = [], grids["mosaic_linear"]

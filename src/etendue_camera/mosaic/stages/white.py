@@ -9,6 +9,7 @@ Out: ``white`` (channel), the linear camera signal rendered as display white; ``
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from etendue import require
 from etendue.api import Grid, Haloed, Labels, measured, param, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.gain_chain import GainChain
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.mosaic import white_balance
@@ -46,14 +48,14 @@ class White(GainChain, Collecting):
     render_exposure: float = quantity("render_exposure")
     integration_time: float = quantity("integration_time")
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"white": Grid.of({"channel": Labels(self.channels)})}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         edges = tuple(coordinates["wavelength_edges"])
         return electrons_per_irradiance(self, edges), edges
 
-    def run(self, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, white_irradiance: FloatArray, prepared: Any) -> dict[str, Array]:
         rates = prepared[0] * white_irradiance
         electrons = mixing_of(self, prepared[1], rates) @ rates.sum(axis=1) * self.integration_time
         diffuse = electrons * (self.dn_per_electron() / self.white())
@@ -81,7 +83,7 @@ class WhiteEstimate(KnownNoise):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 6.0
     # Arithmetic error only; the error of the estimate is ``white_error``.
-    error: ClassVar[Any] = measured(2e-7, 1e-12)
+    error: ClassVar = measured(2e-7, 1e-12)
 
     pattern: str = quantity("pattern")
     method: str = param("grey_world", choices=("illuminant", *FOUND, "preset"), doc="source of the white's colour")
@@ -120,10 +122,10 @@ class WhiteEstimate(KnownNoise):
             f"{', '.join(channels)}",
         )
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"white": _same_channels(inputs["true_white"], self.pattern, "white")}
 
-    def run(self, mosaic_linear: Any, true_white: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, true_white: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Any]:
         known = np.asarray(true_white, np.float64)
         found, used = known, 1.0
         if self.method == "preset":
@@ -139,7 +141,7 @@ class WhiteEstimate(KnownNoise):
             "channels_floored": np.array(float(floored)),
         }
 
-    def from_the_picture(self, mosaic: Any, first: tuple[int, int]) -> tuple[Any, float]:
+    def from_the_picture(self, mosaic: FloatArray, first: tuple[int, int]) -> tuple[Any, float]:
         """Return the white by channel, and the fraction of the cells used for it."""
         lowest = DARK_SIGMAS * self.dark_sigma()
         means, cells = white_balance.cell_means(mosaic, mask_of(self.pattern), self.cell, CLIPPED, lowest, *first)
@@ -186,11 +188,19 @@ class BalanceMosaic(Haloed):
     def __post_init__(self) -> None:
         mask_of(self.pattern)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         channels = _same_channels(inputs["white"], self.pattern, "white")
         return {"white": channels, "balance_gains": channels}
 
-    def run(self, mosaic_linear: Any, white: Any, clipping_level: Any, y: Any, x: Any, channel: Any) -> dict[str, Any]:
+    def run(
+        self,
+        mosaic_linear: FloatArray,
+        white: FloatArray,
+        clipping_level: FloatArray,
+        y: FloatArray,
+        x: FloatArray,
+        channel: Array,
+    ) -> dict[str, Array]:
         gains, mask = white_balance.gains_of(white), mask_of(self.pattern)
         own = gains[[list(channel).index(name) for name in mask.channels]]  # for a single plane, its own
         clipped = float(clipping_level)  # the smallest gain is 1

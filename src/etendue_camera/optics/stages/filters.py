@@ -7,13 +7,15 @@ Out: ``irradiance``, with every point split into four or two.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from etendue.api import Facts, Grid, Transfer, measured, param
 from etendue_camera import spectra
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.optics import filters
 from etendue_camera.optics.stages.lens import Blur
 
@@ -24,7 +26,7 @@ class Birefringent(Blur, Transfer):
 
     role: ClassVar = "low-pass filter"
     gain: ClassVar = 41.0  # subsample shifts on a grid that truncates the spectrum of the light, 10000 x 10000; else 1
-    error: ClassVar[Any] = measured(1e-6, 5e-15)  # error of the transform pair, as for every transfer function
+    error: ClassVar = measured(1e-6, 5e-15)  # error of the transform pair, as for every transfer function
 
     separation_y: float = param(
         0.0, units="um", at_least=0, held=(0, 1e4), doc="spot separation along the filter's y; 0: no split"
@@ -46,7 +48,7 @@ class Birefringent(Blur, Transfer):
         "wavelength",
     )
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, FloatArray]:
         if not self.dispersion:
             return np.ones(1), np.ones(1)
         edges = tuple(coordinates["wavelength_edges"])
@@ -57,7 +59,9 @@ class Birefringent(Blur, Transfer):
             )
         return coordinates["wavelength"], scale
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
+    def transfer(
+        self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray, prepared: tuple[FloatArray, FloatArray]
+    ) -> FloatArray:
         scale = np.interp(wavelength * 1e3, *prepared) if self.dispersion else 1.0
         rotation = math.radians(self.rotation)
         return filters.four_spot_otf(fy, fx, self.separation_y * scale, self.separation_x * scale, rotation)
@@ -67,7 +71,7 @@ class Birefringent(Blur, Transfer):
             return 0.0, "both separations are 0"
         return (0.0, "the scene is uniform: splitting has no effect") if facts.uniform else None
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if self.dispersion:
             spectra.require_rows(self.dispersion, grids["irradiance"].bands().edges)
         return []

@@ -7,6 +7,7 @@ Out: ``irradiance`` (wavelength, y, x), W m-2 nm-1, before the sensor.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from etendue.api import Banded, Bounded, Facts, Grid, Tinting, param, proved, quantity
 from etendue_camera import spectra
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.light import radiometry
 from etendue_camera.optics import filters
 from etendue_camera.optics.stages.conjugates import Conjugates
@@ -65,14 +67,14 @@ class Irradiance(Conjugates, Banded):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared
 
-    def run(self, radiance: Any, white_radiance: Any) -> dict[str, Any]:
+    def run(self, radiance: FloatArray, white_radiance: FloatArray) -> dict[str, Array]:
         factor = self.factor()
         return {"irradiance": radiance * radiance.dtype.type(factor), "white_irradiance": white_radiance * factor}
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         return facts["radiance"].scaled(self.factor())
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         return (
             ["below f/1.2, scalar diffraction and the thin-lens aperture are only approximate"]
             if self.f_number < 1.2
@@ -111,7 +113,7 @@ class OpticalFilter(Banded, Bounded, Tinting):
     )
     edge: float = param(15.0, units="nm", above=0, doc="width of the cut-off, from 73 to 27 per cent")
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         if self.table:
             transmission = spectra.table_from_csv(self.table, tuple(coordinates["wavelength_edges"]))[1][:, 0]
             if transmission.min() < 0 or transmission.max() > 1 + 1e-9:
@@ -131,7 +133,7 @@ class OpticalFilter(Banded, Bounded, Tinting):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[bands]
 
-    def run(self, irradiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, white_irradiance: FloatArray, prepared: Any) -> dict[str, Array]:
         return {
             "irradiance": irradiance * prepared[:, None, None].astype(irradiance.dtype),
             "white_irradiance": white_irradiance * prepared,
@@ -145,14 +147,14 @@ class OpticalFilter(Banded, Bounded, Tinting):
         light = np.array(facts.content.high) if facts.content is not None else np.ones(taken.size)
         return float(np.abs(taken * light).max()), "it transmits nearly all of the light"
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if not self.table:
             return []
         names, rows, values = spectra.csv_rows(self.table)
         edges = grids["irradiance"].bands().edges
         return spectra.cut_off_note(self.table, names[:1], rows, values[:, :1], edges[0], edges[-1])
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         light = facts["irradiance"]
         if light.content is None:
             return replace(light, low=None, high=None)

@@ -6,12 +6,14 @@ Out: ``irradiance`` of the same light, partly scattered.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from etendue.api import Facts, Grid, Transfer, param
+from etendue_camera.arrays import FloatArray
 from etendue_camera.optics import glare
 from etendue_camera.optics.stages.lens import Blur
 
@@ -38,7 +40,7 @@ class Glare(Blur, Transfer):
                 f"fraction {self.fraction:g} and veil {self.veil:g} sum to more than 1; their sum must be at most 1"
             )
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> FloatArray:
         return glare.glare_otf(np.hypot(fy, fx), self.fraction, self.veil, self.radius, self.power)
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:
@@ -48,7 +50,7 @@ class Glare(Blur, Transfer):
             return 0.0, "the scene is uniform: scatter has no effect"
         return (1 + self.gain) * (self.fraction + self.veil), "at most this fraction of the light is scattered"
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         grid = grids["irradiance"]
         line = min((grid.line(dim) for dim in ("y", "x")), key=lambda one: one.size * one.step)
         outside = self.fraction * float(1 - glare.tail_within(0.5 * line.size * line.step, self.radius, self.power))

@@ -7,6 +7,7 @@ Out: ``irradiance``, blurred.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -16,6 +17,7 @@ import numpy as np
 from etendue.api import Bounded, Facts, Grid, Transfer, measured, param
 from etendue.contract.stage import file_state
 from etendue.transfer.sampling import on_unique_rows
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.optics import annulus, lens
 from etendue_camera.optics.stages.conjugates import Cone
 from etendue_camera.optics.undershoot import undershoot
@@ -47,7 +49,7 @@ class Blur(Bounded):
             return 0.0, "the scene is uniform: blur has no effect"
         return None
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """A uniform plane is unchanged. Another plane may leave its range slightly where the grid truncates the
         transfer
         function.
@@ -75,13 +77,13 @@ class Diffraction(Blur, Cone, Transfer):
         doc="diameter of the central obstruction over that of the aperture; 0: clear",
     )
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> FloatArray:
         number = self.cone_f_number()
         return on_unique_rows(
             lambda rows: annulus.annular_otf(np.hypot(rows, fx), wavelength, number, self.obstruction), fy
         )
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         return too_coarse(facts, grids["irradiance"], self.cone_f_number())
 
 
@@ -111,7 +113,7 @@ class LensGaussian(Blur, Transfer):
     def changes_nothing(self) -> bool:
         return self.sigma == 0
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> FloatArray:
         return lens.gaussian_otf(fy, fx, self.sigma)
 
 
@@ -136,15 +138,15 @@ class LensPsf(Blur, Transfer):
         doc="number of radial frequencies at which the transform is evaluated, with linear interpolation between them",
     )
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         return _radial_table(self.file, file_state(self.file))
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray, prepared: Any) -> Any:
         radial = np.hypot(fy, fx)
         nodes = np.linspace(0.0, float(radial.max()), self.nodes)
         return np.interp(radial, nodes, lens.radial_psf_otf(nodes, *prepared))
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the error of linear interpolation: an eighth of the squared node distance times the second derivative
         of
         the transfer function.

@@ -7,13 +7,15 @@ Out: scalars, each over the axes that affect it.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from etendue.api import Stage, param, proved, quantity
 from etendue_camera import spectra
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.constants import LUMINOUS_EFFICACY
 from etendue_camera.light import radiometry
 from etendue_camera.optics import diffraction, focus
@@ -62,7 +64,7 @@ class LensNumbers(Cone):
         doc="circle of confusion: the blur that still counts as sharp, of the order of the pitch",
     )
 
-    def run(self) -> dict[str, Any]:
+    def run(self) -> dict[str, Array]:
         number, wavelength = self.cone_f_number(), self.wavelength * 1e-3
         circle = self.circle_of_confusion * 1e-3
         near, far = focus.depth_of_field(
@@ -101,7 +103,7 @@ class PixelEtendue(Conjugates):
     aperture_fraction: float = quantity("aperture_fraction")
     aperture_model: str = quantity("aperture_model")
 
-    def run(self) -> dict[str, Any]:
+    def run(self) -> dict[str, Array]:
         model = radiometry.aplanatic_factor if self.aperture_model == "aplanatic" else radiometry.flat_disc_factor
         factor = float(model(self.f_number, self.image_magnification(), self.pupil_magnification))
         return {
@@ -125,10 +127,10 @@ class Illuminance(Stage):
 
     grey: float = param(0.18, above=0, at_most=1, doc="reflectance of the grey diffuser")
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         edges = tuple(coordinates["wavelength_edges"])
         return LUMINOUS_EFFICACY * spectra.luminous_efficiency(edges) * np.diff(edges)
 
-    def run(self, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, white_irradiance: FloatArray, prepared: FloatArray) -> dict[str, float]:
         white = float(prepared @ white_irradiance.astype(np.float64))
         return {"illuminance": white, "illuminance_grey": self.grey * white}

@@ -7,7 +7,7 @@ Out: ``irradiance``, blurred. Diffraction is included: use this stage in place o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, cast
@@ -16,6 +16,7 @@ import numpy as np
 
 from etendue.api import Facts, Grid, Transfer, param, quantity
 from etendue.transfer.sampling import on_unique_rows
+from etendue_camera.arrays import Array, FloatArray, Floats
 from etendue_camera.optics import annulus, focus, imaging, pupil, wavefront
 from etendue_camera.optics.stages.conjugates import Cone
 from etendue_camera.optics.stages.lens import Blur, too_coarse
@@ -71,7 +72,7 @@ class Aberrated(Cone):
     def seidel(self) -> wavefront.Seidel:
         return wavefront.Seidel(self.spherical, self.coma, self.astigmatism, self.field_curvature)
 
-    def path_at(self, y: Any, x: Any, height_y: float, height_x: float) -> Any:
+    def path_at(self, y: Floats, x: FloatArray, height_y: float, height_x: float) -> FloatArray:
         """Return the optical path over the pupil (um) for an image point at these heights, relative to the full
         height."""
         return self.seidel().at(y, x, height_y, height_x) + wavefront.defocus(self.shift(), self.cone_f_number(), y, x)
@@ -154,7 +155,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         double = 2.0 * self.cone_f_number()
         return double * slope_y, double * slope_x
 
-    def path(self, y: Any, x: Any) -> Any:
+    def path(self, y: Floats, x: FloatArray) -> FloatArray:
         total = self.path_at(y, x, *self.height())
         for n, m, value in self.terms():
             total = total + value * wavefront.zernike(n, m, y, x)
@@ -212,7 +213,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         exact."""
         return self.round and self.steepness <= ROUND_WAVES[self.obstruction > 0] * shortest
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         """Return tables by wavelength: (wavelengths um, nodes or None, values), or nothing where they would be too
         large."""
         bands = np.asarray(coordinates["wavelength"], dtype=float) * 1e-3
@@ -224,7 +225,7 @@ class Wavefront(Blur, Aberrated, Transfer):
                 return None
         return self.tables(bands)
 
-    def tables(self, bands: Any) -> tuple[Any, Any, Any]:
+    def tables(self, bands: FloatArray) -> tuple[Any, Any, Any]:
         shortest = float(bands.min())
         steep = self.steepness / shortest
         if self.by_quadrature(shortest):
@@ -249,11 +250,11 @@ class Wavefront(Blur, Aberrated, Transfer):
     def radial_path(self, square: Any) -> Any:
         return self.path(0.0, np.sqrt(square))
 
-    def lattice(self, clear: Any, path: Any, wavelength: float) -> Any:
+    def lattice(self, clear: FloatArray, path: FloatArray, wavelength: float) -> Array:
         found = imaging.pupil_lattice(clear, path, wavelength)
         return np.ascontiguousarray(found.real) if self.even else found
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any = None) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray, prepared: Any = None) -> Array:
         number = self.cone_f_number()
         if self.radial and fy.shape[0] > 1:
             return on_unique_rows(lambda rows: self.without_tilt(rows, fx, wavelength, number, prepared), fy)
@@ -263,7 +264,9 @@ class Wavefront(Blur, Aberrated, Transfer):
             value = value * (np.exp(-2j * np.pi * moved[0] * fy) * np.exp(-2j * np.pi * moved[1] * fx))
         return value
 
-    def without_tilt(self, fy: Any, fx: Any, wavelength: Any, number: float, prepared: Any) -> Any:
+    def without_tilt(
+        self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray, number: float, prepared: Any
+    ) -> Array:
         if self.flat and self.aperture != "polygonal":
             return annulus.annular_otf(np.hypot(fy, fx), wavelength, number, self.obstruction)
         bands = np.asarray(wavelength, dtype=float).ravel()
@@ -285,7 +288,7 @@ class Wavefront(Blur, Aberrated, Transfer):
                 out[band] = np.where(clear > 0.0, clear + change, 0.0)
         return out
 
-    def clear_otf(self, fy: Any, fx: Any) -> Callable[[Any], Any]:
+    def clear_otf(self, fy: FloatArray, fx: FloatArray) -> Callable[[Any], Any]:
         """Return the OTF of the aperture alone at these frequencies, as a function of |f| lambda N_w on the same
         grid."""
         if self.aperture != "polygonal":
@@ -294,7 +297,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         place = outline.place(fy + 0.0 * fx, fx + 0.0 * fy)
         return lambda nu: outline.at(2.0 * nu, place)
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the error of the transform pair, and the rms over scenes by how the transfer function is computed
         (points
         and edges: `benchmarks/pupil.py`).
@@ -312,7 +315,7 @@ class Wavefront(Blur, Aberrated, Transfer):
             1.0, own + slope * max(1.0, self.steepness / shortest) * (128 / self.samples(shortest)) ** 2
         ), "fitted"
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         grid: Grid = grids["irradiance"]
         notes = too_coarse(facts, grid, self.cone_f_number() / self.shape().reach())
         if not self.flat and not facts.uniform:

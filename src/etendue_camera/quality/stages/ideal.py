@@ -10,12 +10,14 @@ mosaic receives one plane after the other, each as the mosaic of a sensor with o
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from etendue.api import Facts, Grid, Stage, param, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.gain_chain import GainChain
 from etendue_camera.roles import CROSSTALK
 from etendue_camera.sensor.crosstalk_planes import diffuse_planes
@@ -45,10 +47,10 @@ class NoMask(_HandedOn):
 
     crosstalk: str = quantity("crosstalk")
 
-    def run(self, photon_rate: Any) -> dict[str, Any]:
+    def run(self, photon_rate: FloatArray) -> dict[str, Array]:
         return {"photocurrent": photon_rate.copy()}
 
-    def warn_among(self, others: Any) -> list[str]:
+    def warn_among(self, others: Mapping[str, type[Stage]]) -> list[str]:
         if self.crosstalk != "through_filter":
             return []
         mixing = [kind for kind in others.values() if kind.role == CROSSTALK]
@@ -79,7 +81,7 @@ class IdealMosaic(GainChain):
     integration_time: float = quantity("integration_time")
     clip: bool = param(True, doc="whether pixels clip at saturation; false: no clipping, for reference pictures")
 
-    def run(self, photocurrent: Any) -> dict[str, Any]:
+    def run(self, photocurrent: FloatArray) -> dict[str, Array]:
         kind = photocurrent.dtype.type
         # photoelectrons per second: times exposure time and conversion gain, over the range from black to white
         found = photocurrent * kind(self.integration_time * self.dn_per_electron() / self.white())
@@ -96,7 +98,7 @@ class NoDemosaicing(_HandedOn):
     reads: ClassVar = {"mosaic_linear": "channel y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
 
-    def run(self, mosaic_linear: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray) -> dict[str, Array]:
         return {"rgb_camera": mosaic_linear.copy()}
 
 
@@ -112,13 +114,13 @@ class CrosstalkPlanes(Crosstalk):
     reads: ClassVar = {"photon_rate": "channel y x [electron/s]", "white_irradiance": "wavelength [W m-2 nm-1]"}
     writes: ClassVar = {"photon_rate": "channel y x [electron/s]"}
 
-    def run(self, photon_rate: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:  # type: ignore[override]
+    def run(self, photon_rate: FloatArray, white_irradiance: FloatArray, prepared: Any) -> dict[str, Array]:  # type: ignore[override]
         if self.crosstalk == "per_plane":
             return {"photon_rate": photon_rate}
         kernel = channel_kernels(prepared[0] * white_irradiance, prepared[1], self.beyond)
         return {"photon_rate": diffuse_planes(photon_rate, kernel, mask_of(self.pattern))}
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         found, channels = tuple(inputs["photon_rate"]["channel"].values()), mask_of(self.pattern).channels
         if found != channels:
             raise ValueError(
@@ -127,5 +129,5 @@ class CrosstalkPlanes(Crosstalk):
             )
         return {}
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         return facts["photon_rate"] if self.crosstalk == "per_plane" else Facts()

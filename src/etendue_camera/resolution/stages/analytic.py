@@ -8,18 +8,22 @@ Out: MTF, MTF50, MTF10, cut-off, energy above Nyquist, two-point separations, by
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from etendue.api import ChannelTransfer, Labels, Probe, param, quantity
+from etendue.api import ChannelTransfer, Facts, Grid, Labels, Probe, param, quantity
 from etendue.contract.capabilities import ends_in_sum
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.resolution import contrast as resolution
 from etendue_camera.resolution import two_points
 from etendue_camera.resolution.stages import curves
 from etendue_camera.roles import CROSSTALK, PROCESSING, InSilicon
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
 
 NEARLY = 1e-6  # relative error of a separation whose root is not solved exactly
 FACTORS = ("lens", "diffusion", "geometry", "sampling")
@@ -44,7 +48,7 @@ class Observed:
     channels: Any = None
     light: Any = None
 
-    def mean(self, otf: Any, fy: Any, fx: Any) -> Any:
+    def mean(self, otf: Otf, fy: FloatArray, fx: FloatArray) -> FloatArray:
         """Return the mean over wavelength, (n,); after a pixel, including the charge that moves between pixels
         there."""
         if otf.behind:
@@ -56,10 +60,10 @@ class Observed:
         return tuple(b"" if one is None else one.tobytes() for one in (self.weights, self.light))
 
 
-def signed(otf: Any, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
+def signed(otf: Otf, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
     """Return the photon-weighted mean along a direction, with or without the rendering of the chart."""
 
-    def value(f: Any) -> Any:
+    def value(f: FloatArray) -> FloatArray:
         fy, fx = towards[0] * f, towards[1] * f
         found = observed.mean(otf, fy, fx)
         return found * otf.scene_along(fy, fx) if rendering else found
@@ -67,7 +71,7 @@ def signed(otf: Any, observed: Observed, towards: tuple[float, float], rendering
     return value
 
 
-def response(otf: Any, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
+def response(otf: Otf, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
     """Return its magnitude: the contrast."""
     own = signed(otf, observed, towards, rendering)
     return lambda f: np.abs(own(f))
@@ -81,7 +85,7 @@ def factor_of(stage: Any) -> str:
 
 
 def half_contrast(
-    otf: Any, observed: Observed, towards: tuple[float, float], highest: float, nodes: int, solved: bool = True
+    otf: Otf, observed: Observed, towards: tuple[float, float], highest: float, nodes: int, solved: bool = True
 ) -> float:
     """Return the MTF50 of a camera without the rendering of its chart; NaN where contrast does not fall to one half up
     to ``highest``.
@@ -91,7 +95,7 @@ def half_contrast(
     return resolution.ContrastCurve(grid, own(grid)).half((lambda f: np.abs(own(f))) if solved else None)
 
 
-def gains(otf: Any, mtf50: Callable[[Any], float], nyquist: float, highest: float) -> Any:
+def gains(otf: Otf, mtf50: Callable[[Any], float], nyquist: float, highest: float) -> FloatArray:
     """Return the ratio of MTF50 without each factor to MTF50 with it, (factor,); for sampling, MTF50 over Nyquist where
     above it.
 
@@ -110,7 +114,7 @@ def gains(otf: Any, mtf50: Callable[[Any], float], nyquist: float, highest: floa
     return np.array([*found, max(1.0, whole / nyquist)])
 
 
-def factor_curves(otf: Any, observed: Observed, towards: tuple[float, float], pitch: float) -> Any:
+def factor_curves(otf: Otf, observed: Observed, towards: tuple[float, float], pitch: float) -> FloatArray:
     """Return the contrast of each factor's stages alone, (factor, frequency); 1 without stages, NaN for sampling."""
     names = {name: factor_of(stage) for name, stage in otf.stages}
     alone = [otf.without([name for name, own in names.items() if own != factor]) for factor in FACTORS[:-1]]
@@ -118,7 +122,7 @@ def factor_curves(otf: Any, observed: Observed, towards: tuple[float, float], pi
     return np.array([*found, curves.undefined()])
 
 
-def first_largest(values: Any) -> float:
+def first_largest(values: FloatArray) -> float:
     """Return the index of the largest; NaN where nothing is known, or nothing limits."""
     return (
         float(np.argmax(values))
@@ -214,7 +218,7 @@ class Resolution(Probe):
         doc="number of frequencies at which crossings are searched, with splines between them",
     )
 
-    def run(self, transfers: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, transfers: Sequence[tuple[str, Otf]], prepared: Any) -> dict[str, Array]:
         observed = self.observed(transfers, prepared)
         towards, nyquist = direction(self.angle), 0.5 / self.pixel_pitch
         seen = [(otf, self.seen(otf, observed, towards)) for _, otf in transfers]
@@ -244,7 +248,7 @@ class Resolution(Probe):
             **curves.beside(self.pixel_pitch),
         }
 
-    def observed(self, transfers: Any, prepared: Any) -> Observed:
+    def observed(self, transfers: Sequence[tuple[str, Otf]], prepared: Any) -> Observed:
         if prepared is None:
             return Observed(None)
         light = next((np.array(otf.light) for _, otf in transfers if otf.light is not None), None)
@@ -253,7 +257,7 @@ class Resolution(Probe):
             return Observed(_shares(own), prepared)
         return Observed(_shares(own * light), prepared, light)
 
-    def curves(self, otfs: Any, observed: Observed, towards: tuple[float, float]) -> Any:
+    def curves(self, otfs: list[Otf], observed: Observed, towards: tuple[float, float]) -> FloatArray:
         """Return the contrast after each stage, (stage, frequency), on the curve itself whatever the settings; NaN
         where
         no product of transfer functions describes the camera."""
@@ -263,7 +267,7 @@ class Resolution(Probe):
         ]
         return np.array(found).reshape(-1, curves.SAMPLES)
 
-    def seen(self, otf: Any, observed: Observed, towards: tuple[float, float]) -> CurveFigures | None:
+    def seen(self, otf: Otf, observed: Observed, towards: tuple[float, float]) -> CurveFigures | None:
         """Return what does not depend on the pitch of later pixels, cached for them; None where no product of transfer
         functions describes the camera.
         """
@@ -282,9 +286,9 @@ class Resolution(Probe):
             )
 
         how = (self.rendering, self.highest, self.nodes, self.solved, self.cut_off_contrast, self.point_nodes)
-        return cast(CurveFigures, otf.once(("resolution", *observed.key, towards, how), make))
+        return otf.once(("resolution", *observed.key, towards, how), make)
 
-    def half(self, otf: Any, observed: Observed, towards: tuple[float, float], known: Mapping[Any, float]) -> float:
+    def half(self, otf: Otf, observed: Observed, towards: tuple[float, float], known: Mapping[Any, float]) -> float:
         """Return the MTF50 of a camera, cached where it may be needed again."""
         if otf.stages in known:
             return known[otf.stages]
@@ -294,7 +298,7 @@ class Resolution(Probe):
         )
 
     def figures(
-        self, otf: Any, seen: CurveFigures | None, observed: Observed, towards: tuple[float, float], nyquist: float
+        self, otf: Otf, seen: CurveFigures | None, observed: Observed, towards: tuple[float, float], nyquist: float
     ) -> dict[str, float]:
         if seen is None:
             return dict.fromkeys(_FIGURES, math.nan)
@@ -316,7 +320,7 @@ class Resolution(Probe):
         """Return the number of spline nodes."""
         return self.nodes if self.solved else 2 * self.nodes
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the largest error of all metrics, relative for frequencies and separations: of splines, their
         crossings,
         and the integral for a point.
@@ -340,13 +344,13 @@ class CurveFigures:
     sparrow: float
 
 
-def _shares(weights: Any) -> Any:
+def _shares(weights: FloatArray) -> FloatArray:
     """Return fractions of all photons, to 12 places: equal to rounding for all pitches, so that curves are shared."""
     weights = np.asarray(weights, dtype=float)
     return np.round(weights / weights.sum(), 12)
 
 
-def one_channel(values: Any) -> Any:
+def one_channel(values: FloatArray) -> FloatArray:
     """Return the second of some channels: green, or the only one."""
     return values[min(1, len(values) - 1)]
 
@@ -354,7 +358,7 @@ def one_channel(values: Any) -> Any:
 _FIGURES = ("mtf50", "mtf10", "cut_off", "mtf_nyquist", "aliasing", "rayleigh", "sparrow")
 
 
-def picture_height(transfers: Any) -> float:
+def picture_height(transfers: Sequence[tuple[str, Otf]]) -> float:
     """Return the height of the pixels that are read, um; NaN without a pixel stage."""
     for _, otf in transfers:
         if otf.weights is not None and otf.grid is not None:

@@ -14,28 +14,28 @@ first five samples.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import scipy
 
 from etendue.api import Labels
+from etendue_camera.arrays import Array, FloatArray
 
 SAMPLES = 65
 PER_PIXEL = np.linspace(0.0, 1.0, SAMPLES)  # cycles/pixel
 FREQUENCY = Labels(tuple(PER_PIXEL.tolist()), "cycles/pixel")
 
 
-def beside(pitch: float) -> dict[str, Any]:
+def beside(pitch: float) -> dict[str, Array]:
     """Return the frequencies, and Nyquist, in cycles/mm, for pixels of ``pitch`` um."""
     return {"frequency_lp_mm": PER_PIXEL / pitch * 1e3, "nyquist_lp_mm": np.array(0.5 / pitch * 1e3)}
 
 
-def undefined() -> Any:
+def undefined() -> FloatArray:
     return np.full(SAMPLES, math.nan)
 
 
-def of_edge(frequency: Any, sfr: Any, per_pixel: float) -> Any:
+def of_edge(frequency: FloatArray, sfr: FloatArray, per_pixel: float) -> FloatArray:
     """Resample the response of a picture (cycles/sample) to the camera's frequencies, (frequency,); NaN above the
     picture's range.
 

@@ -8,13 +8,14 @@ Out: measured MTF50 with its interval, the analytic one along the same normal, t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Labels, param
+from etendue.api import Facts, Grid, Labels, param
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.resolution import contrast
 from etendue_camera.resolution.stages import curves
 from etendue_camera.resolution.stages.analytic import (
@@ -32,6 +33,7 @@ from etendue_camera.resolution.stages.luminance import (
     NOISE_FREE,
     SATURATED,
     PictureProbe,
+    Seen,
     channels_of,
     check_encoding,
     decoded,
@@ -41,6 +43,9 @@ from etendue_camera.resolution.stages.luminance import (
 )
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import mask_of
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
 
 EVERY_FACTOR = (*FACTORS, "demosaic", "noise")
 NOISY = 0.1  # interval width above which noise limits
@@ -146,19 +151,19 @@ class EdgeProbe(PictureProbe):
 
     def run(
         self,
-        transfers: Any,
-        lights: Any,
-        matrices: Any,
-        whites: Any,
-        irradiance: Any,
-        photon_rate: Any,
-        mosaic_linear: Any,
-        rgb_camera: Any,
-        xyz_scene: Any,
-        rgb_linear: Any,
-        rgb_display: Any,
-        stage: Any,
-    ) -> dict[str, Any]:
+        transfers: Sequence[tuple[str, Otf]],
+        lights: list[tuple[str, FloatArray, Grid]],
+        matrices: Seen,
+        whites: Seen,
+        irradiance: list[tuple[str, FloatArray, Grid]],
+        photon_rate: list[tuple[str, FloatArray, Grid]],
+        mosaic_linear: Seen,
+        rgb_camera: Seen,
+        xyz_scene: Seen,
+        rgb_linear: Seen,
+        rgb_display: Seen,
+        stage: Array,
+    ) -> dict[str, Array]:
         light = lights[-1][1].astype(float) if lights else None
         channels, green = channels_of(transfers), second_of(transfers)
         observed = Observed(
@@ -205,7 +210,7 @@ class EdgeProbe(PictureProbe):
             **curves.beside(self.pixel_pitch),
         }
 
-    def measured(self, variable: str, array: Any, taken: Callable[[Any], Any], grid: Any) -> Edge | None:
+    def measured(self, variable: str, array: FloatArray, taken: Callable[[Any], Any], grid: Grid) -> Edge | None:
         """Return the edge of a picture, None where there is none."""
         y, x = grid.line("y"), grid.line("x")
         sites = None
@@ -233,7 +238,7 @@ class EdgeProbe(PictureProbe):
         weighed = taken(np.eye(len(array), dtype=array.dtype)).tobytes()  # the weights of the bands
         return once_for(array, (window, self.tails, weighed), make)
 
-    def window(self, grid: Any) -> Window | None:
+    def window(self, grid: Grid) -> Window | None:
         """Return the region in a picture as slice limits; None where there is none."""
         if not self.region_height > 0:
             return None
@@ -243,7 +248,7 @@ class EdgeProbe(PictureProbe):
         left, right = _span(self.centre_x, self.region_width, start_x, step, x.size)
         return top, bottom, left, right
 
-    def clips(self, mosaic: Any, grid: Any) -> bool:
+    def clips(self, mosaic: FloatArray, grid: Grid) -> bool:
         """Return whether pixels of any colour are clipped around the edge, in the measured exposure."""
         top, bottom, left, right = self.window(grid) or (0, grid.line("y").size, 0, grid.line("x").size)
         seen = first_exposure(mosaic, "mosaic_linear")[top:bottom, left:right]
@@ -251,7 +256,9 @@ class EdgeProbe(PictureProbe):
 
     # -- results of the transfer functions ------------------------------------------------------------------------
 
-    def analytic(self, transfers: Any, observed: Observed, found: Any) -> dict[str, tuple[float, Any]]:
+    def analytic(
+        self, transfers: Sequence[tuple[str, Otf]], observed: Observed, found: Any
+    ) -> dict[str, tuple[float, Any]]:
         """Return MTF50 and the curve along the normal of each picture's edge, NaN where no product of transfer
         functions
         describes the picture.
@@ -278,7 +285,9 @@ class EdgeProbe(PictureProbe):
             values[name] = (contrast.falls_below(own, 0.5, grid, own(grid)), own(curves.PER_PIXEL / self.pixel_pitch))
         return values
 
-    def limits(self, transfers: Any, observed: Observed, found: Any, clipped: bool) -> tuple[Any, float]:
+    def limits(
+        self, transfers: Sequence[tuple[str, Otf]], observed: Observed, found: Any, clipped: bool
+    ) -> tuple[Any, float]:
         """Return the gains, (factor,), and the index of the limiting factor, NaN where it is unknown."""
         gain = np.full(len(EVERY_FACTOR), math.nan)
         edges = [edge for *_, edge, _ in found if edge is not None]
@@ -301,7 +310,9 @@ class EdgeProbe(PictureProbe):
             return gain, float(EVERY_FACTOR.index("noise"))
         return gain, first_largest(np.where(np.isnan(gain), 0.0, gain)[:-1])
 
-    def known_gains(self, transfers: Any, observed: Observed, edges: list[Edge]) -> tuple[Any, float]:
+    def known_gains(
+        self, transfers: Sequence[tuple[str, Otf]], observed: Observed, edges: list[Edge]
+    ) -> tuple[Any, float]:
         """Return the gains of the transfer functions along the first edge, NaN where they are incomplete, and the part
         of
         MTF50 that remains after charge moves between pixels.
@@ -311,13 +322,13 @@ class EdgeProbe(PictureProbe):
             return np.full(len(FACTORS), math.nan), 1.0
         across = normal(edges[0])
 
-        def half(otf: Any) -> float:
+        def half(otf: Otf) -> float:
             return half_contrast(otf, observed, across, self.highest, self.nodes)
 
         gain = gains(pixel, half, 0.5 / self.pixel_pitch, self.highest)
         return gain, half(pixel) / half(replace(pixel, behind=())) if pixel.behind else 1.0
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the error for a noise-free edge before the mosaic; with noise the interval tells more. For the transfer
         functions, by the number of nodes.
         """

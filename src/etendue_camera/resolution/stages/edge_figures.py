@@ -7,8 +7,8 @@ Out: columns of the probe ``edge_resolution``, flags, the direction across it.
 from __future__ import annotations
 
 import math
-from typing import Any
 
+from etendue_camera.arrays import Array
 from etendue_camera.resolution.edges import slanted_edge
 from etendue_camera.resolution.stages.edge_pictures import Edge
 
@@ -50,7 +50,7 @@ def row(edge: Edge | None, step: float, pitch: float) -> dict[str, float]:
     }
 
 
-def carry_clipped(rows: dict[str, dict[str, float]], mosaic: list[str], stage: Any, clipped: bool) -> None:
+def carry_clipped(rows: dict[str, dict[str, float]], mosaic: list[str], stage: Array, clipped: bool) -> None:
     """Mark every picture derived from a clipped mosaic as clipped."""
     names = [str(name) for name in stage]
     if not mosaic or not (clipped or int(rows[mosaic[0]]["edge_flags"]) & FLAGS["clipped"]):

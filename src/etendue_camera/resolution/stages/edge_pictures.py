@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.resolution.edges.edge_interval import EdgeResolution, edge_resolution
 from etendue_camera.resolution.edges.edge_region import find_edge
 from etendue_camera.resolution.edges.slanted_edge import EdgeResponse, slanted_edge
@@ -42,14 +43,14 @@ class Edge:
     not_reached: bool
     clipped: bool
     noisy: bool
-    frequency: Any = field(repr=False, compare=False)
-    sfr: Any = field(repr=False, compare=False)
+    frequency: FloatArray = field(repr=False, compare=False)
+    sfr: FloatArray = field(repr=False, compare=False)
 
 
 class KnownPicture:
     """A picture identified by its content: an edge that many cells of a sweep share is measured once."""
 
-    def __init__(self, plane: Any, sites: Any = None) -> None:
+    def __init__(self, plane: FloatArray, sites: Array | None = None) -> None:
         self.plane, self.sites = plane, sites
         found = hashlib.blake2b(plane.tobytes(), digest_size=16)
         found.update(b"" if sites is None else np.packbits(sites).tobytes())
@@ -61,7 +62,7 @@ _seen: dict[tuple[int, Any], tuple[weakref.ref[Any], Edge | None]] = {}
 _lock = threading.Lock()
 
 
-def once_for(array: Any, asked: Any, make: Callable[[], Edge | None]) -> Edge | None:
+def once_for(array: FloatArray, asked: Any, make: Callable[[], Edge | None]) -> Edge | None:
     """Return the result of ``make`` for an array, once: cells of a sweep with the same array share it."""
     key = (id(array), asked)
     with _lock:
@@ -102,8 +103,8 @@ def known_edge(
 
 
 def _measured(
-    plane: Any,
-    sites: Any,
+    plane: FloatArray,
+    sites: Array | None,
     window: Window | None,
     limits: tuple[float, float] | None,
     draws: int,
@@ -131,7 +132,7 @@ def _measured(
     return _certain(found.response, found) if found.snr > CERTAIN else _edge(found)
 
 
-def _found(plane: Any, sites: Any) -> tuple[Window, Any]:
+def _found(plane: FloatArray, sites: Array | None) -> tuple[Window, Any]:
     try:
         return find_edge(plane, sites)
     except ValueError:
@@ -157,7 +158,7 @@ def _inner(window: Window, shape: tuple[int, ...]) -> Window | None:
     return (found[0], found[1], found[2], found[3]) if min(found[1] - found[0], found[3] - found[2]) >= SMALL else None
 
 
-def _straight(plane: Any, sites: Any, tails: bool) -> EdgeResponse:
+def _straight(plane: FloatArray, sites: Array | None, tails: bool) -> EdgeResponse:
     middle = _middle(plane)
     return _strong(slanted_edge(plane[middle], sites=None if sites is None else sites[middle], tails=tails))
 
@@ -168,7 +169,7 @@ def _strong(found: EdgeResponse) -> EdgeResponse:
     return found
 
 
-def _middle(plane: Any) -> tuple[slice, slice]:
+def _middle(plane: FloatArray) -> tuple[slice, slice]:
     """Return the slices of the middle of the edge, of limited length."""
 
     gy, gx = (float(np.square(np.diff(plane, axis=axis)).sum()) for axis in (0, 1))

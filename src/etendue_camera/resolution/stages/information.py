@@ -7,17 +7,22 @@ Out: bits per pixel and SNRi by ``stage``, NEQ of the whole camera by frequency.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from etendue.api import Line, Probe, measured, param, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.known_noise import KnownNoise, Sheets, elsewhere
 from etendue_camera.resolution import information
 from etendue_camera.roles import CROSSTALK, DEFECTIVE, PROCESSING
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import mask_of
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
 
 FREQUENCIES = 33  # from 0 to Nyquist
 
@@ -65,7 +70,7 @@ class Information(KnownNoise, Probe):
     creates: ClassVar = {"detail": Line(FREQUENCIES, 0.0, 0.5 / (FREQUENCIES - 1), "cycles/pixel")}
     nanoseconds: ClassVar = 2e7
     # Relative error of the bits: largest where a diffraction cut-off lies inside the Nyquist square.
-    error: ClassVar[Any] = measured(2e-4)
+    error: ClassVar = measured(2e-4)
 
     pattern: str = quantity("pattern")
     prnu: float = param(
@@ -77,7 +82,9 @@ class Information(KnownNoise, Probe):
     )
     object_contrast: float = param(0.05, above=0, at_most=1, doc="peak contrast of the spot")
 
-    def run(self, transfers: Any, lights: Any, charges: Any, currents: Any = (), sheets: Sheets = ()) -> dict[str, Any]:
+    def run(
+        self, transfers: Sequence[tuple[str, Otf]], lights: Any, charges: Any, currents: Any = (), sheets: Sheets = ()
+    ) -> dict[str, Array]:
         count = len(transfers)
         found = {name: np.full(count, math.nan) for name in ("information_capacity", "snri")}
         nothing = {**found, "information_of_light": np.array(math.nan), "neq": np.full(FREQUENCIES, math.nan)}
@@ -93,7 +100,7 @@ class Information(KnownNoise, Probe):
         spot = information.gaussian_object(square.fy[:, None], square.fx, self.object_size / math.sqrt(8 * math.log(2)))
         shares, (light, noise) = self.shares(), self.light_and_noise(charge, currents, sheets)
 
-        def quanta(otf: Any, fy: Any, fx: Any) -> Any:
+        def quanta(otf: Otf, fy: FloatArray, fx: FloatArray) -> Any:
             """Return the quanta of all channels together, (m, n)."""
             return sum(
                 share * information.neq(e * contrast, variance)
@@ -114,7 +121,7 @@ class Information(KnownNoise, Probe):
             "neq": neq,
         }
 
-    def contrasts(self, otf: Any, colours: Any, white: Any, fy: Any, fx: Any) -> Any:
+    def contrasts(self, otf: Otf, colours: FloatArray, white: FloatArray | None, fy: FloatArray, fx: FloatArray) -> Any:
         """Return the contrast (channel, m, n) at frequencies in cycles/pixel."""
         fy, fx = np.asarray(fy) / self.pixel_pitch, np.asarray(fx) / self.pixel_pitch
         if otf.behind:
@@ -122,7 +129,7 @@ class Information(KnownNoise, Probe):
         blurs = otf.plane(fy, fx)
         return [np.tensordot(colour, blurs, 1) for colour in colours]
 
-    def light_and_noise(self, charge: Any, currents: Any, sheets: Sheets) -> tuple[Any, Any]:
+    def light_and_noise(self, charge: FloatArray, currents: Any, sheets: Sheets) -> tuple[Any, Any]:
         """Return the charge of the light, electron, and the variance of a pixel, electron^2, both (channel,)."""
         figures = [sheet.figures for _, sheet in sheets]
         dark, spread = (sum(own.get(name, 0.0) for own in figures) for name in ("dark_current", "dark_spread"))
@@ -146,7 +153,7 @@ class Information(KnownNoise, Probe):
         letters = "".join("".join(row) for row in mask.rows)
         return np.array([letters.count(channel) / len(letters) for channel in mask.channels])
 
-    def by_channel(self, mosaic: Any, grid: Any) -> Any:
+    def by_channel(self, mosaic: FloatArray, grid: Any) -> Any:
         """Return the channel means (channel,) of a mosaic, for the first exposure."""
         mosaic = mosaic.reshape(-1, *mosaic.shape[-2:])[0]
         y, x, mask = grid.line("y"), grid.line("x"), mask_of(self.pattern)
@@ -156,7 +163,7 @@ class Information(KnownNoise, Probe):
         )
 
     @staticmethod
-    def colours(weights: Any, light: Any) -> Any:
+    def colours(weights: FloatArray, light: FloatArray | None) -> Any:
         """Return the photon distribution of a grey surface, (channel, wavelength)."""
         own = np.asarray(weights, dtype=float) * (1.0 if light is None else light)
         return own / own.sum(axis=1, keepdims=True)

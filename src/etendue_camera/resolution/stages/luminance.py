@@ -6,18 +6,23 @@ Out: planes (y, x), linear in light.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Probe, quantity
+from etendue.api import Grid, Probe, quantity
+from etendue_camera.arrays import FloatArray
 from etendue_camera.colour import encoding as transfer
 from etendue_camera.resolution.stages.analytic import one_channel
 
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
+
 NOISE_FREE = ("irradiance", "photon_rate")
 SATURATED = 1e-3  # fraction of clipped pixels above which a mosaic gives no valid edge
+Seen = Sequence[tuple[str, FloatArray, Grid]]  # the arrays of a variable, by the stage that wrote it
 LUMINANCE = (0.2126390058715104, 0.7151686787677559, 0.0721923153607337)  # of sRGB primaries
 
 
@@ -47,7 +52,7 @@ class PictureProbe(Probe):
 
 
 def weighed(
-    transfers: Any, matrices: Any, whites: Any, decode: Callable[[Any], Any]
+    transfers: Sequence[tuple[str, Otf]], matrices: Any, whites: Any, decode: Callable[[Any], Any]
 ) -> dict[str, Callable[[Any], Any]]:
     """Return the function that computes the luminance of each variable; ``decode`` is for encoded display values."""
     green = second_of(transfers)
@@ -63,7 +68,7 @@ def weighed(
     }
 
 
-def decoded(picture: Any, encoding: str, exponent: float) -> Any:
+def decoded(picture: FloatArray, encoding: str, exponent: float) -> FloatArray:
     """Return linear values from display values."""
     if encoding == "power":
         return transfer.gamma_signed(picture, 1 / exponent)
@@ -83,32 +88,32 @@ def check_encoding(linear: Any, encoded: Any, encoding: str, exponent: float) ->
         )
 
 
-def channels_of(transfers: Any) -> Any:
+def channels_of(transfers: Sequence[tuple[str, Otf]]) -> FloatArray | None:
     """Return the weights of the pixel, (channel, wavelength); None without one."""
     return next((otf.weights for _, otf in transfers if otf.weights is not None), None)
 
 
-def second_of(transfers: Any) -> Any:
+def second_of(transfers: Sequence[tuple[str, Otf]]) -> FloatArray | None:
     """Return the second channel's weights, or the only one's, (wavelength,)."""
     weights = channels_of(transfers)
     return None if weights is None else np.asarray(one_channel(weights), dtype=float)
 
 
-def first_exposure(array: Any, variable: str) -> Any:
+def first_exposure(array: FloatArray, variable: str) -> FloatArray:
     """Return the first of several exposures."""
     dims = 2 if variable == "mosaic_linear" else 3
     array = np.asarray(array)
     return array.reshape(-1, *array.shape[-dims:])[0]
 
 
-def _mixed(weights: Any, planes: Any) -> Any:
+def _mixed(weights: FloatArray | None, planes: FloatArray) -> FloatArray:
     own = (
         weights if weights is not None and len(weights) == len(planes) else np.eye(len(planes))[min(1, len(planes) - 1)]
     )
     return np.tensordot(own.astype(planes.dtype), planes, 1)
 
 
-def _luminance(matrices: Any, whites: Any) -> Any:
+def _luminance(matrices: Any, whites: Any) -> FloatArray | None:
     """Return Y of camera RGB through the fitted matrix, (channel,); None without one."""
     if not matrices or not whites or len(whites[-1][1]) != matrices[-1][1].shape[1] or not np.all(whites[-1][1] > 0):
         return None

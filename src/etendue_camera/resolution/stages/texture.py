@@ -7,20 +7,22 @@ Out: MTF50 and MTF10 of the star, MTF50 of the texture, by ``stage``; NaN where 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import scipy
 
 from etendue.api import measured, param
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.resolution.siemens import Star, StarResponse, star_response
 from etendue_camera.resolution.stages.edge_pictures import FAINTEST
 from etendue_camera.resolution.stages.luminance import (
     NOISE_FREE,
     SATURATED,
     PictureProbe,
+    Seen,
     check_encoding,
     decoded,
     first_exposure,
@@ -28,6 +30,9 @@ from etendue_camera.resolution.stages.luminance import (
 )
 from etendue_camera.resolution.texture import SMALLEST, TextureResponse, texture_response
 from etendue_camera.sensor.stages.masks import mask_of
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
 
 MARGIN = 1.0  # pixels between the outermost ring and the border, for the centre to move
 OUTERMOST = 0.75  # smallest response of the outermost ring from which an unknown contrast can be found
@@ -50,7 +55,7 @@ class _Pictures(PictureProbe):
     exponent: float = param(0.45, above=0, at_most=5, doc="exponent of encoding 'power'")
 
     def planes(
-        self, transfers: Any, matrices: Any, whites: Any, given: dict[str, Any]
+        self, transfers: Sequence[tuple[str, Otf]], matrices: Seen, whites: Seen, given: dict[str, Any]
     ) -> Iterator[tuple[str, str, Any, Any]]:
         """Yield (stage, variable, plane, grid); the plane is None where it is clipped or its sites have different
         colours.
@@ -93,7 +98,7 @@ class StarProbe(_Pictures):
         "star_mtf10": "stage [cycles/um] nan",
     }
     nanoseconds: ClassVar = 1e8
-    error: ClassVar[Any] = measured(2e-3)  # for a noise-free star of 36 cycles
+    error: ClassVar = measured(2e-3)  # for a noise-free star of 36 cycles
 
     cycles: int = param(36, at_least=8, doc="cycles of the star, as in the scene")
     radius: float = param(400.0, units="um", above=0, doc="radius of the star on the image plane, as in the scene")
@@ -111,19 +116,19 @@ class StarProbe(_Pictures):
 
     def run(
         self,
-        transfers: Any,
-        lights: Any,
-        matrices: Any,
-        whites: Any,
-        irradiance: Any,
-        photon_rate: Any,
-        mosaic_linear: Any,
-        rgb_camera: Any,
-        xyz_scene: Any,
-        rgb_linear: Any,
-        rgb_display: Any,
+        transfers: Sequence[tuple[str, Otf]],
+        lights: Seen,
+        matrices: Seen,
+        whites: Seen,
+        irradiance: FloatArray,
+        photon_rate: FloatArray,
+        mosaic_linear: FloatArray,
+        rgb_camera: FloatArray,
+        xyz_scene: FloatArray,
+        rgb_linear: FloatArray,
+        rgb_display: FloatArray,
         stage: Any,
-    ) -> dict[str, Any]:
+    ) -> dict[str, Array]:
         given = {
             "irradiance": irradiance,
             "photon_rate": photon_rate,
@@ -145,7 +150,7 @@ class StarProbe(_Pictures):
         rows = np.array([found[name] for name in stage], dtype=float).reshape(-1, 3)
         return {"star_mtf50": rows[:, 0], "star_mtf50_cycles": rows[:, 1], "star_mtf10": rows[:, 2]}
 
-    def measured(self, plane: Any, grid: Any, contrast: float) -> StarResponse | None:
+    def measured(self, plane: FloatArray, grid: Any, contrast: float) -> StarResponse | None:
         """Return the star of a picture, None where there is none; contrast 0 where it is unknown."""
         places = [
             (c - start) / step for c, (start, step) in zip((self.centre_y, self.centre_x), _lines(grid), strict=True)
@@ -198,23 +203,23 @@ class LeavesProbe(_Pictures):
     writes: ClassVar = {"leaves_mtf50": "stage [cycles/um] nan", "leaves_mtf50_cycles": "stage [cycles/pixel] nan"}
     nanoseconds: ClassVar = 1e8
     # For a noise-free picture of 144 x 144 pixels at 0.49 cycles/pixel, where aliases are near; 4e-3 up to 0.38.
-    error: ClassVar[Any] = measured(4e-2)
+    error: ClassVar = measured(4e-2)
 
     def run(
         self,
-        transfers: Any,
-        lights: Any,
-        matrices: Any,
-        whites: Any,
-        irradiance: Any,
-        photon_rate: Any,
-        mosaic_linear: Any,
-        rgb_camera: Any,
-        xyz_scene: Any,
-        rgb_linear: Any,
-        rgb_display: Any,
+        transfers: Sequence[tuple[str, Otf]],
+        lights: Seen,
+        matrices: Seen,
+        whites: Seen,
+        irradiance: FloatArray,
+        photon_rate: FloatArray,
+        mosaic_linear: FloatArray,
+        rgb_camera: FloatArray,
+        xyz_scene: FloatArray,
+        rgb_linear: FloatArray,
+        rgb_display: FloatArray,
         stage: Any,
-    ) -> dict[str, Any]:
+    ) -> dict[str, Array]:
         given = {
             "irradiance": irradiance,
             "photon_rate": photon_rate,
@@ -240,7 +245,7 @@ class LeavesProbe(_Pictures):
         return {"leaves_mtf50": rows[:, 0], "leaves_mtf50_cycles": rows[:, 1]}
 
 
-def _clipped(array: Any) -> bool:
+def _clipped(array: FloatArray) -> bool:
     return float(np.mean(np.asarray(array) >= 1)) > SATURATED
 
 
@@ -249,7 +254,7 @@ def _lines(grid: Any) -> tuple[tuple[float, float], tuple[float, float]]:
     return grid.line("y").um(), grid.line("x").um()
 
 
-def _reference(plane: Any, grid: Any, shape: tuple[int, int], wanted: Any) -> tuple[Any, float]:
+def _reference(plane: FloatArray, grid: Any, shape: tuple[int, int], wanted: FloatArray) -> tuple[Any, float]:
     """Return the light at the positions of another grid, and the rms width (pixels) of its blur; None where it has no
     texture.
     """
@@ -263,7 +268,7 @@ def _reference(plane: Any, grid: Any, shape: tuple[int, int], wanted: Any) -> tu
     return (read, REFERENCE) if _textured(read) else (None, 0.0)
 
 
-def _textured(plane: Any) -> bool:
+def _textured(plane: FloatArray) -> bool:
     """Return whether a picture has slopes in all directions."""
     down, across = np.gradient(plane)
     tensor = np.array([[np.sum(down**2), np.sum(down * across)], [np.sum(down * across), np.sum(across**2)]])
@@ -271,7 +276,7 @@ def _textured(plane: Any) -> bool:
     return bool(np.std(plane) >= FAINTEST * abs(np.mean(plane)) and np.mean(plane) != 0 and least >= EVEN * most)
 
 
-def _half(plane: Any, reference: Any, width: float) -> float:
+def _half(plane: FloatArray, reference: FloatArray, width: float) -> float:
     """Return the MTF50 of a picture against its reference, cycles/pixel."""
     if reference is None:
         return math.nan

@@ -7,13 +7,14 @@ Out: ``rgb_camera``; on request, ``mtf50_gain`` and ``noise_gain``.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Stage, param
+from etendue.api import Facts, Grid, Stage, param
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.restoration import deconvolution
 from etendue_camera.restoration.stages.figures import (
@@ -28,6 +29,9 @@ from etendue_camera.restoration.stages.figures import (
     padded_columns,
     unknown_blur,
 )
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +62,7 @@ class Inverse(KnownNoise):
         """
         return 1.5e-3 * max((128 / self.nodes) ** 3, 128 / self.nodes) if self.nodes else 0.0
 
-    def system(self, transfers: Any, picture: Any) -> System:
+    def system(self, transfers: Sequence[tuple[str, Otf]], picture: FloatArray) -> System:
         return System.of(transfers, len(picture), self.pixel_pitch, self.nodes)
 
     def warn_among(self, others: Mapping[str, type[Stage]]) -> list[str]:
@@ -99,7 +103,7 @@ class Wiener(Inverse):
     )
     largest_gain: float = param(10.0, at_least=1, at_most=1e6, doc="largest gain at any frequency")
 
-    def response(self, system: System, fy: Any, fx: Any) -> Any:
+    def response(self, system: System, fy: FloatArray, fx: FloatArray) -> FloatArray:
         """Return the response (channel or 1, m, n) at frequencies fy (m,), fx (n,) up to 1/2 cycle/pixel."""
         rows, columns = (fy, _beside(fy)), (fx, _beside(fx))  # the frequencies, and those that alias onto them
         if self.aliasing == "ignored":
@@ -115,12 +119,14 @@ class Wiener(Inverse):
         gain = deconvolution.wiener_gain(transfer[0], np.where(still, 0.0, ratio))
         return deconvolution.limited(gain, self.largest_gain)
 
-    def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
+    def run(
+        self, rgb_camera: FloatArray, transfers: Sequence[tuple[str, Otf]], asked: frozenset[str] = frozenset()
+    ) -> dict[str, Array]:
         system = self.system(transfers, rgb_camera)
         picture, gain = self.restored(rgb_camera, system)
         exact, middle = replace(system, nodes=0), np.zeros(1)
 
-        def response(frequency: Any) -> Any:
+        def response(frequency: FloatArray) -> FloatArray:
             return one_channel(self.response(exact, middle, baseband(frequency)))[0]
 
         def noise_gain() -> float:
@@ -128,12 +134,12 @@ class Wiener(Inverse):
 
         return {"rgb_camera": picture, **figures(asked, system, response, noise_gain)}
 
-    def restored(self, picture: Any, system: System) -> tuple[Any, Any]:
+    def restored(self, picture: FloatArray, system: System) -> tuple[Any, Any]:
         """Return the picture and the gain applied to it, (channel or 1, Ny, Nx // 2 + 1)."""
         gain = self.response(system, *deconvolution.frequencies(*picture.shape[-2:]))
         return deconvolution.apply(picture, gain), gain
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         return (5e-7 if precision == "float32" else 1e-15) * self.largest_gain + self.table_error(), "measured"
 
 
@@ -172,12 +178,14 @@ class RichardsonLucy(Inverse):
         doc="total-variation weight, which favours flat areas between edges; 0.002 is weak, 0.01 strong",
     )
 
-    def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
+    def run(
+        self, rgb_camera: FloatArray, transfers: Sequence[tuple[str, Otf]], asked: frozenset[str] = frozenset()
+    ) -> dict[str, Array]:
         system = self.system(transfers, rgb_camera)
         picture, transfer, done = self.restored(rgb_camera, system)
         iterations = float(one_channel(done))
 
-        def response(frequency: Any) -> Any:
+        def response(frequency: FloatArray) -> FloatArray:
             return deconvolution.richardson_lucy_response(system.along(baseband(frequency)), iterations, self.start)
 
         def noise_gain() -> float:
@@ -186,7 +194,7 @@ class RichardsonLucy(Inverse):
 
         return {"rgb_camera": picture, **figures(asked, system, response, noise_gain)}
 
-    def restored(self, picture: Any, system: System) -> tuple[Any, Any, Any]:
+    def restored(self, picture: FloatArray, system: System) -> tuple[Any, Any, Any]:
         """Return the picture, the transfer function (channel or 1, Ny, Nx // 2 + 1) that was deconvolved, and the
         iterations by channel.
         """
@@ -204,7 +212,7 @@ class RichardsonLucy(Inverse):
         )
         return estimate, transfer, done
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the rounding error. It grows with each iteration, more so at edges created by total variation; the
         stopping point depends on all of it.
         """
@@ -214,6 +222,6 @@ class RichardsonLucy(Inverse):
         return rounding + self.table_error(), "measured"
 
 
-def _beside(frequency: Any) -> Any:
+def _beside(frequency: FloatArray) -> FloatArray:
     """Return the nearest frequency above Nyquist that aliases onto each frequency, cycles/pixel."""
     return frequency - np.where(frequency >= 0, 1.0, -1.0)

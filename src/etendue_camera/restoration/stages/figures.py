@@ -7,17 +7,21 @@ Out: ``mtf50_gain`` and ``noise_gain``, optional outputs of every sharpening and
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
 
 from etendue.api import Stage, moves_light
 from etendue.transfer import sampling
+from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution import restoration_gain
 from etendue_camera.roles import CROSSTALK, PROCESSING
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
 
 UNSEEN = {"mtf50_gain": (CROSSTALK, *PROCESSING)}
 BLOCK = 4_000_000  # values of transfer functions in memory at once
@@ -45,10 +49,10 @@ class System:
         return self.otf is None or bool(self.otf.whole)
 
     @classmethod
-    def of(cls, transfers: Any, channels: int, pitch: float, nodes: int = 0) -> System:
+    def of(cls, transfers: Sequence[tuple[str, Otf]], channels: int, pitch: float, nodes: int = 0) -> System:
         return cls(transfers[-1][1] if transfers else None, channels, pitch, nodes)
 
-    def shares(self) -> Any:
+    def shares(self) -> FloatArray | None:
         """Return (channel, wavelength) weights, each row with sum 1, for light equally strong in all bands."""
         weights = self.otf.weights
         if weights is None:
@@ -62,7 +66,7 @@ class System:
         total = weights.sum(axis=1, keepdims=True)
         return np.where(total > 0, weights, 1.0) / np.where(total > 0, total, weights.shape[1])
 
-    def plane(self, fy: Any, fx: Any) -> Any:
+    def plane(self, fy: FloatArray, fx: FloatArray) -> FloatArray:
         """Return the OTF (channel or 1, m, n) at frequencies fy (m,), fx (n,), cycles/pixel: exact, or from a table up
         to 1."""
         if self.otf is None:
@@ -73,7 +77,7 @@ class System:
         rows = scipy.interpolate.CubicSpline(nodes, self._exact(nodes, nodes), axis=1)(fy)
         return scipy.interpolate.CubicSpline(nodes, rows, axis=2)(fx)
 
-    def _exact(self, fy: Any, fx: Any) -> Any:
+    def _exact(self, fy: FloatArray, fx: FloatArray) -> FloatArray:
         shares = self.shares()
         fy, fx = fy / self.pitch, fx / self.pitch
         height = max(1, BLOCK // max(1, fx.size * (1 if shares is None else shares.shape[1])))
@@ -87,12 +91,12 @@ class System:
             parts.append(values.mean(axis=0)[None] if shares is None else np.tensordot(shares, values, 1))
         return np.concatenate(parts, axis=1)
 
-    def along(self, fx: Any) -> Any:
+    def along(self, fx: FloatArray) -> FloatArray:
         """Return the OTF (n,) along x of the second channel: green, or the only one of a monochrome sensor."""
         return one_channel(replace(self, nodes=0).plane(np.zeros(1), np.asarray(fx, dtype=float)))[0]
 
 
-def one_channel(values: Any) -> Any:
+def one_channel(values: FloatArray) -> FloatArray:
     """Return the second of some channels: green, or the only one."""
     return values[min(1, len(values) - 1)]
 
@@ -113,12 +117,12 @@ def figures(
     return found
 
 
-def baseband(frequency: Any) -> Any:
+def baseband(frequency: FloatArray) -> FloatArray:
     """Map a frequency to the one a filter on pixels sees, 0 to 1/2 cycles/pixel."""
     return np.abs(frequency - np.rint(frequency))
 
 
-def half_plane_gain(gain: Any, columns: int) -> float:
+def half_plane_gain(gain: FloatArray, columns: int) -> float:
     """Return the noise gain from the half spectrum (m, n // 2 + 1) of a padded plane with the given columns."""
     twice = np.full(gain.shape, 2.0)
     twice[:, 0] = 1.0
@@ -135,5 +139,5 @@ def unknown_blur(others: Mapping[str, type[Stage]], so: str) -> list[str]:
     return [f"{' and '.join(found)} has no transfer function, so its effect is unknown here: {so}"] if found else []
 
 
-def padded_columns(picture: Any) -> int:
+def padded_columns(picture: FloatArray) -> int:
     return sampling.padded_size(picture.shape[-1])

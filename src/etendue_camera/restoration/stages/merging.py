@@ -7,11 +7,12 @@ Out: the same for one picture, and its remaining variance.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from etendue.api import measured, param
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.restoration import merging
 
@@ -58,8 +59,13 @@ class MergeFrames(KnownNoise):
     around: int = param(2, at_least=0, at_most=64, doc="for 'hdr': pixels around clipped ones that are also rejected")
 
     def run(
-        self, rgb_camera: Any, integration_time: Any, white: Any, clipping_level: Any, balance_gains: Any = None
-    ) -> dict[str, Any]:
+        self,
+        rgb_camera: FloatArray,
+        integration_time: FloatArray,
+        white: FloatArray,
+        clipping_level: FloatArray,
+        balance_gains: FloatArray | None = None,
+    ) -> dict[str, Array]:
         if not np.all(integration_time > 0):
             raise ValueError(
                 f"the frame times are {', '.join(f'{t:g}' for t in integration_time)} s; all must be greater than 0"

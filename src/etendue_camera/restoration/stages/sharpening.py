@@ -6,14 +6,19 @@ Out: the same variable. Stages that use the camera's transfer function are in ``
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from etendue.api import Bounded, Facts, Grid, Haloed, Stage, measured, param, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.restoration import denoise, sharpening
 from etendue_camera.restoration.stages.figures import FIGURES, LOOKS, UNSEEN, System, figures
 from etendue_camera.sensor.stages.masks import mask_of
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +32,7 @@ class Laplacian(Stage):
 
     strength: float = param(0.15, at_least=0, at_most=4, doc="k in identity + k L; the paper's picture uses 1")
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         return (1e-6 if precision == "float32" else 3e-15) * (1 + 16 * self.strength), "proved"
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
@@ -46,8 +51,10 @@ class Sharpen(Laplacian, Bounded, Haloed):
 
     pixel_pitch: float = quantity("pixel_pitch")
 
-    def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
-        def response(frequency: Any) -> Any:
+    def run(
+        self, rgb_camera: FloatArray, transfers: Sequence[tuple[str, Otf]], asked: frozenset[str] = frozenset()
+    ) -> dict[str, Array]:
+        def response(frequency: FloatArray) -> Any:
             return sharpening.sharpen_response(0.0, frequency, self.strength)
 
         system = System.of(transfers, len(rgb_camera), self.pixel_pitch)
@@ -82,7 +89,7 @@ class SharpenMosaic(Laplacian, Bounded, Haloed):
     def __post_init__(self) -> None:
         mask_of(self.pattern)
 
-    def run(self, mosaic_linear: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray) -> dict[str, Array]:
         return {"mosaic_linear": sharpening.sharpen_mosaic(mosaic_linear, self.strength, self.period())}
 
     def period(self) -> tuple[int, int]:
@@ -114,8 +121,10 @@ class Unsharp(Bounded, Haloed):
         0.0, at_least=0, at_most=1, doc="differences are first reduced by this much towards 0, 1 = clipping"
     )
 
-    def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
-        def response(frequency: Any) -> Any:
+    def run(
+        self, rgb_camera: FloatArray, transfers: Sequence[tuple[str, Otf]], asked: frozenset[str] = frozenset()
+    ) -> dict[str, Array]:
+        def response(frequency: FloatArray) -> Any:
             return sharpening.unsharp_response(0.0, frequency, self.radius, self.amount)
 
         system = System.of(transfers, len(rgb_camera), self.pixel_pitch)
@@ -125,7 +134,7 @@ class Unsharp(Bounded, Haloed):
     def halo(self) -> int:
         return sharpening.gaussian_taps(self.radius).size // 2
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         return (4e-7 if precision == "float32" else 2e-15) * (1 + 2 * self.amount), "measured"
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
@@ -148,7 +157,7 @@ class Denoise(KnownNoise, Bounded):
     nanoseconds: ClassVar = 80.0
     working: ClassVar = 3.6
     # Arithmetic error. In single precision the rounding of the input appears as noise of 3e-8.
-    error: ClassVar[Any] = measured(1e-6, 1e-13)
+    error: ClassVar = measured(1e-6, 1e-13)
 
     strength: float = param(
         1.0, at_least=0, at_most=10, doc="factor on the known standard deviation of the noise; 0: no denoising"
@@ -157,7 +166,7 @@ class Denoise(KnownNoise, Bounded):
         1, at_least=1, at_most=32, units="pixel", doc="window radius: 2 radius + 1 pixels along each axis"
     )
 
-    def run(self, rgb_camera: Any) -> dict[str, Any]:
+    def run(self, rgb_camera: FloatArray) -> dict[str, Array]:
         shot, floor = self.noise_model()
         return {"rgb_camera": denoise.denoise(rgb_camera, shot, floor, self.radius, self.strength)}
 

@@ -7,6 +7,7 @@ Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -16,6 +17,7 @@ from etendue import require
 from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, quantity
 from etendue.contract.values.bounds import MOST_BANDS, MOST_POINTS, beyond
 from etendue_camera import spectra
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.roles import EdgeScene, FlatScene
 from etendue_camera.scene import charts, composite
 
@@ -146,7 +148,7 @@ class Scene(Source, Banded):
         """Return the rendering of the ideal chart: rms width of a Gaussian and side of the cells, um."""
         return self.softness_um(getattr(self, "softness", 0.0)), self.cell
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         said = []
         if self.white_luminance > 0:
             said += spectra.luminance_notes(self.illuminant, self.wavelength_from, self.wavelength_to)
@@ -154,11 +156,11 @@ class Scene(Source, Banded):
             said.append("without softness the edges are not band-limited; set softness above 0, or light = 'cells'")
         return said
 
-    def error(self, facts: Facts, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Facts, grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the interpolation of tables to 1 nm: 1.2e-4 in the chromaticity of D65 at 10 nm bins."""
         return 1.2e-4 * self.bin_width / 10, "measured"
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         edges = tuple(coordinates["out_wavelength_edges"])
         if self.radiance > 0:
             return spectra.light_of_radiance(self.illuminant, edges, self.radiance)
@@ -167,10 +169,10 @@ class Scene(Source, Banded):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[bands]
 
-    def constants(self, prepared: Any) -> dict[str, Any]:
+    def constants(self, prepared: FloatArray) -> dict[str, Array]:
         return {"white_radiance": prepared[0] if isinstance(prepared, tuple) else prepared}
 
-    def white_light(self, edges: tuple[float, ...]) -> Any:
+    def white_light(self, edges: tuple[float, ...]) -> FloatArray:
         return spectra.light_of_radiance(self.illuminant, edges, 1.0)
 
     def softness_um(self, softness: float) -> float:
@@ -184,10 +186,10 @@ class Scene(Source, Banded):
         """Return the side of the cells over which values are means, um; 0 where they are samples."""
         return self.spacing if self.light == "cells" else 0.0
 
-    def centred(self, y: Any, x: Any) -> tuple[Any, Any]:
+    def centred(self, y: FloatArray, x: FloatArray) -> tuple[Any, Any]:
         return y - self.centre_y * 1e3, x - self.centre_x * 1e3
 
-    def grey(self, reflectance: Any, white: Any) -> dict[str, Any]:
+    def grey(self, reflectance: FloatArray, white: FloatArray) -> dict[str, Array]:
         """Return the radiance of a chart whose reflectance is the same at every wavelength."""
         return {"radiance": white[:, None, None] * reflectance, "white_radiance": white}
 
@@ -214,7 +216,7 @@ class Uniform(Scene, FlatScene):
     def known(self) -> Facts:
         return Facts(uniform=True, contrast=1.0)
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
         return self.grey(np.full((out_y.size, out_x.size), self.reflectance), prepared)
 
 
@@ -230,11 +232,11 @@ class _TwoLevels(Scene):
         charts.require_levels(self.low, self.high)  # rejects reversed levels before anything is drawn
         return Facts(uniform=False, contrast=self.high / self.low if self.low > 0 else math.inf)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
+    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> Any:
         """Return the reflectance (y, x), about the centre of the window."""
         raise TypeError(f"{type(self).__name__} must implement chart")
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
         return self.grey(
             self.chart(*self.centred(out_y, out_x), self.drawn(self.softness, self.low, self.high)), prepared
         )
@@ -246,7 +248,7 @@ class SlantedEdge(_TwoLevels, EdgeScene):
 
     angle: float = param(5.0, units="deg", above=-90, below=90)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
+    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> FloatArray:
         return charts.slanted_edge(y, x, self.angle, drawn)
 
 
@@ -257,7 +259,7 @@ class SiemensStar(_TwoLevels):
     cycles: int = param(36, at_least=1, held=(1, 100_000))
     radius: float = param(400.0, units="um", above=0)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
+    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> Any:
         return charts.siemens_star(y, x, self.cycles, self.radius, drawn)
 
 
@@ -268,7 +270,7 @@ class ZonePlate(_TwoLevels):
     highest_frequency: float = param(0.25, units="cycles/um", above=0, doc="local frequency at the rim")
     radius: float = param(400.0, units="um", above=0)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
+    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> Any:
         return charts.zone_plate(y, x, self.highest_frequency, self.radius, drawn)
 
 
@@ -284,7 +286,7 @@ class StepWedge(Scene):
     def known(self) -> Facts:
         return Facts(uniform=False, contrast=max(self.high / self.low, self.low / self.high))
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
         y, x = self.centred(out_y, out_x)
         levels = np.geomspace(self.low, self.high, self.steps)
         wedge = charts.step_wedge(y, x, levels, 0.9 * self.width, 0.6 * self.height, self.drawn(self.softness))
@@ -308,7 +310,7 @@ class Points(Scene):
             uniform=False, contrast=(self.background + self.peak) / self.background if self.background > 0 else math.inf
         )
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
         y, x = self.centred(out_y, out_x)
         spots = charts.points(y, x, self.pitch, self.spot_sigma, self.drawn(self.softness, self.background, self.peak))
         return self.grey(spots, prepared)
@@ -320,14 +322,14 @@ class _Coloured(Scene):
 
     working: ClassVar = 1.1
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, FloatArray]:
         edges = tuple(coordinates["out_wavelength_edges"])
         return super().prepare(coordinates), spectra.colorchecker(edges)[1]
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: tuple[FloatArray, FloatArray], bands: slice) -> tuple[FloatArray, FloatArray]:
         return prepared[0][bands], prepared[1][:, bands]
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         return [
             *super().warn(facts, grids),
             *spectra.held_in_the_infrared("ColorChecker", self.wavelength_from, self.wavelength_to),
@@ -346,7 +348,7 @@ class ColorChecker(_Coloured):
     gap: float = param(0.1, at_least=0, below=1, doc="gap between patches, in patch pitches")
     softness: float = softness_knob()
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
         white, reflectance = prepared
         y, x = self.centred(out_y, out_x)
         size = min(self.width / 6, self.height / 4)
@@ -386,7 +388,7 @@ class CompositeChart(_Coloured):
         charts.require_levels(self.low, self.high)
         return super().known()
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
         white, reflectance = prepared
         y, x = self.centred(out_y, out_x)
         chart = composite.composite(

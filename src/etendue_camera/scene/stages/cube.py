@@ -8,6 +8,7 @@ Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,6 +17,7 @@ import numpy as np
 from etendue import require
 from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, proved, quantity
 from etendue_camera import spectra
+from etendue_camera.arrays import Array
 from etendue_camera.scene.stages import cube_store
 
 SPECTRAL = "W m-2 sr-1 nm-1"
@@ -98,7 +100,7 @@ class RadianceCube(Source, Banded):
             else self._white(*self._open())
         )
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if not self.white_luminance:
             return []
         array, group = self._open()
@@ -126,7 +128,7 @@ class RadianceCube(Source, Banded):
         )
         return Line(size, float(values[0]), float(step))
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         array, group = self._open()
         edges = tuple(coordinates["out_wavelength_edges"])
         if self.white_luminance:
@@ -139,10 +141,10 @@ class RadianceCube(Source, Banded):
         read, _, white, scale = prepared
         return read, bands, white[bands], scale[bands]
 
-    def constants(self, prepared: Any) -> dict[str, Any]:
+    def constants(self, prepared: Any) -> dict[str, Array]:
         return {"white_radiance": prepared[2]}
 
-    def run(self, prepared: Any) -> dict[str, Any]:
+    def run(self, prepared: Any) -> dict[str, Array]:
         read, bands, white, scale = prepared
         try:
             light = read(bands)

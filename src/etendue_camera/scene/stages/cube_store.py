@@ -23,6 +23,7 @@ import numpy as np
 from etendue import plain_files, require
 from etendue.contract.values.bounds import MOST_POINTS, MOST_VALUES, beyond
 from etendue.contract.values.units import UnitError, parse_unit
+from etendue_camera.arrays import FloatArray
 
 DIMS = ("wavelength", "y", "x")
 MOST_CHUNKS = 1_000_000
@@ -84,7 +85,7 @@ def _check_unit(name: str, path: str, attributes: Any, unit: str) -> None:
     require.that(same, f"{name} in {path} is in {str(written)!r}; convert it to {unit!r}")
 
 
-def values_of(path: str, group: Any, name: str, shape: tuple[int, ...], unit: str) -> Any:
+def values_of(path: str, group: Any, name: str, shape: tuple[int, ...], unit: str) -> FloatArray:
     """Return a coordinate, complete and finite."""
     array = group[name]
     if getattr(array, "shape", None) != shape:
@@ -166,7 +167,7 @@ def _lost_inside(shard: Path, array: Any) -> str:
     return ""
 
 
-def check_values(path: str, variable: str, light: Any, bands: range) -> None:
+def check_values(path: str, variable: str, light: FloatArray, bands: range) -> None:
     """Raise ValueError for NaN, infinity or negative radiance, with the first position."""
     with np.errstate(invalid="ignore"):
         if light.size == 0 or (np.isfinite(light.min()) and np.isfinite(light.max()) and light.min() >= 0):

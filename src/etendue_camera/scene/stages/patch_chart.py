@@ -8,13 +8,15 @@ Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, param
+from etendue.api import Facts, Grid, param
 from etendue_camera import spectra
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.scene import composite
 from etendue_camera.scene.stages.charts import Scene, softness_knob
 
@@ -62,21 +64,21 @@ class PatchChart(Scene):
         columns = self.across or _squarest(count, self.width / self.height)
         return -(-count // columns), min(columns, count)
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         rows = spectra.csv_rows(self.reflectances)[1]
         return [
             *super().warn(facts, grids),
             *spectra.held_note(self.reflectances, rows, self.wavelength_from, self.wavelength_to),
         ]
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, FloatArray]:
         edges = tuple(coordinates["out_wavelength_edges"])
         return super().prepare(coordinates), spectra.table_from_csv(self.reflectances, edges, outside="hold")[1].T
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: tuple[FloatArray, FloatArray], bands: slice) -> tuple[FloatArray, FloatArray]:
         return prepared[0][bands], prepared[1][:, bands]
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: tuple[FloatArray, FloatArray]) -> dict[str, Array]:
         white, reflectance = prepared
         y, x = self.centred(out_y, out_x)
         across, down = self.layout(len(reflectance))[::-1]

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, param
+from etendue.api import Facts, Grid, param
 from etendue.contract.values.bounds import beyond
 from etendue.transfer import resampling
 from etendue_camera import spectra
+from etendue_camera.arrays import Array
 from etendue_camera.colour.encoding import srgb_decode
 from etendue_camera.picture_files import MOST_PIXELS, read_picture
 from etendue_camera.scene.stages.charts import Scene
@@ -69,7 +71,7 @@ class Photograph(Scene):
     def rendered(self) -> None:
         """Return None: the processing by camera and file format is unknown."""
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         _, note = _linear_photograph(self.file, *self.size())
         return [
             *super().warn(facts, grids),
@@ -92,14 +94,14 @@ class Photograph(Scene):
         low, high = float(linear.min()), float(linear.max())
         return Facts(uniform=low == high, contrast=high / low if low > 0 else math.inf)
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         edges = tuple(coordinates["out_wavelength_edges"])
         return super().prepare(coordinates), spectra.upsampling_basis(edges)
 
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[0][bands], prepared[1][bands]
 
-    def run(self, prepared: Any) -> dict[str, Any]:
+    def run(self, prepared: Any) -> dict[str, Array]:
         white, basis = prepared
         linear, _ = _linear_photograph(self.file, *self.size())
         weights = (np.maximum(basis, 0.0) * white[:, None])[:, :, None, None]

@@ -6,10 +6,12 @@ Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from etendue.api import Facts, Grid, param
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.scene import charts, dead_leaves
 from etendue_camera.scene.stages.charts import Scene
 
@@ -67,7 +69,7 @@ class DeadLeaves(Scene):
         self.chart()
         return Facts(uniform=False, contrast=self.high / self.low if self.low > 0 else float("inf"))
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         said = super().warn(facts, grids)
         if self.smallest < self.spacing:
             said.append(
@@ -76,14 +78,14 @@ class DeadLeaves(Scene):
             )
         return said
 
-    def error(self, facts: Facts, grid: Grid, precision: str) -> tuple[float, str]:
+    def error(self, facts: Facts, grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the error of a sample against 32-fold painting, and that of the tables."""
         worst = SOFT_ERROR if self.softness >= 1 else HARD_ERROR
         crowded = max(1.0, FEW_SAMPLES * self.spacing / self.smallest)
         painted = min(1.0, worst * crowded / self.oversampling**2) * (self.high - self.low)
         return super().error(facts, grid, precision)[0] + painted, "measured"
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         y, x = self.centred(out_y, out_x)
         return self.grey(
             dead_leaves.dead_leaves(y, x, self.chart(), self.softness_um(self.softness), self.cell, self.oversampling),

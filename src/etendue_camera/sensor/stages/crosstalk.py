@@ -7,6 +7,7 @@ Out: ``photocurrent``; the transfer functions between channels.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -14,6 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Bounded, ChannelTransfer, Facts, Grid, param
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.sensor import crosstalk, crosstalk_planes, silicon
 from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 from etendue_camera.sensor.stages.sensitivity import Collecting, electrons_per_irradiance
@@ -52,11 +54,18 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         "where that is all the charge",
     )
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, tuple[FloatArray, ...]]:
         edges = tuple(float(e) for e in coordinates["wavelength_edges"])
         return electrons_per_irradiance(self, edges), tables_of(self, edges)
 
-    def run(self, photocurrent: Any, white_irradiance: Any, y: Any, x: Any, prepared: Any) -> dict[str, Any]:
+    def run(
+        self,
+        photocurrent: FloatArray,
+        white_irradiance: FloatArray,
+        y: FloatArray,
+        x: FloatArray,
+        prepared: tuple[FloatArray, tuple[FloatArray, ...]],
+    ) -> dict[str, Array]:
         if self.crosstalk == "per_plane":
             return {"photocurrent": photocurrent}
         kernel = channel_kernels(prepared[0] * white_irradiance, prepared[1], self.beyond)
@@ -65,7 +74,13 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
     def moves_charge(self) -> bool:
         return self.crosstalk == "through_filter"
 
-    def channel_transfer(self, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
+    def channel_transfer(
+        self,
+        fy: FloatArray,
+        fx: FloatArray,
+        light: FloatArray,
+        prepared: tuple[FloatArray, tuple[FloatArray, ...]],
+    ) -> Any:
         """Return the transfer of kernels as wide as the diffusion reaches, whatever ``beyond`` is."""
         electrons, (kept, moved, along_y, along_x) = prepared
         share = shares_of(electrons * light)
@@ -81,10 +96,10 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
             return 0.0, "the light is uniform and the sensor has one channel"
         return None
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         return facts["photocurrent"] if self.crosstalk == "per_plane" else Facts()
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the charge beyond the largest kernel, both where it is missing and where it is added, plus the rounding
         of the transforms.
         """
@@ -95,7 +110,7 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         return 2 * max(self.beyond, float(far.max())) + (2e-6 if precision == "float32" else 1e-14), "proved"
 
 
-def tables_of(stage: Any, edges: tuple[float, ...]) -> Any:
+def tables_of(stage: Any, edges: tuple[float, ...]) -> tuple[FloatArray, ...]:
     """Return the charge kept and moved, by wavelength, and where moved charge arrives along both axes."""
     diode = (stage.depletion_depth, stage.diffusion_depth, stage.diffusion_length, stage.back)
     pixel = (stage.pixel_pitch, stage.aperture_fraction, stage.aperture_offset_y, stage.aperture_offset_x)
@@ -103,7 +118,7 @@ def tables_of(stage: Any, edges: tuple[float, ...]) -> Any:
 
 
 @lru_cache(maxsize=16)
-def _tables(edges: tuple[float, ...], diode: tuple[Any, ...], pixel: tuple[float, ...]) -> Any:
+def _tables(edges: tuple[float, ...], diode: tuple[Any, ...], pixel: tuple[float, ...]) -> tuple[FloatArray, ...]:
     depletion, depth, length, back = diode
     pitch, fraction, offset_y, offset_x = pixel
     alphas = silicon.absorption(0.5e-3 * (np.array(edges[:-1]) + np.array(edges[1:])))
@@ -115,21 +130,21 @@ def _tables(edges: tuple[float, ...], diode: tuple[Any, ...], pixel: tuple[float
     return kept, moved, *along
 
 
-def channel_kernels(photons: Any, tables: Any, beyond: float) -> Any:
+def channel_kernels(photons: FloatArray, tables: tuple[FloatArray, ...], beyond: float) -> FloatArray:
     """Return the kernels of the channels: means over wavelength with these weights, (channel, wavelength)."""
     kept, moved, along_y, along_x = tables
     share = shares_of(photons)
     return crosstalk.kernels(share @ kept, share @ moved, along_y, along_x, beyond)[0]
 
 
-def shares_of(photons: Any) -> Any:
+def shares_of(photons: FloatArray) -> FloatArray:
     """Return each channel's photon distribution over wavelength, (channel, wavelength); uniform if it has no
     photons."""
     total = photons.sum(axis=1, keepdims=True)
     return np.where(total > 0, photons / np.where(total > 0, total, 1), 1 / photons.shape[1])
 
 
-def mixing_of(stage: Any, edges: tuple[float, ...], photons: Any) -> Any:
+def mixing_of(stage: Any, edges: tuple[float, ...], photons: FloatArray) -> FloatArray:
     """Return what uniform light becomes after crosstalk, (channel, channel); the identity where charge stays in its
     plane.
     """

@@ -6,14 +6,19 @@ Out: the same with defects, and their map, which no camera stage reads but a tes
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from etendue.api import Sampled, measured, param, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics import amplifier
 from etendue_camera.sensor import defects
+
+if TYPE_CHECKING:
+    from etendue.compute.tables import PatternRandom
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,11 +52,11 @@ class Defects(Sampled):
     )
     file: str = param("", file=True, doc="CSV list of defective pixels: row,column,kind")
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Array:
         entries = defects.read_list(self.file) if self.file else ()
         return defects.listed_map(entries, coordinates["y"], coordinates["x"])
 
-    def run(self, photocurrent: Any, prepared: Any, rng_sensor: Any) -> dict[str, Any]:
+    def run(self, photocurrent: FloatArray, prepared: Array, rng_sensor: PatternRandom) -> dict[str, Array]:
         drawn = defects.drawn_map(rng_sensor.uniform("hot or dead"), self.hot, self.dead, 0.0)
         found = np.where(np.isin(prepared, (defects.HOT, defects.DEAD)), prepared, drawn)
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
@@ -60,7 +65,7 @@ class Defects(Sampled):
         light[hot] += defects.hot_rates(rng_sensor.uniform("hot rate")[hot], self.hot_rate * warm).astype(light.dtype)
         return {"photocurrent": light, "defect_map": found.astype(np.uint8)}
 
-    def mean(self, photocurrent: Any, prepared: Any) -> dict[str, Any]:
+    def mean(self, photocurrent: FloatArray, prepared: Array) -> dict[str, Array]:
         """Return the mean over many sensors: drawn defects are spread over all pixels, and the map contains the listed
         ones only.
         """
@@ -99,11 +104,11 @@ class StuckPixels(Sampled):
     )
     file: str = param("", file=True, doc="CSV list of defective pixels: row,column,kind")
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Array:
         entries = defects.read_list(self.file) if self.file else ()
         return defects.listed_map(entries, coordinates["y"], coordinates["x"])
 
-    def run(self, raw: Any, prepared: Any, rng_sensor: Any) -> dict[str, Any]:
+    def run(self, raw: Array, prepared: Array, rng_sensor: PatternRandom) -> dict[str, Array]:
         drawn = defects.drawn_map(rng_sensor.uniform("stuck"), 0.0, 0.0, self.stuck)
         found = np.where(prepared == defects.STUCK, prepared, drawn)
         stuck = np.nonzero(found == defects.STUCK)
@@ -112,7 +117,7 @@ class StuckPixels(Sampled):
         codes[stuck] = np.floor(share * (2**self.bits - 1) + 0.5)
         return {"raw": codes, "stuck_map": found.astype(np.uint8)}
 
-    def mean(self, raw: Any, prepared: Any) -> dict[str, Any]:
+    def mean(self, raw: FloatArray, prepared: Array) -> dict[str, Array]:
         """Return the mean over many sensors: drawn pixels are spread over all pixels, and the map contains the listed
         ones only.
         """

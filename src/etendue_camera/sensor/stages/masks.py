@@ -7,9 +7,9 @@ Out: a ``cfa.Mask``; the first pixel of the window.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 from etendue.contract.stage import file_state
+from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import cfa
 
 
@@ -33,6 +33,6 @@ def bayer_order(pattern: str, what: str) -> str:
     return mask.bayer
 
 
-def first_pixel(y: Any, x: Any) -> tuple[int, int]:
+def first_pixel(y: FloatArray, x: FloatArray) -> tuple[int, int]:
     """Return row and column on the sensor at which a window starts, from its coordinates."""
     return (round(float(y[0])) if len(y) else 0), (round(float(x[0])) if len(x) else 0)

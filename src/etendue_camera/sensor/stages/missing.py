@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from etendue.api import Grid, Transfer
 from etendue.contract.arrays.facts import Content
 from etendue.transfer import effects, expansion
 from etendue.transfer import rings as scene_rings
+from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import photodiode
 
 PART = 0.25
@@ -74,13 +74,13 @@ def of_the_light(
 
 
 @lru_cache(64)
-def _amplitudes(content: Content) -> Any:
+def _amplitudes(content: Content) -> FloatArray:
     """Return the rms amplitude in every ring, (wavelength, ring)."""
     return np.sqrt(np.array(content.power))
 
 
 @lru_cache(256)
-def passed(width: float, rings: tuple[float, ...]) -> Any:
+def passed(width: float, rings: tuple[float, ...]) -> FloatArray:
     """Return the largest value over all directions of the aperture's transfer function, (frequency,), at radial
     frequencies.
     """
@@ -103,7 +103,7 @@ def _missing(
     rings: tuple[float, ...],
     terms: int,
     limit: float,
-) -> Any:
+) -> FloatArray:
     """Return the largest part lost from every band, over all directions, (channel, wavelength, frequency)."""
     own = np.array(weights)
     own = own[own.max(axis=1) > 0]
@@ -125,7 +125,7 @@ def _missing(
 @lru_cache(64)
 def basis_of(
     weights: Weights, before: tuple[Transfer, ...], edges: tuple[float, ...], corner: float, terms: int
-) -> Any:
+) -> FloatArray:
     """Return the functions of wavelength in which the light is expanded, (terms, wavelength)."""
     own = np.array(weights)
     frequency = np.linspace(0.0, corner, expansion.FITTED)

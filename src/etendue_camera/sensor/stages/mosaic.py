@@ -6,10 +6,12 @@ Out: ``photocurrent`` (y, x), electron/s.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from etendue.api import Facts, Grid, Haloed, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 
@@ -33,7 +35,7 @@ class Mosaic(Haloed):
     def __post_init__(self) -> None:
         mask_of(self.pattern)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         planes, channels = inputs["photon_rate"], mask_of(self.pattern).channels
         found = tuple(planes["channel"].values())
         if found != channels:
@@ -43,9 +45,9 @@ class Mosaic(Haloed):
             )
         return {"photocurrent": planes.take(("y", "x"))}
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """Return the range of all planes: a value comes from one of them."""
         return Facts(low=facts["photon_rate"].low, high=facts["photon_rate"].high)
 
-    def run(self, photon_rate: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, photon_rate: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"photocurrent": cfa.pick(photon_rate, mask_of(self.pattern), *first_pixel(y, x))}

@@ -7,16 +7,18 @@ Out: ``photon_rate`` (channel, y, x), electron/s, on the pixel grid.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from etendue import require
-from etendue.api import Bounded, Facts, Grid, Labels, Line, Summed, Transfer, measured, param, quantity
+from etendue.api import Bounded, Facts, Grid, Labels, Line, Stage, Summed, Transfer, measured, param, quantity
 from etendue.contract.stage import state_of
 from etendue.transfer.sampling import on_unique_rows
 from etendue_camera import spectra
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.roles import CROSSTALK, InSilicon
 from etendue_camera.sensor import photodiode, silicon
 from etendue_camera.sensor.stages import missing
@@ -64,13 +66,13 @@ class Diffusion(Transfer, Bounded, InSilicon):
         "them",
     )
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> FloatArray:
         if self.crosstalk == "through_filter":
             return np.ones((1, np.size(fy), np.size(fx)))
         alphas = silicon.absorption(np.ravel(wavelength))
         diode = (self.depletion_depth, self.diffusion_depth, self.diffusion_length, self.back)
 
-        def contrast(rows: Any) -> Any:
+        def contrast(rows: FloatArray) -> FloatArray:
             radial = np.hypot(rows, fx)
             return photodiode.collection_mtf_bands(radial, alphas, *diode, self.nodes)  # type: ignore[arg-type]
 
@@ -84,11 +86,11 @@ class Diffusion(Transfer, Bounded, InSilicon):
             )
         return (0.0, "the scene is uniform: diffusion changes nothing") if facts.uniform else None
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """As for every blur: only a uniform plane is certain to stay within its range."""
         return facts["irradiance"] if facts["irradiance"].uniform else Facts(uniform=facts["irradiance"].uniform)
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         table = 1e-12 * (4096 / self.nodes) ** 4 if self.nodes else 0.0
         return table + (1e-6 if precision == "float32" else 2e-14), "fitted" if table else "measured"
 
@@ -122,7 +124,7 @@ class Pixel(Collecting, Summed):
     nanoseconds: ClassVar = 8.0
     libraries: ClassVar = ("colour-science",)
     # Error of the sum over wavelength and of the evaluation between samples: at most 3e-6, up to 1024 x 1500.
-    error: ClassVar[Any] = measured(5e-6, 2e-14)
+    error: ClassVar = measured(5e-6, 2e-14)
 
     sampling: str = param(
         "physical",
@@ -167,7 +169,7 @@ class Pixel(Collecting, Summed):
             f"at least as many terms, or 0",
         )
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         light = inputs["irradiance"]
         down = _Extent(self.rows, self.sensor_height, self.first_row, self.window_rows, "rows", "sensor_height")
         across = _Extent(
@@ -208,10 +210,10 @@ class Pixel(Collecting, Summed):
             )
         return Line(size, float(first), 1.0, "1", (start, self.pixel_pitch))
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         return electrons_per_irradiance(self, tuple(coordinates["wavelength_edges"]))
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray, prepared: FloatArray) -> FloatArray:
         width = self.pixel_pitch * self.aperture_fraction
         aperture = photodiode.aperture_otf(fy, width) * photodiode.aperture_otf(fx, width)
         if self.aperture_offset_y == 0 == self.aperture_offset_x:
@@ -221,10 +223,12 @@ class Pixel(Collecting, Summed):
             * np.exp(2j * np.pi * self.pixel_pitch * (self.aperture_offset_y * fy + self.aperture_offset_x * fx))
         )[None]
 
-    def weights(self, prepared: Any) -> Any:
+    def weights(self, prepared: FloatArray) -> FloatArray:
         return prepared
 
-    def segment_error(self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def segment_error(
+        self, before: tuple[Transfer, ...], facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str
+    ) -> tuple[float, str]:
         """Bound the error including the expansion and the omitted frequencies: for the content of the scene where it is
         known, otherwise for light equally strong in every band, at the worst frequency."""
         bound, how = self.error(facts, grid, precision)
@@ -255,7 +259,7 @@ class Pixel(Collecting, Summed):
     def kept(self) -> float:
         return self.kept_frequencies
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """Return the charge range, from the darkest to the brightest light in any channel."""
         light = facts["irradiance"]
         if light.content is None or light.low is None or light.high is None:
@@ -265,7 +269,7 @@ class Pixel(Collecting, Summed):
         below, above = weights @ np.array(low), weights @ np.array(high)
         return Facts(uniform=light.uniform, low=float(below.min()), high=float(above.max()))
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         edges = grids["irradiance"].bands().edges
         return [
             *unused_notes(self),
@@ -275,7 +279,7 @@ class Pixel(Collecting, Summed):
             *self._charge_under_other_filters(facts, grids),
         ]
 
-    def warn_among(self, others: Any) -> list[str]:
+    def warn_among(self, others: Mapping[str, type[Stage]]) -> list[str]:
         if self.crosstalk != "through_filter" or any(kind.role == CROSSTALK for kind in others.values()):
             return []
         return [

@@ -15,6 +15,7 @@ import numpy as np
 
 from etendue.api import Stage, quantity
 from etendue_camera import spectra
+from etendue_camera.arrays import FloatArray
 from etendue_camera.light.radiometry import photons_from_energy
 from etendue_camera.sensor import photodiode, silicon
 from etendue_camera.sensor.stages.masks import mask_of
@@ -123,7 +124,7 @@ def _columns_of(stage: Any, names: tuple[str, ...]) -> list[int | None]:
     return found
 
 
-def quantum_efficiency(stage: Any, edges: tuple[float, ...]) -> Any:
+def quantum_efficiency(stage: Any, edges: tuple[float, ...]) -> FloatArray:
     """Return electrons per incident photon, (channel, wavelength), at zero spatial frequency.
 
     A relative table is scaled to ``peak_qe`` per channel at its own peak, whatever the bins of the light; a clear pixel
@@ -144,7 +145,7 @@ def quantum_efficiency(stage: Any, edges: tuple[float, ...]) -> Any:
     return _of_the_silicon(stage, edges, relative / peaks)
 
 
-def _of_the_silicon(stage: Any, edges: tuple[float, ...], relative: Any) -> Any:
+def _of_the_silicon(stage: Any, edges: tuple[float, ...], relative: FloatArray) -> FloatArray:
     """Convert curves with a peak of 1 to electrons per photon: apply ``peak_qe`` and, for tables of filters alone,
     collection and surface.
     """
@@ -154,7 +155,7 @@ def _of_the_silicon(stage: Any, edges: tuple[float, ...], relative: Any) -> Any:
     return efficiency
 
 
-def _relative(stage: Any, columns: list[int | None], table: Any, edges: tuple[float, ...]) -> Any:
+def _relative(stage: Any, columns: list[int | None], table: FloatArray, edges: tuple[float, ...]) -> FloatArray:
     """Return the channels' columns per photon up to a factor, (channel, wavelength)."""
     centres = _centres(edges)
     found = np.stack([np.ones(centres.size) if column is None else table[:, column] for column in columns])
@@ -231,14 +232,14 @@ def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
     return spectra.cut_off_note(what, [names[column] for column in chosen], rows, curves, edges[0], edges[-1])
 
 
-def collection_at_zero(stage: Any, wavelength_nm: Any) -> Any:
+def collection_at_zero(stage: Any, wavelength_nm: FloatArray) -> FloatArray:
     """Return D(0) at each wavelength."""
     alphas = silicon.absorption(np.asarray(wavelength_nm) * 1e-3)
     diode = (stage.depletion_depth, stage.diffusion_depth, stage.diffusion_length, stage.back)
     return np.array([float(photodiode.collection(0.0, float(a), *diode)) for a in alphas])
 
 
-def electrons_per_irradiance(stage: Any, edges: tuple[float, ...]) -> Any:
+def electrons_per_irradiance(stage: Any, edges: tuple[float, ...]) -> FloatArray:
     """Return electron/s of a pixel per W m-2 nm-1 in each bin, (channel, wavelength): width x lambda/hc x area x
     efficiency.
 
@@ -248,12 +249,12 @@ def electrons_per_irradiance(stage: Any, edges: tuple[float, ...]) -> Any:
     return quantum_efficiency(stage, edges) * (_photons(edges) * area)
 
 
-def _photons(edges: tuple[float, ...]) -> Any:
+def _photons(edges: tuple[float, ...]) -> FloatArray:
     """Return the photons per second and m2 of 1 W m-2 nm-1 in each bin, (wavelength,)."""
     return np.diff(np.array(edges)) * photons_from_energy(1.0, _centres(edges) * 1e-3)
 
 
-def _centres(edges: tuple[float, ...]) -> Any:
+def _centres(edges: tuple[float, ...]) -> FloatArray:
     return 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
 
 

@@ -7,7 +7,7 @@ Out: a ``Plot`` of three columns of bars over the stages in their order.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,11 +17,15 @@ from etendue.plugins.shares import shared_out
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import number_text
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.documents import AxisValue, DocumentView
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 COLUMNS = ("stage", "cells", "failed", "left_out", "approximated", "seconds", "seconds_saved", "error", "how", "bound")
 
 
-def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: str = "") -> Plot:
+def budget(holdings: Holdings, blame: DocumentView | None = None, place: str = "") -> Plot:
     """Plot thread time, stated error and omissions by stage; with ``blame``, a document of ``etendue_shares``, also
     each stage's share of the losses at a ``place`` of the sweep.
 
@@ -77,7 +81,7 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
     )
 
 
-def _draw_time(axes: Any, at: Mapping[str, list[Any]]) -> None:
+def _draw_time(axes: Axes, at: Mapping[str, list[AxisValue]]) -> None:
     """Draw bars of thread time by stage, spent and saved."""
     rank = np.arange(len(at["stage"]))
     seconds, saved = np.nan_to_num(np.array(at["seconds"], float)), np.nan_to_num(np.array(at["seconds_saved"], float))
@@ -108,7 +112,7 @@ def _draw_time(axes: Any, at: Mapping[str, list[Any]]) -> None:
     axes.invert_yaxis()
 
 
-def _draw_error(axes: Any, at: Mapping[str, list[Any]]) -> None:
+def _draw_error(axes: Axes, at: Mapping[str, list[AxisValue]]) -> None:
     """Draw bars of stated errors by stage, on a logarithmic axis."""
     rank = np.arange(len(at["stage"]))
     stated = np.array([np.nan if v is None else v for v in at["error"]], float)
@@ -139,7 +143,7 @@ def _draw_error(axes: Any, at: Mapping[str, list[Any]]) -> None:
     axes.set_title("largest error, relative to full scale", fontsize=9)
 
 
-def _draw_cells(axes: Any, at: Mapping[str, list[Any]]) -> None:
+def _draw_cells(axes: Axes, at: Mapping[str, list[AxisValue]]) -> None:
     """Draw bars of the share of cells that were left out, coarser or failed."""
     rank = np.arange(len(at["stage"]))
     shares = {
@@ -159,7 +163,7 @@ def _draw_cells(axes: Any, at: Mapping[str, list[Any]]) -> None:
     axes.set_title("share of cells, %", fontsize=9)
 
 
-def _draw_loss(axes: Any, loss: Mapping[str, Any]) -> None:
+def _draw_loss(axes: Axes, loss: DocumentView) -> None:
     """Draw bars of each stage's share; stages that win back loss extend to the left."""
     names, shares = [one["stage"] for one in loss["stages"]], np.array([_known(one["share"]) for one in loss["stages"]])
     place = np.arange(len(names))
@@ -186,7 +190,7 @@ def _known(share: Any) -> float:
     return np.nan if share is None else float(share)
 
 
-def _with_shares(rows: list[list[Any]], losses: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
+def _with_shares(rows: list[list[Any]], losses: Sequence[DocumentView]) -> list[list[Any]]:
     """Append each stage's share of every loss to its row; stages merged in a loss get a row of their own."""
     shares = [{one["stage"]: one["share"] for one in loss["stages"]} for loss in losses]
     names = [row[0] for row in rows]

@@ -7,9 +7,9 @@ Out: a ``Plot``. A line marks where an axis ends by nature, as frequency does at
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,11 @@ from etendue.present.plots.holdings import HeldVariable, Holdings
 from etendue.present.plots.labels import name_text, unit_text
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.documents import Document, Place
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MOST_LINES, MOST_PANELS = 12, 9
 NYQUIST = "Nyquist"
@@ -35,8 +40,8 @@ def curves(
     x: str = "",
     lines: str = "",
     panels: Sequence[str] = (),
-    at: Mapping[str, Any] | None = None,
-    middle: Mapping[str, Any] | None = None,
+    at: Place | None = None,
+    middle: Place | None = None,
 ) -> Plot:
     """Plot lines of a variable. ``x``: an axis, or a coordinate or variable along its own dim; ``lines``: the dim shown
     as separate lines.
@@ -72,7 +77,7 @@ def curves(
     return Plot(figure, columns, rows)
 
 
-def _scale(grid: Sequence[Any], held: HeldVariable, spread: PlotDim | None) -> None:
+def _scale(grid: Sequence[Axes], held: HeldVariable, spread: PlotDim | None) -> None:
     """Set scales and labels; ``spread``: the axis along x, if its values call for a logarithmic scale."""
     unit = unit_text(held.units)
     for axes in grid:
@@ -85,7 +90,7 @@ def _scale(grid: Sequence[Any], held: HeldVariable, spread: PlotDim | None) -> N
 
 
 def _draw_panels(
-    grid: Sequence[Any],
+    grid: Sequence[Axes],
     place: Arrangement,
     holdings: Holdings,
     held: HeldVariable,
@@ -108,7 +113,7 @@ def _draw_panels(
 
 
 def _draw_lines(
-    axes: Any, holdings: Holdings, held: HeldVariable, x: tuple[str, str], hue: PlotDim | None, at: Mapping[str, Any]
+    axes: Axes, holdings: Holdings, held: HeldVariable, x: tuple[str, str], hue: PlotDim | None, at: Place
 ) -> tuple[list[list[Any]], str, str]:
     """Draw the lines of a panel and the end of x; return their numbers, the title of x, and the name of the end."""
     rows: list[list[Any]] = []
@@ -119,7 +124,7 @@ def _draw_lines(
         values = values.sel({d: v for d, v in full.items() if d in values.dims})
         xs, units, title = _x_of(held, *x, full)
         ys = np.asarray(values.values, float)
-        dots: dict[str, Any] = {"marker": "o", "markersize": 3.5} if len(xs) <= 24 else {}
+        dots: Document = {"marker": "o", "markersize": 3.5} if len(xs) <= 24 else {}
         axes.plot(xs, ys, color=colour, label=hue.text(value) if hue else None, linewidth=1.4, **dots)
         rows += [[*full.values(), float(a), float(b)] for a, b in zip(xs, ys, strict=True)]
         end = _end(holdings, held, full, units)
@@ -163,7 +168,7 @@ def _along(held: HeldVariable, x: str, free: Sequence[str], dims: Sequence[PlotD
     raise RequestError(f"--x {x}: not a dim of {held.name}{nearest(x, [*free, *beside, *(dim.name for dim in dims)])}")
 
 
-def _told_apart(lines: str, rest: Sequence[PlotDim], chosen: Mapping[str, Any]) -> str:
+def _told_apart(lines: str, rest: Sequence[PlotDim], chosen: Place) -> str:
     """Return the dim shown as lines: as requested, else named dims first (stages, factors), then the axis with the most
     values that lines can show.
     """
@@ -177,7 +182,7 @@ def _told_apart(lines: str, rest: Sequence[PlotDim], chosen: Mapping[str, Any]) 
     return (named or open_)[0].name if open_ else ""
 
 
-def _x_of(held: HeldVariable, along: str, beside: str, at: Mapping[str, Any]) -> tuple[Any, str, str]:
+def _x_of(held: HeldVariable, along: str, beside: str, at: Place) -> tuple[Any, str, str]:
     """Return the x values of a line, their unit, and the title of the axis."""
     if not beside:
         units = held.units_of(along)
@@ -196,7 +201,7 @@ def _x_of(held: HeldVariable, along: str, beside: str, at: Mapping[str, Any]) ->
     raise RequestError(f"{beside} has no values here")
 
 
-def _end(holdings: Holdings, held: HeldVariable, at: Mapping[str, Any], units: str) -> tuple[float, str] | None:
+def _end(holdings: Holdings, held: HeldVariable, at: Place, units: str) -> tuple[float, str] | None:
     """Return where x ends for a line, in its unit, and the name of that end; None if it has no known end."""
     if units in PER_PIXEL:
         return 0.5, NYQUIST
@@ -212,7 +217,7 @@ def _end(holdings: Holdings, held: HeldVariable, at: Mapping[str, Any], units: s
     return None
 
 
-def _figure(panels: Sequence[PlotDim]) -> tuple[Any, list[Any]]:
+def _figure(panels: Sequence[PlotDim]) -> tuple[Figure, list[Axes]]:
     count = int(np.prod([len(dim.values) for dim in panels])) if panels else 1
     columns = len(panels[1].values) if len(panels) == 2 else min(3, count)
     rows = -(-count // columns)
@@ -234,7 +239,7 @@ def _colours(hue: PlotDim | None) -> Any:
     return [colormaps["tab10" if len(hue.values) <= 10 else "tab20"](i) for i in range(len(hue.values))]
 
 
-def _plain_ticks(axes: Any, values: Sequence[float]) -> None:
+def _plain_ticks(axes: Axes, values: Sequence[float]) -> None:
     from matplotlib.ticker import NullFormatter
 
     shown = values if len(values) <= 8 else values[:: -(-len(values) // 8)]
@@ -242,7 +247,7 @@ def _plain_ticks(axes: Any, values: Sequence[float]) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _legend(figure: Any, axes: Any, ended: str) -> None:
+def _legend(figure: Figure, axes: Axes, ended: str) -> None:
     from matplotlib.lines import Line2D
 
     handles, _ = axes.get_legend_handles_labels()

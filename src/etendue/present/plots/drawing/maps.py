@@ -6,9 +6,9 @@ Out: a ``Plot``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,11 @@ from etendue.present.plots.holdings import HeldVariable, Holdings
 from etendue.present.plots.labels import bare_text, unit_text
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot
+from etendue.types.arrays import Array
+from etendue.types.documents import Place
+
+if TYPE_CHECKING:
+    import xarray
 
 
 def figure_map(
@@ -29,8 +34,8 @@ def figure_map(
     x: str = "",
     y: str = "",
     panels: Sequence[str] = (),
-    at: Mapping[str, Any] | None = None,
-    middle: Mapping[str, Any] | None = None,
+    at: Place | None = None,
+    middle: Place | None = None,
 ) -> Plot:
     """Plot a map of a metric, or of an index by name. Without ``figure`` a sensible one is chosen.
 
@@ -56,8 +61,8 @@ def factor_map(
     x: str = "",
     y: str = "",
     panels: Sequence[str] = (),
-    at: Mapping[str, Any] | None = None,
-    middle: Mapping[str, Any] | None = None,
+    at: Place | None = None,
+    middle: Place | None = None,
 ) -> Plot:
     """Plot a map of an index over two axes by the names that it stands for, such as the limiting factor.
 
@@ -107,7 +112,7 @@ def names_of(held: HeldVariable) -> list[str]:
     return said or beside
 
 
-def laid_out(held: HeldVariable, place: Arrangement) -> tuple[Any, Any, Any]:
+def laid_out(held: HeldVariable, place: Arrangement) -> tuple[Array, Array, Array]:
     """Return values, whether the cell failed, and whether it was computed, each as (panel, y, x)."""
     at = {dim: value for dim, value in place.fixed.items() if dim in (*held.axes, *held.dims)}
     values, failed = held.values(at), held.failed(at)
@@ -122,7 +127,7 @@ def laid_out(held: HeldVariable, place: Arrangement) -> tuple[Any, Any, Any]:
     return found[0], found[1], found[2]
 
 
-def _over(flags: Any, order: Sequence[str], values: Any) -> Any:
+def _over(flags: xarray.DataArray, order: Sequence[str], values: xarray.DataArray) -> Array:
     """Broadcast flags over the axes to all dims of the values."""
     whole = flags.expand_dims({dim: values.sizes[dim] for dim in order if dim not in flags.dims})
     return whole.transpose(*order).values
@@ -156,7 +161,7 @@ def _title(what: str, holdings: Holdings, place: Arrangement) -> str:
     return f"{text}, at {place.at}" if place.at else text
 
 
-def _table(held: HeldVariable, place: Arrangement, values: Any) -> tuple[list[str], list[list[Any]]]:
+def _table(held: HeldVariable, place: Arrangement, values: Array) -> tuple[list[str], list[list[Any]]]:
     """Return a row for each number."""
     dims = [*place.panels, *(side for side in (place.y, place.x) if side)]
     fixed = [name for name in place.fixed if name in (*held.axes, *held.dims)]

@@ -7,14 +7,20 @@ Out: a figure, every cell with its value or its name's colour; failed cells are 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from etendue.present.plots.labels import number_text
 from etendue.present.plots.plot import new_figure
+from etendue.types.arrays import Array
+from etendue.types.documents import AxisValue
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MOST_COLUMNS = 4
 WIDEST = 16.0  # inches, largest width of a figure
@@ -28,16 +34,22 @@ FAILED, NOTHING = "×", "–"
 class Sides:
     """Labels along the sides of every panel and above each: texts, or numbers that become texts."""
 
-    x: Sequence[Any]
-    y: Sequence[Any]
-    panels: Sequence[Any]
+    x: Sequence[AxisValue]
+    y: Sequence[AxisValue]
+    panels: Sequence[AxisValue]
     x_name: str = ""
     y_name: str = ""
     columns: int = 0  # number of panel columns; 0: automatic
 
 
 def map_of_figures(
-    values: Any, sides: Sides, title: str, unit: str = "", digits: int = 3, failed: Any = None, there: Any = None
+    values: Any,
+    sides: Sides,
+    title: str,
+    unit: str = "",
+    digits: int = 3,
+    failed: Any = None,
+    there: Any = None,
 ) -> Any:
     """Show numbers by colour on one scale, each also written in its cell.
 
@@ -161,7 +173,7 @@ def map_of_names(
     return figure
 
 
-def scale_of(values: Any) -> Any:
+def scale_of(values: Array) -> Any:
     """Return the colour scale: logarithmic if all numbers are above 0 and differ much, else linear."""
     from matplotlib.colors import LogNorm, Normalize
 
@@ -173,7 +185,7 @@ def scale_of(values: Any) -> Any:
     return Normalize(low, high)
 
 
-def _mark(panel: Any, row: int, column: int, text: str, colour: str, room: float) -> None:
+def _mark(panel: Axes, row: int, column: int, text: str, colour: str, room: float) -> None:
     panel.text(column, row, text, ha="center", va="center", fontsize=room or 5, color=colour)
 
 
@@ -197,7 +209,7 @@ def _checked(values: Any, sides: Sides) -> Any:
     return values
 
 
-def _panels(sides: Sides, title: str) -> tuple[Any, list[Any], float]:
+def _panels(sides: Sides, title: str) -> tuple[Figure, list[Axes], float]:
     """Return a figure with one panel for each label and labelled sides; and the font size in cells, 0 if no text
     fits.
     """
@@ -227,7 +239,7 @@ def _panels(sides: Sides, title: str) -> tuple[Any, list[Any], float]:
     return figure, found, min(7.5, 26 * cell) if cell > 0.17 else 0
 
 
-def _ticks(put: Any, labels: Sequence[Any], inches: float, turned: bool) -> None:
+def _ticks(put: Callable[..., object], labels: Sequence[Any], inches: float, turned: bool) -> None:
     """Label as many cells as there is room for."""
     texts = [_text(label) for label in labels]
     letters = max((len(text) for text in texts), default=1)

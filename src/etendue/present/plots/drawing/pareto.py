@@ -8,7 +8,7 @@ Out: a ``Plot``, its front labelled by axis values.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray
@@ -21,6 +21,11 @@ from etendue.present.plots.holdings import HeldVariable, Holdings
 from etendue.present.plots.labels import number_text, places_text, unit_text
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.arrays import Array
+from etendue.types.documents import AxisValue, Place
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 HIGHER, LOWER = "higher", "lower"
 SAID = {HIGHER: HIGHER, "max": HIGHER, "more": HIGHER, LOWER: LOWER, "min": LOWER, "less": LOWER}
@@ -67,7 +72,7 @@ def pareto(
     first: str = "",
     second: str = "",
     better: Mapping[str, str] | Sequence[str] = (),
-    at: Mapping[str, Any] | None = None,
+    at: Place | None = None,
 ) -> Plot:
     """Plot two metrics against each other, every cell a point; the Pareto front is drawn and labelled.
 
@@ -106,7 +111,7 @@ def pareto(
     return Plot(figure, columns, rows, [f"{lost} of {len(values)} cells have no such values"] if lost else [])
 
 
-def _behind(held: Sequence[HeldVariable], place: dict[str, Any]) -> list[str]:
+def _behind(held: Sequence[HeldVariable], place: dict[str, AxisValue]) -> list[str]:
     """Choose the last entry of a named dim, such as the last of the stages that blur; return the texts that say so."""
     said = []
     for one in held:
@@ -155,7 +160,7 @@ def _better(held: HeldVariable, place: int, asked: Mapping[str, str] | Sequence[
     return SAID[word]
 
 
-def _at(held: HeldVariable, place: Mapping[str, Any]) -> xarray.DataArray:
+def _at(held: HeldVariable, place: Place) -> xarray.DataArray:
     own = {dim: value for dim, value in place.items() if dim in (*held.axes, *held.dims)}
     values = held.values(own)
     return values.sel({dim: value for dim, value in own.items() if dim in values.dims}).reset_coords(drop=True)
@@ -164,9 +169,9 @@ def _at(held: HeldVariable, place: Mapping[str, Any]) -> xarray.DataArray:
 def _draw(
     held: Sequence[HeldVariable],
     sense: Sequence[str],
-    values: Any,
-    best: Any,
-    index: Any,
+    values: Array,
+    best: Array,
+    index: Array,
     dims: Sequence[PlotDim],
     title: str,
 ) -> Any:
@@ -231,7 +236,7 @@ def _draw(
     return figure
 
 
-def _name_points(axes: Any, values: Any, named: Any, index: Any, dims: Sequence[PlotDim]) -> list[str]:
+def _name_points(axes: Axes, values: Array, named: Array, index: Array, dims: Sequence[PlotDim]) -> list[str]:
     """Number some points, and return a line for each: its axis values and both metrics."""
     lines = []
     for number, place in enumerate(named, 1):
@@ -242,7 +247,7 @@ def _name_points(axes: Any, values: Any, named: Any, index: Any, dims: Sequence[
     return lines
 
 
-def _name_sides(axes: Any, held: Sequence[HeldVariable], sense: Sequence[str], values: Any) -> None:
+def _name_sides(axes: Axes, held: Sequence[HeldVariable], sense: Sequence[str], values: Array) -> None:
     for number, (one, word, name) in enumerate(zip(held, sense, "xy", strict=True)):
         unit = unit_text(one.units)
         own = values[:, number][np.isfinite(values[:, number])]

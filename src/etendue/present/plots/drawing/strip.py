@@ -8,9 +8,9 @@ Out: a ``Plot``: a sample takes a whole number of dots if possible, the first ro
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray
@@ -26,6 +26,12 @@ from etendue.present.plots.holdings import HeldVariable, Holdings
 from etendue.present.plots.labels import places_text, value_text
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.arrays import Array
+from etendue.types.documents import Place
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 DPI = 100
 BOX, INSET, GAP, LABEL, HEAD = (
@@ -53,7 +59,7 @@ class Tile:
     )
 
 
-def strip(holdings: Holdings, variable: str = "", stage: str = "", at: Mapping[str, Any] | None = None) -> Plot:
+def strip(holdings: Holdings, variable: str = "", stage: str = "", at: Place | None = None) -> Plot:
     """Plot all stages of one cell, or one ``variable`` at all values of the one axis that ``at`` leaves open.
 
     Raises
@@ -69,7 +75,7 @@ def strip(holdings: Holdings, variable: str = "", stage: str = "", at: Mapping[s
     return Plot(figure, ("stage", "variable", "height", "width"), rows, [], DPI)
 
 
-def _of_stages(holdings: Holdings, variable: str, stage: str, at: Mapping[str, Any]) -> tuple[list[Tile], str]:
+def _of_stages(holdings: Holdings, variable: str, stage: str, at: Place) -> tuple[list[Tile], str]:
     frames = holdings.table("frames")
     kept = [one for one in holdings.of_kind("picture") if drawn_of(one).shown]
     if not at and frames is not None:
@@ -86,7 +92,7 @@ def _of_stages(holdings: Holdings, variable: str, stage: str, at: Mapping[str, A
     return _with_parts(found), places_text(cell, units)
 
 
-def _of_variable(holdings: Holdings, variable: str, stage: str, at: Mapping[str, Any]) -> tuple[list[Tile], str]:
+def _of_variable(holdings: Holdings, variable: str, stage: str, at: Place) -> tuple[list[Tile], str]:
     held = holdings.find(f"{stage}.{variable}" if stage else variable, "picture")
     asked = resolved([held], at)
     swept = [dim for dim in held.axes if len(held.values_of(dim)) > 1]
@@ -113,7 +119,7 @@ def _one_open(held: HeldVariable, open_: list[str]) -> list[str]:
     return open_
 
 
-def picture_of(held: HeldVariable, at: Mapping[str, Any]) -> tuple[xarray.DataArray, bool]:
+def picture_of(held: HeldVariable, at: Place) -> tuple[xarray.DataArray, bool]:
     """Return the array of one cell and whether the cell has failed.
 
     Raises
@@ -160,7 +166,7 @@ def _words_at(held: HeldVariable, dims: Sequence[str]) -> str:
     return " ".join(f"--at {dim}={shlex.quote(text)}" for dim, text in typed.items())
 
 
-def _picture(held: HeldVariable, at: Mapping[str, Any]) -> tuple[xarray.DataArray, bool] | None:
+def _picture(held: HeldVariable, at: Place) -> tuple[xarray.DataArray, bool] | None:
     """Return one cell of a variable from the group that has it; None if none has."""
     values = {dim: value for dim, value in at.items() if dim in held.axes}
     inner = {dim: value for dim, value in at.items() if dim in held.dims}
@@ -182,7 +188,7 @@ def drawn_of(held: HeldVariable) -> Drawn:
     return read(held.variable, held.groups[0].variables[held.variable].attrs, {})
 
 
-def white_of(holdings: Holdings, held: HeldVariable, at: Mapping[str, Any]) -> float:
+def white_of(holdings: Holdings, held: HeldVariable, at: Place) -> float:
     """Return the linear value shown as white in the picture of a cell: the same for all stages of its kind, as far as
     they exist.
     """
@@ -300,7 +306,7 @@ def _fitted(shape: tuple[int, int], box: int) -> tuple[int, int]:
     return max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale))
 
 
-def _placed(figure: Any, picture: Any, left: int, top: int, size: tuple[int, int], edge: str = "") -> Any:
+def _placed(figure: Figure, picture: Array, left: int, top: int, size: tuple[int, int], edge: str = "") -> Axes:
     """Draw a picture at its place in dots, upright, with square samples."""
     width, height = (round(DPI * length) for length in figure.get_size_inches())
     axes = figure.add_axes((left / width, 1 - (top + size[0]) / height, size[1] / width, size[0] / height))
@@ -315,7 +321,7 @@ def _placed(figure: Any, picture: Any, left: int, top: int, size: tuple[int, int
     return axes
 
 
-def show(holdings: Holdings, variable: str, stage: str = "", at: Mapping[str, Any] | None = None) -> Plot:
+def show(holdings: Holdings, variable: str, stage: str = "", at: Place | None = None) -> Plot:
     """Show one picture of one cell, upright, with its true aspect and colours.
 
     Raises

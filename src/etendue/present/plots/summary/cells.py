@@ -25,11 +25,12 @@ from etendue.archive.structure.layout import STATUS
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import places_text
 from etendue.present.terminal.terminal import human_rate, human_seconds
+from etendue.types.documents import DocumentView
 
 UNKNOWN = "unknown"  # status of a cell whose row of the ledger is lost: a fill value
 
 
-def state_of(folder: Path | None, record: Mapping[str, Any], counts: Mapping[str, int]) -> str:
+def state_of(folder: Path | None, record: DocumentView, counts: Mapping[str, int]) -> str:
     lost = counts.get("failed", 0)
     ended = f"{lost} {'cell' if lost == 1 else 'cells'} failed" if lost else "complete"
     if unknown := counts.get(UNKNOWN, 0):

@@ -34,6 +34,7 @@ from etendue.present.plots.holdings import FINISHED, HeldVariable, Holdings
 from etendue.present.plots.kinds import shown_at
 from etendue.present.plots.labels import places_text, unit_text, value_text
 from etendue.present.plots.summary.cells import counts_of, failed_cells, omitted_cells, stages_of, state_of
+from etendue.types.documents import Document, Place
 
 MOST_FIGURES, MOST_PICTURES, MOST_ROWS, MOST_VALUES = 6, 24, 8, 8
 RANGED = 50_000  # largest number of cells of which min and max are read
@@ -220,7 +221,7 @@ def _damage(folder: Path) -> str:
 # -------------------------------------------------------------------------------------------------------------
 
 
-def _cell(holdings: Holdings) -> dict[str, Any]:
+def _cell(holdings: Holdings) -> Document:
     """Return the cell to show: that of the run's pictures; else, among the furthest finished, the one nearest the
     middle.
     """
@@ -241,7 +242,7 @@ def _cell(holdings: Holdings) -> dict[str, Any]:
     return middle
 
 
-def _finished(one: HeldVariable) -> list[dict[str, Any]]:
+def _finished(one: HeldVariable) -> list[Document]:
     """Return where a stage is finished, from its status alone: no other array is read."""
     found = []
     for group in one.groups:
@@ -253,7 +254,7 @@ def _finished(one: HeldVariable) -> list[dict[str, Any]]:
     return found
 
 
-def _is_finished(one: HeldVariable, at: Mapping[str, Any]) -> bool:
+def _is_finished(one: HeldVariable, at: Place) -> bool:
     """Tell whether the cell at some values of the sweep is finished; a variable that no axis reaches counts as
     finished.
     """
@@ -265,7 +266,7 @@ def _is_finished(one: HeldVariable, at: Mapping[str, Any]) -> bool:
     return not one.axes
 
 
-def _figures(holdings: Holdings, at: Mapping[str, Any]) -> list[Metric]:
+def _figures(holdings: Holdings, at: Place) -> list[Metric]:
     """Return the preferred metrics; then all others with one number per cell."""
     able: dict[str, HeldVariable] = {}
     for one in holdings.of_kind("figure"):
@@ -280,7 +281,7 @@ def _figures(holdings: Holdings, at: Mapping[str, Any]) -> list[Metric]:
     return list(itertools.islice(found, MOST_FIGURES))
 
 
-def _figure(one: HeldVariable, at: Mapping[str, Any]) -> Metric | None:
+def _figure(one: HeldVariable, at: Place) -> Metric | None:
     """Return a metric of one cell and its range over the sweep; None if neither is known."""
     cells = math.prod(len(one.values_of(dim)) for dim in one.axes)
     ranged = cells <= RANGED
@@ -299,7 +300,7 @@ def _figure(one: HeldVariable, at: Mapping[str, Any]) -> Metric | None:
     return Metric(one.variable, f"{name}{behind}{without}{rest}", one.units, own, least, most)
 
 
-def _pictures(holdings: Holdings, at: Mapping[str, Any]) -> list[Tile]:
+def _pictures(holdings: Holdings, at: Place) -> list[Tile]:
     """Return a small picture of every stage at one cell."""
     frames = holdings.table("frames")
     if frames is not None:
@@ -338,13 +339,13 @@ def _going_on(place: str, folder: Path | None, state: str) -> list[tuple[str, st
     ]
 
 
-def _places(one: HeldVariable, at: Mapping[str, Any]) -> str:
+def _places(one: HeldVariable, at: Place) -> str:
     """Return the values along swept axes, as keyword arguments of a call."""
     axes = {dim: one.values_of(dim) for dim in one.axes if dim.isidentifier()}
     return "".join(f", {dim}={at.get(dim, values[0])!r}" for dim, values in axes.items() if len(values) > 1)
 
 
-def _commands(holdings: Holdings, place: str, at: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _commands(holdings: Holdings, place: str, at: Place) -> list[tuple[str, str]]:
     """Return next steps: in Python for any tree, and as commands for a stored one."""
     varying = [one for one in holdings.of_kind("figure") if any(len(one.values_of(dim)) > 1 for dim in one.axes)]
     names = [one.variable for one in varying]

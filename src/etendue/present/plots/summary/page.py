@@ -11,7 +11,6 @@ import base64
 import io
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Any
 
 from etendue.contract.wording import words as called
 from etendue.present.plots.drawing.strip import Tile
@@ -101,7 +100,7 @@ def _style(style: str) -> str:
     return f' style="{style}"'
 
 
-def safe(words: Any) -> str:
+def safe(words: str) -> str:
     return escape(printable(str(words)))
 
 
@@ -123,7 +122,7 @@ def _where(row: tuple[str, str, str]) -> str:
     return printable(f"{stage}{' at ' + where if where else ''}{': ' + message if message else ''}")
 
 
-def _more(rows: Sequence[Any]) -> list[str]:
+def _more(rows: Sequence[Sequence[str | float]]) -> list[str]:
     return [f"and {len(rows) - MOST_ROWS} more"] if len(rows) > MOST_ROWS else []
 
 

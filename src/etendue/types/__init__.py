@@ -1,0 +1,1 @@
+"""What values are called in annotations: nothing here computes."""
