@@ -22,7 +22,7 @@ from etendue.compute.job import Job
 from etendue.compute.joined.segments import Result, transferred
 from etendue.compute.mapped import one_by_one
 from etendue.compute.ownership import as_array, for_reading, frozen, guests_of, handed, taken, undisturbed
-from etendue.contract.ports import CellReport, Written
+from etendue.contract.ports import CellReport, WrittenChunk
 from etendue.errors import ArchiveInUse, EtendueError, MachineError, PluginError, refused_by_the_machine
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
@@ -140,7 +140,7 @@ def kept(
 ) -> tuple[Result, CellReport]:
     """Store the variables of a cell that are kept, and leave in its result what others read."""
     seconds = seconds_of()
-    written: tuple[Written, ...] = ()
+    written: tuple[WrittenChunk, ...] = ()
     if job.target and job.store:
         given = {v: Timed(arrays[v]) if isinstance(arrays[v], BandArray) else arrays[v] for v in job.store}
         with refused_by_the_machine():

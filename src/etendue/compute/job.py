@@ -23,7 +23,7 @@ from etendue.plan.model import CellRef
 
 # (quantity, cell, variable): where the value of a shared quantity is found
 if TYPE_CHECKING:
-    from etendue.compute.form import Form
+    from etendue.compute.form import StageForm
 
 Found = tuple[tuple[str, CellRef, str], ...]
 
@@ -141,7 +141,7 @@ class Job:
     walk: Walk | None = None
     look: CellObserver | None = None  # the caller's reduction of its arrays, applied where they are computed
 
-    form: Form | None = field(init=False, default=None, repr=False)  # set on first use by ``compute.form``
+    form: StageForm | None = field(init=False, default=None, repr=False)  # set on first use by ``compute.form``
 
     @property
     def averages(self) -> bool:

@@ -206,8 +206,7 @@ class Bench:
         )
         names = tuple((port, pairs) for port, _, pairs in looks_at)
         inputs = self.input_grids(frame)
-        # type: ignore[attr-defined]
-        declared = self.stage.describe()[1] if is_source(self.kind) else self.stage.grid(inputs)
+        declared = self.stage.describe()[1] if is_source(self.kind) else self.stage.grid(inputs)  # type: ignore[attr-defined]
         grids = {v: output_grid(self.stage, d, declared.get(v), inputs, names) for v, d in self.writes.items()}
         transfers = "transfer" in self.looks.values()
         looking = Looking(

@@ -254,8 +254,7 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
         assert port is not None
         for what, factor in (*levels_of(bench), ("point", 1.0), ("hole", 1.0)):
             inputs = bench.arrays(what, factor=factor)
-            # type: ignore[attr-defined]
-            answer = bench.stage.negligible(bench.facts(inputs)[port], bench.input_grids()[port])
+            answer = bench.stage.negligible(bench.facts(inputs)[port], bench.input_grids()[port])  # type: ignore[attr-defined]
             if answer is None:
                 continue
             bound, why = answer

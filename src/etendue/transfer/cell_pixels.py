@@ -13,8 +13,6 @@ import scipy
 
 from etendue.transfer.cells import (
     BLOCK,
-    Array,
-    FloatArray,
     PeriodicAxis,
     Reach,
     Transfer,
@@ -23,6 +21,7 @@ from etendue.transfer.cells import (
     overlaps,
     planes_of,
 )
+from etendue.types.arrays import Array, FloatArray
 
 
 def evaluated(

@@ -176,7 +176,7 @@ def measure_command(
         raise RequestError(f"--pitch {error}") from None
     if length is not None and not length > 0:
         raise RequestError(f"--pitch {pitch}: must be a length greater than 0, such as 4um")
-    asked = study.Asked(**words, pitch=length)
+    asked = study.MeasurementRequest(**words, pitch=length)
     if output is not None:
         check_suffix(output)
         if (asked.noise or asked.chart) and not (asked.edges or asked.stars):

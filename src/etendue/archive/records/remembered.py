@@ -10,8 +10,8 @@ import hashlib
 import json
 from pathlib import Path
 
-from etendue.archive import disk
-from etendue.archive.records import Document, DocumentView
+from etendue.archive.records import disk
+from etendue.types.documents import Document, DocumentView
 
 NAME = "measured.json"
 SUM = "sum"

@@ -20,7 +20,7 @@ class Once(Generic[Found]):
     def __init__(self) -> None:
         self._found: dict[tuple[Hashable, ...], tuple[Found, tuple[object, ...]]] = {}
 
-    def __call__(self, objects: tuple[object, ...], find: Callable[[], Found], *also: Hashable) -> Found:
+    def __call__(self, objects: tuple[object, ...], find: Callable[[], Found], *also: Hashable | type) -> Found:
         place = *map(id, objects), *also
         known = self._found.get(place)
         if known is None:

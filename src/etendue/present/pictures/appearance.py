@@ -66,9 +66,9 @@ class Appearance:
             planes = planes if isinstance(planes, np.ndarray) else np.stack(list(planes))
             planes = planes[None] if planes.ndim == 2 else planes
             return planes[:3] if len(planes) >= 3 else np.repeat(planes[:1], 3, axis=0)
-        mixed: Any = None
-        for plane, weights in zip(planes, self.matrix.T.astype(np.float32), strict=True):
-            mixed = np.zeros((3, *plane.shape), np.float32) if mixed is None else mixed
+        mixed: Array = np.zeros(0)
+        for number, (plane, weights) in enumerate(zip(planes, self.matrix.T.astype(np.float32), strict=True)):
+            mixed = mixed if number else np.zeros((3, *plane.shape), np.float32)
             for own, weight in zip(mixed, weights, strict=True):
                 own += weight * plane
         return mixed
@@ -129,13 +129,13 @@ def appearance(
     return Appearance(drawn, tints=np.array(period, dtype=np.float32))
 
 
-def brightness(drawn: Drawn, small: Array) -> float:
+def brightness(drawn: Drawn, small: Array | None) -> float:
     """Return the linear value shown as white in a single picture, from its reduced version.
 
     If brightness is adapted for viewing it is at least a thousandth of the brightest value: beside a point source
     all else may be close to zero.
     """
-    if not drawn.scaled:
+    if not drawn.scaled or small is None:
         return drawn.white or 1.0
     peaks = small.max(axis=0)
     peaks = peaks[np.isfinite(peaks)]
@@ -156,13 +156,14 @@ def white_among(order: Sequence[Pictured], number: int, bright_of: Callable[[int
     return order[number].drawn.white or 1.0
 
 
-def rendered(drawn: Drawn, light: Any, white: float) -> Any:
+def rendered(drawn: Drawn, light: Array, white: float) -> Array:
     """Return (y, x, 3) uint8: the one picture of a variable, for contact sheets, plots, pages and files.
 
     ``light`` is the result of `Appearance`, for the whole frame, some rows or a reduced frame; ``white`` is the value
     shown as white.
     """
-    return np.ascontiguousarray(np.moveaxis(np.rint(255 * seen(drawn, light, white)).astype(np.uint8), 0, -1))
+    picture: Array = np.rint(255 * seen(drawn, light, white)).astype(np.uint8)
+    return np.ascontiguousarray(np.moveaxis(picture, 0, -1))
 
 
 def seen(drawn: Drawn, found: Array, bright: float) -> Array:

@@ -117,8 +117,7 @@ class WordLaws:
         """
         stage = self.stage
         if is_source(type(stage)):
-            # type: ignore[attr-defined]
-            hold(stage.describe() == stage.describe(), f"{stage!r} returns another description when called twice")
+            hold(stage.describe() == stage.describe(), f"{stage!r} returns another description when called twice")  # type: ignore[attr-defined]
             return
         if type(stage).grid is Stage.grid:
             return
