@@ -211,19 +211,19 @@ def page(found: Mapping[str, Picture]) -> str:
         + "Light is shown as the eye sees it, a mosaic in the colours of its filters. "
         + "Below each picture is an enlarged detail, with every sample as a square.",
     ]
-    for wing, own in _wings(documents).items():
+    for subject, own in _subjects(documents).items():
         cards = [_card(found[d["name"]], first_sentence(d["doc"])) for d in own]
-        parts += [f"## {wing.capitalize()}", "\n".join(["::::{grid} 1 2 3 4", ":gutter: 2", "", *cards, "::::"])]
+        parts += [f"## {subject.capitalize()}", "\n".join(["::::{grid} 1 2 3 4", ":gutter: 2", "", *cards, "::::"])]
     return "\n\n".join(parts)
 
 
-def _wings(documents: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+def _subjects(documents: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     """Return stages in light order, by the subject of the built-in stages of their role."""
     found: dict[str, list[dict[str, Any]]] = {}
     for own in roles(documents).values():
         modules = [installed_stages().load(d["name"]).__module__.split(".") for d in own]
-        wing = next((module[2] for module in modules if module[:2] == ["etendue", "stages"]), "of other distributions")
-        found.setdefault(wing, []).extend(own)
+        subject = next((module[1] for module in modules if module[0] == "etendue_camera"), "other distributions")
+        found.setdefault(subject, []).extend(own)
     return found
 
 

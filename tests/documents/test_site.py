@@ -196,3 +196,12 @@ def link(status, info="", uri="https://a.b/c"):
 def test_links_that_lead_out_are_judged_and_a_lacking_net_is_told_from_a_lacking_page(making, lines, said, code):
     told, found = making("links").judged(lines)
     assert found == code and any(said in line for line in told), told
+
+
+def test_the_gallery_is_divided_by_the_subjects_of_the_camera(making):
+    gallery = making("gallery")
+    registry = installed_stages()
+    names = ("diffraction", "mosaic", "demosaic_bilinear", "sharpen")
+    found = gallery._subjects([gallery.stage_document(registry, name) for name in names])
+    subjects = {one["name"]: subject for subject, own in found.items() for one in own}
+    assert [subjects[name] for name in names] == ["optics", "sensor", "mosaic", "restoration"]
