@@ -83,7 +83,7 @@ from pathlib import Path
 def main(pipeline, archive, overrides, strips, bands, options):
     from etendue.plan.planner import make_plan
     from etendue.contract.registry import installed_stages
-    from etendue.archive import pieces
+    from etendue.archive.sharding import partition as pieces
     from etendue.compute import rows as cut
     from etendue.session import Options, execute, load
 

@@ -27,7 +27,7 @@ COUNTING = """
 import atexit, json, os, sys, time
 from collections import Counter
 if os.environ.get("COUNT_TO"):
-    from etendue.archive import objects
+    from etendue.archive.remote import objects
     counts, late = Counter(), float(os.environ["LATENCY"]) / 1000
     asked = {"get": "get", "part": "get", "pieces": "get", "put": "put", "delete": "delete", "list": "list"}
     for kind, name in asked.items():

@@ -589,7 +589,7 @@ def test_an_spdx_file_of_the_library_is_read_as_it_was_written(tmp_path):
         ("wavelength_nm,a", "is not an SPDX file"),
         ('<?xml version="1.0" encoding="of-no-kind"?><a/>', r"a\.spdx is not an SPDX file"),
         ('<?xml version="1.0" encoding="shift_jis"?><a/>', r"a\.spdx is not an SPDX file"),
-        ("<a/>", "has 0 elements SpectralData"),
+        ("<a/>", "has 0 SpectralData elements"),
         (spdx([(400, 1), (400, 2)]), "400 nm must be greater than 400 nm"),
         (spdx([(400, 1), (500, "much")]), "'much' in SpectralData at 500 nm is not a finite number"),
     ],

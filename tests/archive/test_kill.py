@@ -30,7 +30,7 @@ DRAWN_OUT = (
     FINELY
     + """
 import os, time, types
-from etendue.archive import disk
+from etendue.archive.records import disk
 
 def replace(*paths, **folders):  # half of the kills should fall between chunks, and some between a shard and its place
     if paths[1].startswith("c."):

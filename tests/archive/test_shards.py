@@ -25,7 +25,8 @@ from tests.run.small import assert_same_archives, environment
 
 DIES = """
 import os, sys
-from etendue.archive import cutting, pieces
+from etendue.archive.sharding import partition as pieces
+from etendue.archive.structure import cutting
 from etendue.archive.write.store import Archive
 from tests.archive.tiny import LARGEST, SMALL
 pieces.LARGEST_CHUNK, cutting.SMALL = LARGEST, SMALL

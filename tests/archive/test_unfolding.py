@@ -154,7 +154,7 @@ def test_a_store_with_a_pipe_or_a_chunk_that_unfolds_is_refused(tmp_path, outsid
     assert "decompresses from 1003 to 1000000 bytes" in called(["plan", path], outside).stderr
     chunk.unlink()
     os.mkfifo(chunk)
-    assert "not a plain file" in called(["plan", path], outside).stderr
+    assert "not a regular file" in called(["plan", path], outside).stderr
 
 
 def test_a_table_and_a_list_are_of_a_bounded_length(tmp_path, outside):  # noqa: F811

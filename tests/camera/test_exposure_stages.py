@@ -356,7 +356,7 @@ def test_a_stage_in_front_of_the_metering_takes_the_time_of_the_camera():
 def test_a_found_time_beyond_the_range_of_the_quantity_fails_its_cell(monkeypatch):
     document = pipeline("meter", "exposure", meter={"shortest": 1e-29, "longest": 1e-28}, wanted=["expected_charge"])
     with pytest.raises(
-        etendue.errors.EtendueError, match="integration_time = 1e-28, which 'meter' has found, is out of range"
+        etendue.errors.EtendueError, match="integration_time = 1e-28, found by 'meter', is out of range"
     ):
         etendue.simulate(document)
 

@@ -174,7 +174,7 @@ def test_the_lowest_code_of_a_clipped_pixel_is_that_of_the_converter():
 
 @pytest.mark.parametrize(("white", "clipped"), [(0.0, 1.0), (np.nan, 1.0), (1.0, 0.0), (1.0, np.inf), (1.0, np.nan)])
 def test_a_level_that_cannot_be_shown_is_refused(white, clipped):
-    with pytest.raises(ValueError, match="must be above 0"):
+    with pytest.raises(ValueError, match="numbers above 0"):
         white_balance.display_white(white, clipped)
 
 

@@ -329,7 +329,7 @@ def test_a_sensor_that_sees_beyond_the_light_says_so(tmp_path):
             camera={"sensitivity": sensitivity, "peak_qe": [0.5], "illuminant": "E"},
         )
         return [
-            text for text in make_plan(from_document(document), installed_stages()).warnings if "is left out" in text
+            text for text in make_plan(from_document(document), installed_stages()).warnings if "is ignored" in text
         ]
 
     def table(last):

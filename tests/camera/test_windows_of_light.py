@@ -146,14 +146,14 @@ def test_a_watt_at_the_peak_of_the_eye_is_worth_683_lumens():
 
 
 def test_a_window_that_holds_a_part_of_the_luminance_is_noted_and_a_line_is_not():
-    assert any("400 to 500 nm holds 7.7 % of the luminance of D65" in text for text in notes(400, 500))
+    assert any("400 to 500 nm contains 7.7 % of the luminance of D65" in text for text in notes(400, 500))
     assert not notes(400, 700)
     assert not notes(545, 555, camera={"illuminant": "550 nm"})
 
 
 def test_a_light_that_no_eye_sees_has_a_radiance_and_no_luminance():
     infrared = {"illuminant": "850 nm", "sensitivity": "flat", "pattern": "mono", "peak_qe": [1.0]}
-    with pytest.raises(RequestError, match="'850 nm' has no luminance.*radiance"):
+    with pytest.raises(RequestError, match="'850 nm' is not visible and has no luminance.*radiance"):
         notes(840, 860, camera=infrared)
     level = {"white_luminance": 0.0, "radiance": 0.5}
     rate = ran(

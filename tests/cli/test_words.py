@@ -98,7 +98,7 @@ def test_an_axis_under_both_names_is_refused_with_its_line():
     text = SWEPT + "camera.f_number = [8]\n"
     with pytest.raises(RequestError) as refused:
         make_plan(parse_pipeline(text, "grey.toml"), installed_stages())
-    assert f"grey.toml:{text.count(chr(10))}" in str(refused.value) and "are one axis" in str(refused.value)
+    assert f"grey.toml:{text.count(chr(10))}" in str(refused.value) and "are the same axis" in str(refused.value)
 
 
 def test_a_stage_that_is_called_camera_keeps_its_parameters_and_the_camera_its_quantities():

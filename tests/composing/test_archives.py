@@ -79,7 +79,7 @@ def test_files_are_those_that_the_commands_write(archive, folder, tmp_path):
     printed("export", folder, "--png", "--variable", "raw", "--at", "f_number=4", "-o", "two.png")
     assert one.read_bytes() == (tmp_path / "two.png").read_bytes()
     assert len(archive.export("tiff")) == 2
-    with pytest.raises(RequestError, match=r"'jpg' is no kind of file"):
+    with pytest.raises(RequestError, match=r"unknown kind of file 'jpg'"):
         archive.export("jpg")
 
 

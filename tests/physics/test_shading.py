@@ -106,8 +106,8 @@ def test_flat_fields_that_say_nothing_are_refused():
     mask, flat = cfa.parse("RGGB"), falling(6.9)
     for call, text in (
         (lambda: shading.calibrated(flat[:, :80], mask, PLACES, PLACES), "as the positions say"),
-        (lambda: shading.calibrated(flat, mask, PLACES + 5, PLACES), "axis stands outside"),
-        (lambda: shading.calibrated(0 * flat, mask, PLACES, PLACES), "needs light"),
+        (lambda: shading.calibrated(flat, mask, PLACES + 5, PLACES), "axis is outside"),
+        (lambda: shading.calibrated(0 * flat, mask, PLACES, PLACES), "require light everywhere"),
         (lambda: shading.calibrated(flat[80:82, 80:82], mask, PLACES[80:82], PLACES[80:82]), "heights"),
         (lambda: shading.calibrated(flat * np.nan, mask, PLACES, PLACES), "finite"),
         (lambda: shading.calibrated(flat, mask, PLACES, PLACES, 1), "rows is 1"),

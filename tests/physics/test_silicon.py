@@ -45,7 +45,7 @@ def test_silicon_grows_clearer_towards_the_red(one, other):
 
 def test_wavelengths_outside_the_table_are_refused():
     for bad in (0.249, 1.451, np.nan, [0.5, 2.0], -1.0):
-        with pytest.raises(ValueError, match=r"spans 0\.25 to 1\.45"):
+        with pytest.raises(ValueError, match=r"within the silicon table, 0\.25 to 1\.45"):
             absorption(bad)
 
 

@@ -9,7 +9,7 @@ import etendue
 from etendue.errors import RequestError
 from etendue.present.page.opened import Opened
 from etendue.present.plots.holdings import Holdings
-from etendue.present.plots.kinds import Asked, draw, listed
+from etendue.present.plots.kinds import PlotRequest, draw, listed
 from etendue.present.plots.opening import opened
 from etendue.present.plots.places import read_at
 
@@ -69,8 +69,8 @@ def test_sensors_stand_in_one_order_the_axis_own(drawable, several):
         len(raw.groups) == 3 and [str(group["sensor"].values[0]) for group in raw.groups] != SENSORS
     )  # by the names of their shapes
     assert listed(drawable)["axes"]["sensor"] == SENSORS == raw.values_of("sensor")
-    assert [row[0] for row in draw(drawable, "strip", Asked(("raw",), at={"f_number": 2})).rows] == SENSORS
-    mapped = draw(drawable, "map", Asked(("mean_snr",)))
+    assert [row[0] for row in draw(drawable, "strip", PlotRequest(("raw",), at={"f_number": 2})).rows] == SENSORS
+    mapped = draw(drawable, "map", PlotRequest(("mean_snr",)))
     column = mapped.columns.index("sensor")
     assert list(dict.fromkeys(row[column] for row in mapped.rows)) == SENSORS
     assert list(Opened(several).axis("sensor").values) == SENSORS
@@ -83,13 +83,13 @@ def test_without_a_ledger_the_order_is_that_of_a_group_that_has_them_all(several
 
 def test_what_a_refusal_of_pictures_of_several_sizes_suggests_is_drawn(drawable):
     with pytest.raises(RequestError, match="several sizes") as refused:
-        draw(drawable, "show", Asked(("raw",)))
+        draw(drawable, "show", PlotRequest(("raw",)))
     words = shlex.split(re.search(r"with ((?:--at \S+ ?)+)", str(refused.value)).group(1))
     at = read_at(words[1::2])
     assert set(at) == {"sensor", "f_number"}
-    (size,) = draw(drawable, "show", Asked(("raw",), at=at)).rows
+    (size,) = draw(drawable, "show", PlotRequest(("raw",), at=at)).rows
     variable, *others = shlex.split(re.search(r"strip (.*)$", str(refused.value)).group(1))
-    rows = draw(drawable, "strip", Asked((variable,), at=read_at(others[1::2]))).rows
+    rows = draw(drawable, "strip", PlotRequest((variable,), at=read_at(others[1::2]))).rows
     assert [row[0] for row in rows] == SENSORS and rows[0][2:] == size
 
 

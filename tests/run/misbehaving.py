@@ -126,7 +126,7 @@ FAILS = {  # how -> (what it does, words of the message)
     "gives objects": (lambda light: light.astype(object), "as object"),
     "gives a mask": (masked, "masked array"),
     "gives text": (lambda light: np.full(light.shape, "x"), "declares floats"),
-    "gives ragged lists": (lambda light: [[[1.0], [1.0, 2.0]]], "no array"),
+    "gives ragged lists": (lambda light: [[[1.0], [1.0, 2.0]]], "not an array"),
     "gives complex numbers": (lambda light: light + 1j, "as complex"),
     "gives another shape": (lambda light: light[:, :-1], "with shape"),
     "gives NaN": (lambda light: np.where(light > 0, np.nan, 0), "NaN or infinite"),

@@ -76,7 +76,7 @@ use = "shot_noise"
 [[stages]]
 use = "line_pattern"
 """
-PACKAGES = os.path.dirname(code.__file__).removesuffix(os.path.join("etendue", "plan"))
+PACKAGES = os.path.dirname(code.__file__).removesuffix(os.path.join("etendue", "plan", "identity"))
 TABLES = (
     "better",
     "quantities",
@@ -138,7 +138,7 @@ def unlisted(plan, found):
 
 
 def _only_words(name):
-    path = Path(code.__file__).parents[2] / Path(*name.split(".")) / "__init__.py"
+    path = Path(code.__file__).parents[3] / Path(*name.split(".")) / "__init__.py"
     return path.is_file() and code.sources.known(path).words
 
 

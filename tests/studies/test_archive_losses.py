@@ -16,7 +16,7 @@ from etendue.present.page.opened import Opened
 from etendue.present.page.report import report
 from etendue.present.plots import kinds
 from etendue.present.plots.holdings import Holdings
-from etendue.present.plots.kinds import Asked, draw
+from etendue.present.plots.kinds import PlotRequest, draw
 from etendue.present.plots.opening import opened
 from etendue.session import Options, execute
 from etendue_lab.losses import archived as archive_losses
@@ -165,7 +165,7 @@ def test_a_report_and_a_budget_hold_what_was_shared_out_and_else_the_command(arc
     assert asked == [start] and with_["blame"]["at"] == with_["start"]
     assert [one["what"] for one in with_["blame"]["losses"]] == ["contrast", "SNR"]
     assert without["blame"] is None and without["losses_command"] == ""  # a stage's label means nothing to --set
-    plot = draw(Holdings(opened(archive)), "budget", Asked(blame=losses_at(archive, start, runs=0)))
+    plot = draw(Holdings(opened(archive)), "budget", PlotRequest(blame=losses_at(archive, start, runs=0)))
     owed = {row[0]: row[-2] for row in plot.rows if row[-2] is not None}
     assert owed == {one["stage"]: one["share"] for one in with_["blame"]["losses"][0]["stages"]}
     assert plot.columns[-2:] == ("contrast_share", "snr_share") and plot.data("svg").count(b"win") >= 1

@@ -638,7 +638,7 @@ def test_a_wrong_request_leaves_no_folder(run, tmp_path):
 WRONG = {
     "demosaik.use": "did you mean 'demosaic'",
     "demosaic": "demosaic.use",
-    "demosaic_bilinear.use": "is named 'demosaic' here",
+    "demosaic_bilinear.use": "here demosaic_bilinear is named 'demosaic'",
     "demosaic.use=demosaic_bilinaer": "did you mean 'demosaic_bilinear'",
     'demosaic.use={use="demosaic_bilinear", strenght=3}': "no parameter 'strenght'",
     "demosaic.use={use=demosaic_bilinear}": "is not valid TOML",
@@ -786,4 +786,4 @@ def test_crops_and_plot_say_which_alternatives_they_do_not_show(tmp_path):
     ranking.write_files(found, tmp_path)
     beyond = f"the best {ranking.MOST_CROPS} of {len(rows)}"
     assert any(beyond in note and note.endswith("s9, s10") for note in found.notes)
-    assert any("not in it: s0" in note for note in found.notes)
+    assert any("not shown: s0" in note for note in found.notes)

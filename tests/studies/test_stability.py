@@ -154,7 +154,7 @@ def test_a_camera_at_an_extreme_keeps_its_laws(name):
 def test_a_camera_that_cannot_be_is_refused_once_in_words():
     (row,) = cameras.rows_of_camera("1 bit", dict(cameras.cameras())["bits = 1"])
     assert row.ok
-    assert "allowed is 0 to below the top code 1" in row.why
+    assert "it must be from 0 to below the top code 1" in row.why
 
 
 def test_a_group_shows_what_broke_before_what_came_near():

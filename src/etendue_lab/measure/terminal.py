@@ -89,8 +89,7 @@ def _print_responses(console: Console, title: str, where: str, rows: list[Docume
             console.print(f"{row[where]}: {', '.join(FLAGS[flag] for flag in row['flags'])}")
         if row.get("doubts"):
             console.print(
-                f"{row[where]}: hardly a single straight edge between two uniform fields: "
-                f"{', '.join(DOUBTS[one] for one in row['doubts'])}"
+                f"{row[where]}: may not be one straight edge: {', '.join(DOUBTS[one] for one in row['doubts'])}"
             )
         if row.get("conservative"):
             console.print(
