@@ -180,10 +180,10 @@ def test_a_run_killed_at_every_stage_of_its_journal_is_finished_by_the_next(whol
 
 BETWEEN = """
 import os
-from etendue.archive.write.store import Archive
+from etendue.archive.write.store import ArchiveWriter
 
 left = [int(os.environ["DIE_AFTER"])]
-reported = Archive.reported
+reported = ArchiveWriter.reported
 
 def die(self, reports):
     reports = list(reports)
@@ -192,7 +192,7 @@ def die(self, reports):
     left[0] -= len(reports)
     reported(self, reports)
 
-Archive.reported = die
+ArchiveWriter.reported = die
 """
 
 

@@ -27,10 +27,10 @@ DIES = """
 import os, sys
 from etendue.archive.sharding import partition as pieces
 from etendue.archive.structure import cutting
-from etendue.archive.write.store import Archive
+from etendue.archive.write.store import ArchiveWriter
 from tests.archive.tiny import LARGEST, SMALL
 pieces.LARGEST_CHUNK, cutting.SMALL = LARGEST, SMALL
-left, reported = [int(os.environ["DIE_AFTER"])], Archive.reported
+left, reported = [int(os.environ["DIE_AFTER"])], ArchiveWriter.reported
 
 def die(self, reports):
     reports = list(reports)
@@ -39,7 +39,7 @@ def die(self, reports):
     if left[0] <= 0:
         os._exit(9)
 
-Archive.reported = die
+ArchiveWriter.reported = die
 from etendue import session
 whole = session.partition
 session.partition = lambda jobs, seconds: whole(jobs, 0.0)

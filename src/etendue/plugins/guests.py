@@ -100,7 +100,7 @@ class Guest:
 
 
 def in_a_worker() -> None:
-    """Mark this process as our own: only plugins would call ``os._exit`` in it."""
+    """Mark this process as a worker of etendue: a call of ``os._exit`` in it then comes from a plugin."""
     _Process.ours = True
 
 

@@ -73,7 +73,7 @@ def wanted_of(branched: Branched) -> tuple[Place, ...]:
 def planned(
     branched: Branched, wanted: tuple[Place, ...], asked: AxisRequest, values: Any, registry: Registry
 ) -> tuple[Plan, Any, list[ComparedRow]]:
-    """Return the plan of all compatible alternatives, and rows of the others."""
+    """Return the plan of all compatible alternatives, their values, and a ``refused`` row for each other one."""
     pipeline = wanting(branched.pipeline, wanted, kept=True)
 
     def plan_of(chosen: Any) -> Plan:

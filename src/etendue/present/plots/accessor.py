@@ -36,7 +36,8 @@ class Plots:
     ``.pareto(...)``, ``.strip()``.
 
     All kinds accept: names of variables in order; ``x``, ``y``, ``lines``, ``panels``, ``better``; values of axes by
-    name (``gain=2.8``, ``stage="filter"``), or in ``at`` where a name is taken.
+    name (``gain=2.8``, ``stage="filter"``); for an
+            axis whose name is also an argument, use ``at``.
     """
 
     def __init__(self, tree: xarray.DataTree | xarray.Dataset) -> None:

@@ -181,7 +181,7 @@ def measured(
         if np.all(np.abs(step) < np.maximum(STILL, 0.25 * doubt)):  # in rotation and bend: the spline follows a shift
             break
     else:
-        raise ValueError(lost("its line could not be found"))
+        raise ValueError(lost("the fit of its line did not converge"))
     final = fit(distances(coefficients, v, across, rows), u_image, knot, half_width, mask)
     return MeasuredEdge(final, whole(final, half_width, tails), coefficients, vertical, rows, columns)
 

@@ -351,7 +351,7 @@ def _shares(weights: FloatArray) -> FloatArray:
 
 
 def one_channel(values: FloatArray) -> FloatArray:
-    """Return the second of some channels: green, or the only one."""
+    """Return the values of the second channel (green), or of the only one."""
     return values[min(1, len(values) - 1)]
 
 
