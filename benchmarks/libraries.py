@@ -3,7 +3,7 @@
     python benchmarks/libraries.py [--rounds 5]
 
 rocrate against archive/records/crate.py: seconds of import, whether an archive's crate comes out of it as it went in.
-distributed.LocalCluster (``--scheduler distributed``) against ``--scheduler processes``: seconds of a run of paper.toml.
+distributed.LocalCluster (``--scheduler distributed``) against ``processes``: seconds of a run of paper.toml.
 The least of all rounds; rocrate is no dependency: pip install rocrate.
 """
 
