@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, TextIO
+from typing import IO, TextIO
 
 from etendue.telling import plain, shown_path
 
@@ -65,7 +65,7 @@ def results() -> Iterator[None]:
             os.dup2(2, 1)
 
 
-def _is_fd_1(stream: Any) -> bool:
+def _is_fd_1(stream: IO[str]) -> bool:
     try:
         return bool(stream.fileno() == 1)
     except (OSError, ValueError, AttributeError):  # the stream is not a file
@@ -82,7 +82,14 @@ def _flush_c() -> None:
         ctypes.CDLL(None).fflush(None)
 
 
-def show_warning(message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None) -> None:
+def show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
     """Show a warning of a plugin or a library in one line, without folders of this machine."""
     text = " ".join(plain(str(message)).split())
     with suppress(OSError):  # stderr is closed

@@ -9,9 +9,12 @@ interoperability index).
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 PRIMARIES = {1: "BT.709", 9: "Rec. 2020", 11: "DCI-P3", 12: "Display P3"}
 TRANSFERS = {1: "BT.709", 4: "gamma 2.2", 8: "linear", 13: "sRGB", 16: "PQ", 18: "HLG"}
@@ -58,7 +61,7 @@ def colour_note(info: Any) -> str:
     return ""
 
 
-def exif_note(exif: Any, info: Any) -> str:
+def exif_note(exif: Image.Exif, info: Any) -> str:
     """Return a note on Adobe RGB without a profile, as cameras write it."""
     if info.get("icc_profile"):
         return ""

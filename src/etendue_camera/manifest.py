@@ -10,20 +10,23 @@ import csv
 import tomllib
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from etendue.api import hookimpl
+
+if TYPE_CHECKING:
+    from etendue.types.documents import Document
 
 DATA = Path(__file__).parent / "data"
 LIBRARY = "colour-science"  # instead of a path: a table of this library
 
 
-def _table(name: str) -> dict[str, Any]:
+def _table(name: str) -> Document:
     return tomllib.loads((DATA / f"{name}.toml").read_text(encoding="utf-8"))
 
 
 @cache
-def _shown() -> dict[str, Any]:
+def _shown() -> Document:
     return _table("shown")
 
 
@@ -33,7 +36,7 @@ def etendue_stages() -> dict[str, str]:
 
 
 @hookimpl
-def etendue_variables() -> dict[str, Any]:
+def etendue_variables() -> Document:
     found = {name: dict(declared) for name, declared in _table("variables").items()}
     for word, names in _table("better").items():
         for name in names:
@@ -53,7 +56,7 @@ def etendue_variables() -> dict[str, Any]:
 
 
 @hookimpl
-def etendue_quantities() -> dict[str, Any]:
+def etendue_quantities() -> Document:
     return _table("quantities")
 
 
@@ -68,7 +71,7 @@ def etendue_roles() -> dict[str, str]:
 
 
 @hookimpl
-def etendue_vocabularies() -> dict[str, Any]:
+def etendue_vocabularies() -> Document:
     return {
         "sensors": {
             "word": "sensor"
@@ -90,7 +93,7 @@ def etendue_spectra() -> dict[str, str]:
 
 
 @hookimpl
-def etendue_dims() -> dict[str, Any]:
+def etendue_dims() -> Document:
     return dict(_shown()["dims"])
 
 
@@ -105,7 +108,7 @@ def etendue_patterns() -> dict[str, str]:
 
 
 @hookimpl
-def etendue_commands() -> dict[str, Any]:
+def etendue_commands() -> Document:
     return {
         "sensors": {
             "place": "etendue_camera.cli.catalogue:sensors",
@@ -136,12 +139,12 @@ def etendue_seen() -> dict[str, str]:
 
 
 @hookimpl
-def etendue_tables() -> dict[str, Any]:
+def etendue_tables() -> Document:
     return {"camera": {"preset": "sensor", "presets": "sensors", "listed": "etendue sensors"}}
 
 
 @hookimpl
-def etendue_templates() -> dict[str, Any]:
+def etendue_templates() -> Document:
     keep = {
         "all": "everything",
         "looks": "pictures and metrics, without spectral bands",
@@ -151,40 +154,40 @@ def etendue_templates() -> dict[str, Any]:
 
 
 @hookimpl
-def etendue_beginnings() -> dict[str, Any]:
+def etendue_beginnings() -> Document:
     return _table("beginnings")
 
 
 @hookimpl
-def etendue_elsewhere() -> dict[str, Any]:
+def etendue_elsewhere() -> Document:
     return _table("plugins")
 
 
 @hookimpl
-def etendue_first() -> dict[str, Any]:
+def etendue_first() -> Document:
     return dict(_shown()["first"])
 
 
 @hookimpl
-def etendue_words() -> dict[str, Any]:
+def etendue_words() -> Document:
     return dict(_shown()["words"])
 
 
 @hookimpl
-def etendue_spelling() -> dict[str, Any]:
+def etendue_spelling() -> Document:
     return dict(_shown()["spelling"])
 
 
 @hookimpl
-def etendue_subjects() -> dict[str, Any]:
+def etendue_subjects() -> Document:
     return dict(_shown()["subjects"])
 
 
 @hookimpl
-def etendue_scales() -> dict[str, Any]:
+def etendue_scales() -> Document:
     return dict(_shown()["units"])
 
 
 @hookimpl
-def etendue_examples() -> dict[str, Any]:
+def etendue_examples() -> Document:
     return dict(_shown()["examples"])

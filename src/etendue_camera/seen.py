@@ -5,7 +5,7 @@ own filters.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,10 +15,15 @@ from etendue_camera.arrays import FloatArray
 from etendue_camera.colour import matrices
 from etendue_camera.sensor import cfa
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from etendue.types.arrays import Array
+
 TO_RGB = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB)
 
 
-def of_wavelength(drawn: Drawn, edges: Any, names: Sequence[str]) -> FloatArray:
+def of_wavelength(drawn: Drawn, edges: NDArray[np.float64], names: Sequence[str]) -> FloatArray:
     """Return weights (3, wavelength) that show bands, with edges in nm, as an eye sees them; for numbers, their
     mean."""
     return (
@@ -26,7 +31,7 @@ def of_wavelength(drawn: Drawn, edges: Any, names: Sequence[str]) -> FloatArray:
     )
 
 
-def of_channel(drawn: Drawn, edges: Any, names: Sequence[str]) -> FloatArray | None:
+def of_channel(drawn: Drawn, edges: Array | None, names: Sequence[str]) -> FloatArray | None:
     """Return weights (3, channel): tristimulus values as seen by a viewer adapted to their white; red, green and blue
     unchanged.
     """

@@ -12,13 +12,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from etendue.contract.arrays.variables import Declaration, variable
 from etendue.contract.stage import Stage
 from etendue.contract.wording import Unit, units
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class VariableError:
     why: str = ""
 
 
-def difference(found: Any, reference: Any, declaration: Declaration, stage: Stage) -> VariableError:
+def difference(found: Array, reference: Array, declaration: Declaration, stage: Stage) -> VariableError:
     """Return the difference of two arrays of one variable that ``stage`` has written.
 
     Values that are undefined in both runs are ignored; if a value is undefined in only one, the arrays cannot be
@@ -57,7 +60,7 @@ def difference(found: Any, reference: Any, declaration: Declaration, stage: Stag
     return VariableError(rms, largest, float(np.max(scale)))
 
 
-def full_scale(reference: Any, known: Any, declaration: Declaration, stage: Stage) -> Any:
+def full_scale(reference: Array, known: Array, declaration: Declaration, stage: Stage) -> float | Array:
     """Return the full scale of a variable: a number, or one per value."""
     said = variable(declaration.variable)
     if said.full is not None:

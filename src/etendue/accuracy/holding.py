@@ -6,10 +6,10 @@ Out: a local tolerance from a fixed ladder, the errors measured with it, and the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from etendue.accuracy.blame import blamed
 from etendue.accuracy.measuring import MeasuredErrors, Measurement, from_document
@@ -22,6 +22,9 @@ from etendue.plan.model import Plan
 from etendue.result_files import finite
 from etendue.session import Options
 from etendue.types.documents import Document, DocumentView, Place
+
+if TYPE_CHECKING:
+    from etendue.contract.ports import Progress
 
 LADDER = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 0.0)
 
@@ -68,7 +71,7 @@ def hold(
     asked: float,
     cells: int = MOST,
     options: Options | None = None,
-    progress: Any = None,
+    progress: Callable[[Plan], Progress] | None = None,
     archive: Path | None = None,
 ) -> HeldTolerance:
     """Find the tolerance for a pipeline. A result that ``keep`` has stored in an archive is reused until one of its

@@ -20,7 +20,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import msgspec
 
@@ -41,6 +41,7 @@ TABLE = "objects.json"  # the objects of an archive, with the tag that each had 
 PACK = "documents.zip"  # the small ones of these objects in one, for readers that would fetch them all
 SMALL, SMALL_SHARD = 64 << 10, 4 << 10  # bytes; the largest document and the largest shard in the pack
 AT_ONCE = 16  # concurrent requests
+T = TypeVar("T")
 State = tuple[int, int, int]  # size, mtime (ns) and inode of a file: a file that replaces it has another inode
 Known = tuple[str, int, int, int]  # the tag of an object, and the state of the file with the same content
 
@@ -185,7 +186,7 @@ def _lacks(here: Here, path: str, one: StoredObject, ours: bool) -> bool:
     return not same or known is None or known[1:] != state
 
 
-def at_once(do: Callable[[str], Any], paths: Iterable[str], threads: int = AT_ONCE) -> list[Any]:
+def at_once(do: Callable[[str], T], paths: Iterable[str], threads: int = AT_ONCE) -> list[T]:
     """Call ``do`` for many paths in threads; the first exception stops the rest."""
     own = list(paths)
     if len(own) < 2:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Any
 
 from etendue.present.terminal.cells import cells
 from etendue.present.terminal.html_tables import rows_of
@@ -17,7 +16,7 @@ from etendue.telling import human_bytes
 from etendue.types.documents import Document
 
 
-def table_page(title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]], notes: Sequence[str] = ()) -> str:
+def table_page(title: str, heads: Sequence[str], rows: Iterable[Sequence[object]], notes: Sequence[str] = ()) -> str:
     """Return a table with its title above and notes (HTML) below."""
     below = "".join(f"<div>{note}</div>" for note in notes)
     return f"<div><b>{escape(title)}</b>{rows_of(heads, rows)}{below}</div>"

@@ -20,6 +20,7 @@ from etendue.types.documents import Document
 
 if TYPE_CHECKING:
     from etendue.contract.registry import Registry
+    from etendue.pipeline.file import PipelineFile
     from etendue.present.terminal.progress import TerminalProgress
     from etendue.session import Options
 
@@ -113,7 +114,7 @@ class Given:
     tolerance: str | None = None
     nothing_left_out: bool = False
 
-    def pipeline(self) -> Any:
+    def pipeline(self) -> PipelineFile:
         from etendue.pipeline.file import read_pipeline
 
         return read_pipeline(self.file, overrides(self))

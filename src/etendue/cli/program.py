@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import click
 
@@ -45,13 +45,15 @@ class _Main(click.Group):
             with formatter.section(title):
                 formatter.write_dl(rows, col_max=44)
 
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
         name = str(args[0]) if args else ""
         if name and not name.startswith("-") and name not in commands.OWN and name not in commands.offered():
             ctx.fail(f"No such command {name!r}{nearest(name, commands.offered())}{commands.missed(name)}")
         return super().resolve_command(ctx, args)
 
-    def invoke(self, ctx: click.Context) -> Any:
+    def invoke(self, ctx: click.Context) -> object:
         as_json = bool(ctx.obj)
         try:
             return super().invoke(ctx)

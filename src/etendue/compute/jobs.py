@@ -25,6 +25,8 @@ from etendue.plan.identity.once import Once
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of
 
 if TYPE_CHECKING:
+    from etendue.types.arrays import Array
+
     pass
 
 
@@ -34,7 +36,7 @@ def make_jobs(
     target: Callable[[Cell], Target | None],
     deliver_all: bool = False,
     show: frozenset[CellRef] = frozenset(),
-    place: Callable[[CellRef, str], Any] | None = None,
+    place: Callable[[CellRef, str], Array | bool | None] | None = None,
     looks: Mapping[CellRef, CellObserver] = MappingProxyType({}),
 ) -> Mapping[CellRef, Job]:
     """Return jobs for the cells to compute and for the stored cells they read, in order.

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from etendue.compute.job import Job, Walk
 from etendue.compute.rows import Walker, has_rows, is_large, rows_of
@@ -23,13 +23,15 @@ from etendue.plan.identity.once import Once
 from etendue.plan.model import CellRef
 
 if TYPE_CHECKING:
+    from etendue.types.arrays import Array
+
     pass
 
 
 def with_walks(
     jobs: dict[CellRef, Job],
     can: Callable[[CellRef], Walker | None],
-    place: Callable[[CellRef, str], Any] | None = None,
+    place: Callable[[CellRef, str], Array | bool | None] | None = None,
 ) -> dict[CellRef, Job]:
     """Set the ``walk`` of the jobs that belong to one; ``can``: what a cell needs of its frame, if a few rows suffice;
     ``place``: the caller's array for a variable that nobody else reads."""

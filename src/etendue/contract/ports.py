@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 from etendue.types.documents import Document, DocumentView
 
 if TYPE_CHECKING:
+    import xarray
+
     from etendue.plan.model import Cell, CellRef, Plan
     from etendue.plan.resume import Work
     from etendue.types.arrays import Array
@@ -136,7 +138,9 @@ class Keeper(Protocol):
 
     def interrupted(self, tables: DocumentView, abandoned: bool) -> None: ...
 
-    def close(self, tables: Document, sheet: ContactSheet | None, failed: bool) -> tuple[Any, list[Path]]:
+    def close(
+        self, tables: Document, sheet: ContactSheet | None, failed: bool
+    ) -> tuple[xarray.DataTree | None, list[Path]]:
         """End a run in order; return the tree of results if it is in memory, and the files of pictures."""
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from etendue.contract.values.units import as_written
 from etendue.errors import Fault, nearest, unprintable
@@ -48,7 +47,7 @@ class About:
         return {name: value for name, value in said.items() if value}
 
 
-def read_about(table: Any, faults: list[Fault]) -> About:
+def read_about(table: object, faults: list[Fault]) -> About:
     """Read the table of a pipeline; add what is wrong with it to ``faults``."""
     if not isinstance(table, Mapping):
         faults.append(Fault("about", f"expected a table, got {as_written(table)}"))
@@ -75,7 +74,7 @@ def _text(table: DocumentView, key: str, faults: list[Fault], place: str = "abou
     return value.strip()
 
 
-def _author(written: Any, faults: list[Fault]) -> Author | None:
+def _author(written: object, faults: list[Fault]) -> Author | None:
     """Read an author: a name, or a table with name, orcid, affiliation."""
     place = "about.author"
     table = {"name": written} if isinstance(written, str) else written

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
-from typing import Any
 
 from etendue.pipeline.file import PipelineFile, StageEntry
 from etendue.pipeline.presets import preset
@@ -75,7 +74,7 @@ def wanting(
     return replace(pipeline, wanted=wanted, keep=wanted if kept else None, precision=precision)
 
 
-def at_value(pipeline: PipelineFile, key: str, value: Any) -> PipelineFile:
+def at_value(pipeline: PipelineFile, key: str, value: object) -> PipelineFile:
     """Return the pipeline with one value of an axis written where it belongs: a shared quantity, a preset, a stage, its
     parameter.
 
@@ -96,7 +95,7 @@ def at_value(pipeline: PipelineFile, key: str, value: Any) -> PipelineFile:
     return replace(pipeline, preset_name=named, preset=values, shared={**pipeline.shared, **own})
 
 
-def _standing(entry: StageEntry, name: str, value: Any) -> StageEntry:
+def _standing(entry: StageEntry, name: str, value: object) -> StageEntry:
     if name != "use":
         return given(entry, {name: value})
     table = dict(value) if isinstance(value, Mapping) else {"use": value}

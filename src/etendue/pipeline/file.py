@@ -15,7 +15,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
 
 from etendue import plain_files
 from etendue.contract.values import quantities
@@ -78,7 +77,7 @@ class PipelineFile(PipelineSource):
     file: str = ""
     folder: Path = Path(".")
     text: str = ""
-    overrides: tuple[tuple[str, Any], ...] = ()  # values from the command line that replace those of the file
+    overrides: tuple[tuple[str, object], ...] = ()  # values from the command line that replace those of the file
     faults: tuple[Fault, ...] = ()  # of form; the planner reports them with its own
     whole: bool = True  # whether every stage table could be read
     lines: Mapping[str, int] = field(default_factory=dict)  # line numbers of tables and keys in the file
@@ -334,7 +333,7 @@ def _preset(table: Table, shared: DocumentView, faults: list[Fault]) -> tuple[st
         return "", {}
 
 
-def _stages(value: Any, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bool]:
+def _stages(value: object, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bool]:
     """Return the stages that could be read, and whether these are all."""
     if not isinstance(value, list) or not value:
         faults.append(Fault("stages", "expected at least one [[stages]] table with a key 'use'"))

@@ -7,7 +7,7 @@ Out: plain values; for each entry of another form a fault, and the default inste
 from __future__ import annotations
 
 from decimal import Decimal
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from etendue.contract.values.names import LONGEST
 from etendue.contract.values.units import as_written
@@ -23,7 +23,7 @@ class Words:
     def __init__(self, document: DocumentView, faults: list[Fault]) -> None:
         self.document, self.faults = document, faults
 
-    def refused(self, key: str, value: Any, expected: str, default: T) -> T:
+    def refused(self, key: str, value: object, expected: str, default: T) -> T:
         self.faults.append(Fault(key, f"expected {expected}, got {as_written(value)}"))
         return default
 

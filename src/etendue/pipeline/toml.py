@@ -10,7 +10,6 @@ import math
 import re
 from collections.abc import Mapping
 from decimal import Decimal
-from typing import Any
 
 from etendue.types.documents import DocumentView
 
@@ -31,7 +30,7 @@ def key(name: str) -> str:
     return name if _BARE.fullmatch(name) else _text(name)
 
 
-def value(found: Any) -> str:
+def value(found: object) -> str:
     """Return a value on one line.
 
     Raises

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
-from typing import Any
 
 from etendue.contract.stage import parameters_of
 from etendue.plan.cost import cell_seconds
@@ -86,7 +85,7 @@ def _saving(seconds: float | None) -> str:
     return f"; saves about {seconds:.2g} s" if seconds is not None and seconds >= LEAST_TOLD else ""
 
 
-def _shown(value: Any) -> float | str:
+def _shown(value: Hashable) -> Hashable:
     return "inf" if isinstance(value, float) and math.isinf(value) else value
 
 

@@ -85,7 +85,7 @@ def _possible(
     The work is limited, so that a journal naming millions of values cannot stall a run; values not reached are dropped.
     """
     known = sum(len(own) for axes in stored.values() for own in axes.values())
-    found, left, work = list[Any](), [values], 0
+    found, left, work = list[AxisValue](), [values], 0
     while left and work < MOST_WORK:
         part = left.pop()
         work += PLANNED + known + len(part)
@@ -122,7 +122,7 @@ def is_of_names(key: str) -> bool:
     return key.endswith(".use") or key in preset_keys()
 
 
-def _table(key: str, label: Any, sweeps: Sequence[DocumentView]) -> Any:
+def _table(key: str, label: AxisValue, sweeps: Sequence[DocumentView]) -> Any:
     """Return the definition of a label of a swapped stage in the newest sweep that has it."""
     for sweep in sweeps:
         values = sweep.get(key)

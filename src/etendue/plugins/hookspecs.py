@@ -23,7 +23,7 @@ hookimpl = pluggy.HookimplMarker(PROJECT)
 
 
 @hookspec
-def etendue_stages() -> Mapping[str, str | type]:  # type: ignore[empty-body]
+def etendue_stages() -> Mapping[str, str | type]:
     """Stages: the location of their class, or the class itself.
 
     {"halation": "my_film.stages:Halation"}
@@ -31,7 +31,7 @@ def etendue_stages() -> Mapping[str, str | type]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_variables() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
+def etendue_variables() -> Mapping[str, DocumentView]:
     """Variables that stages write: meaning, unit, and how a contact sheet shows them (``spec.variables.Variable``).
 
     {"halo": {"long_name": "light scattered by the film's base", "shown": "linear"}}
@@ -39,7 +39,7 @@ def etendue_variables() -> Mapping[str, DocumentView]:  # type: ignore[empty-bod
 
 
 @hookspec
-def etendue_quantities() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
+def etendue_quantities() -> Mapping[str, DocumentView]:
     """Quantities that stages share, under one table of a pipeline file: the keywords of ``param()``, and a default
     unless the value is required.
 
@@ -48,7 +48,7 @@ def etendue_quantities() -> Mapping[str, DocumentView]:  # type: ignore[empty-bo
 
 
 @hookspec
-def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
+def etendue_roles() -> Mapping[str, str]:
     """Roles: what their stages do, in one sentence; stages of one role are alternatives to each other.
 
     {"halation": "light that comes back from behind the sensitive layer"}
@@ -56,7 +56,7 @@ def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_vocabularies() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
+def etendue_vocabularies() -> Mapping[str, DocumentView]:
     """Further hooks of a domain, for itself and for distributions that build upon it; each returns a mapping by name
     (``discovery.Vocabulary``).
 
@@ -65,7 +65,7 @@ def etendue_vocabularies() -> Mapping[str, DocumentView]:  # type: ignore[empty-
 
 
 @hookspec
-def etendue_dims() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
+def etendue_dims() -> Mapping[str, DocumentView]:
     """Dims that are divided into bands, or have a unit and a name (``contract.arrays.dims.Dim``). Stages may ask for
     the coordinates of a dim by its name, and for the edges of its bands as ``NAME_edges``.
 
@@ -74,7 +74,7 @@ def etendue_dims() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_units() -> Mapping[str, str]:  # type: ignore[empty-body]
+def etendue_units() -> Mapping[str, str]:
     """Units in addition to SI: '' for a base unit, or the definition of one unit in terms of others.
 
     {"grain": "", "stop": "0.3 grain"}
@@ -82,7 +82,7 @@ def etendue_units() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_patterns() -> Mapping[str, str]:  # type: ignore[empty-body]
+def etendue_patterns() -> Mapping[str, str]:
     """Generators of fixed patterns (random numbers by absolute position, the same in every cell): the argument of
     ``run`` with which a stage asks for one, and the shared quantity that identifies the owner of the pattern.
 
@@ -91,7 +91,7 @@ def etendue_patterns() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_commands() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
+def etendue_commands() -> Mapping[str, DocumentView]:
     """Commands of the program ``etendue``: location of the click command, usage, and what it does
     (``cli.commands.Command``).
 
@@ -100,7 +100,7 @@ def etendue_commands() -> Mapping[str, DocumentView]:  # type: ignore[empty-body
 
 
 @hookspec
-def etendue_methods() -> Mapping[str, str]:  # type: ignore[empty-body]
+def etendue_methods() -> Mapping[str, str]:
     """Methods of ``etendue.Pipeline`` and ``etendue.Archive``: a function whose first argument is that object.
 
     {"Pipeline.halation": "my_film.study:halation_of"}
@@ -108,7 +108,7 @@ def etendue_methods() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_shares() -> Mapping[str, str]:  # type: ignore[empty-body]
+def etendue_shares() -> Mapping[str, str]:
     """Attribution of losses to stages: ``function(folder, at, told)`` returns ``losses``, ``notes``, and ``why`` if
     there are none.
 
@@ -117,7 +117,7 @@ def etendue_shares() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
+def etendue_seen() -> Mapping[str, str]:
     """How arrays become colours. For a dim before y and x, a function of (drawn, edges, names) that returns the (3, n)
     matrix from its n planes to linear sRGB, or None to show the first three unchanged; for ``pattern``, a function of
     its text that returns rows and colours by letter.
@@ -127,7 +127,7 @@ def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_tables() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
+def etendue_tables() -> Mapping[str, DocumentView]:
     """The name of the table of shared quantities in a pipeline file, and how sets of values are named in it
     (``contract.values.tables.Table``).
 
@@ -137,7 +137,7 @@ def etendue_tables() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_templates() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
+def etendue_templates() -> Mapping[str, DocumentView]:
     """Commented pipelines to start from, for ``etendue new`` (``pipeline.beginning.Template``).
 
     {"film": {"path": Path(__file__).parent / "film.toml", "keep": {"all": "everything"}}}
@@ -145,7 +145,7 @@ def etendue_templates() -> Mapping[str, DocumentView]:  # type: ignore[empty-bod
 
 
 @hookspec
-def etendue_beginnings() -> Mapping[str, str]:  # type: ignore[empty-body]
+def etendue_beginnings() -> Mapping[str, str]:
     """By role, the stage from which ``etendue new-plugin`` starts: the one whose arithmetic is easiest to read.
 
     {"halation": "halation_gaussian"}
@@ -153,7 +153,7 @@ def etendue_beginnings() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_elsewhere() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
+def etendue_elsewhere() -> Mapping[str, DocumentView]:
     """Stages in other distributions, which are suggested if a pipeline uses them and they are not installed.
 
     {"my-film-scanner": {"stages": ["scanner_glare"]}}
@@ -161,7 +161,7 @@ def etendue_elsewhere() -> Mapping[str, DocumentView]:  # type: ignore[empty-bod
 
 
 @hookspec
-def etendue_plots() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
+def etendue_plots() -> Mapping[str, DocumentView]:
     """Kinds of plots: location of ``function(holdings, asked)``, the number of variables, the options it uses
     (``plots.kinds.Kind``).
 
@@ -175,7 +175,7 @@ def etendue_plots() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_sections() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
+def etendue_sections() -> Mapping[str, DocumentView]:
     """Sections of a page: location of ``function(tree)``, and the title. It gets what ``etendue.open_archive`` returns,
     and returns a list of ``{"paragraph": text}``, ``{"table": {"head": [...], "rows": [[...], ...]}}`` and
     ``{"picture": bytes of a PNG, "alt": text}``; an empty list if it has nothing to show.
@@ -185,7 +185,7 @@ def etendue_sections() -> Mapping[str, DocumentView]:  # type: ignore[empty-body
 
 
 @hookspec
-def etendue_first() -> Mapping[str, Sequence[str]]:  # type: ignore[empty-body]
+def etendue_first() -> Mapping[str, Sequence[str]]:
     """Preferences for a choice: names of variables under ``map``, ``sheet``, ``glance``, ``headline``, ``curves``,
     ``picture``; two in one text under ``front``; of axes under ``sides`` and ``along``; of shared quantities under
     ``quantities``.
@@ -195,7 +195,7 @@ def etendue_first() -> Mapping[str, Sequence[str]]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_words() -> Mapping[str, str]:  # type: ignore[empty-body]
+def etendue_words() -> Mapping[str, str]:
     """Names of things in sentences of plots and pages (``contract.wording.WORDS``).
 
     {"cell": "forecast", "whole": "model"}
@@ -203,7 +203,7 @@ def etendue_words() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_spelling() -> Mapping[str, str]:  # type: ignore[empty-body]
+def etendue_spelling() -> Mapping[str, str]:
     """How parts of names are written out on a page; a key that begins with ``_`` is the end of a name.
 
     {"rh": "relative humidity"}
@@ -211,7 +211,7 @@ def etendue_spelling() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_subjects() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
+def etendue_subjects() -> Mapping[str, DocumentView]:
     """Subjects of metrics, in the order of a page (``contract.wording.Subject``); ``Variable.subject`` names one of
     them.
 
@@ -220,7 +220,7 @@ def etendue_subjects() -> Mapping[str, DocumentView]:  # type: ignore[empty-body
 
 
 @hookspec
-def etendue_examples() -> DocumentView:  # type: ignore[empty-body]
+def etendue_examples() -> DocumentView:
     """Test inputs for stages that look at others: under ``datasheet`` a role and values.
 
     {"datasheet": {"role": "gauge", "figures": {"offset": 0.1}}}
@@ -228,7 +228,7 @@ def etendue_examples() -> DocumentView:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_scales() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
+def etendue_scales() -> Mapping[str, DocumentView]:
     """Properties of units beyond their size (``contract.wording.Unit``).
 
     {"hPa": {"full": 1013.0}}

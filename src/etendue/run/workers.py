@@ -20,7 +20,7 @@ import time
 import warnings
 from collections.abc import Mapping, Set
 from multiprocessing import resource_tracker
-from typing import Any
+from typing import TYPE_CHECKING
 
 import cloudpickle
 
@@ -35,6 +35,10 @@ from etendue.run.one_thread import ONE_THREAD
 from etendue.run.watch import GRACE, Stop, Stopped
 from etendue.streams import show_warning
 from etendue.telling import said
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+    from multiprocessing.process import BaseProcess
 
 FROM_OUTSIDE = frozenset(
     {signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT}
@@ -60,12 +64,12 @@ def begin_worker() -> None:
         threading.Thread(target=_end_with, args=(owner,), daemon=True).start()
 
 
-def _end_with(owner: Any) -> None:
+def _end_with(owner: BaseProcess) -> None:
     owner.join()
     end_now(1)
 
 
-def serve(pipe: Any) -> None:
+def serve(pipe: Connection) -> None:
     """Compute batches as they arrive, reporting each cell that starts, until the owner closes the pipe."""
     begin_worker()
 

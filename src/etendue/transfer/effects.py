@@ -6,8 +6,8 @@ Out: how much leaving them out changes, rms over the frame and at the largest pi
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -55,7 +55,7 @@ def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], freque
 
 
 @lru_cache(48)
-def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> FloatArray:
+def _rays(state: tuple[Transfer, Hashable], edges: tuple[float, ...], points: tuple[float, ...]) -> FloatArray:
     """Evaluate one stage; cached, because the same stage precedes many others."""
     product, frequency = Product((state[0],), edges, alone), np.array(points)
     if product.radial:
@@ -74,7 +74,9 @@ def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) 
 
 
 @lru_cache(96)
-def _remembered(state: Any, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Array, Array]:
+def _remembered(
+    state: tuple[Transfer, Hashable], edges: tuple[float, ...], rings: tuple[float, ...]
+) -> tuple[Array, Array]:
     """Return (band, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
     found = in_directions((state[0],), edges, scene_rings.frequencies_in(np.array(rings)))
     changed, passed = (scene_rings.largest_in_rings(np.abs(values)).max(axis=0) for values in (1 - found, found))

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from etendue.archive.read.stored import Stored
 from etendue.archive.records.manifest import DATA
 from etendue.trust.remade import Again
 from etendue.trust.sayings import Deviation
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
 
 ELSEWHERE = 1e-6  # relative tolerance of numbers in metadata on another platform
 
@@ -155,7 +158,7 @@ def shown(value: Any) -> str:
     return text if len(text) <= 120 else f"{text[:117]}..."
 
 
-def of_array(file: str, old: Any, fresh: Any, loose: float) -> Iterator[Deviation]:
+def of_array(file: str, old: Array, fresh: Array, loose: float) -> Iterator[Deviation]:
     pairs = zip(old.ravel().tolist(), fresh.ravel().tolist(), strict=True)
     off = [n for n, (one, other) in enumerate(pairs) if not alike(one, other, loose)]
     if off:

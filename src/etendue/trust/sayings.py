@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from etendue.archive.read import earlier_pictures
 from etendue.archive.read.stored import LEDGER, Stored
@@ -106,7 +105,7 @@ def named_twice(data: bytes | None) -> str | None:
     """
     found: list[str] = []
 
-    def looked_at(pairs: list[tuple[str, Any]]) -> Document:
+    def looked_at(pairs: list[tuple[str, object]]) -> Document:
         whole = dict(pairs)
         if len(whole) < len(pairs):
             names = [name for name, _ in pairs]

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from etendue.archive.read.comparing import Compared
 from etendue.archive.read.inspection import Damage
@@ -22,6 +22,9 @@ from etendue.plan.model import CellRef, Plan
 from etendue.trust.comparing import NotChecked
 from etendue.trust.sayings import Deviation
 from etendue.types.documents import Document, DocumentView
+
+if TYPE_CHECKING:
+    from etendue.types.documents import Scalar
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ class Reproduction:
 
     folder: Path
     record: DocumentView
-    platform: dict[str, tuple[Any, Any]]
+    platform: dict[str, tuple[Scalar, Scalar]]
     software: list[Document]
     order: list[str]
     cells: list[CellResult] = field(default_factory=list)

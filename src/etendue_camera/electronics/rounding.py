@@ -9,10 +9,11 @@ Sheppard 1898.
 
 import math
 from functools import cache
-from typing import Any
 
 import numpy as np
 import scipy
+
+from etendue_camera.arrays import FloatArray
 
 PHASES = np.linspace(0.0, 0.5, 65)  # of a step, above the nearest integer: the error is odd about it
 SPREAD = 1.5  # steps of noise, above which the error of a mean is below 1e-19 of a step
@@ -93,7 +94,7 @@ def in_front(low: float, high: float) -> tuple[float, float]:
 
 
 @cache
-def _behind() -> tuple[Any, Any, Any]:
+def _behind() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return rms before rounding (steps), and smallest and largest variance after it."""
 
     sigma = np.linspace(1e-6, SPREAD, 1501)

@@ -17,7 +17,8 @@ FORMS = {BYTE: "B", UNDEFINED: "B", SHORT: "H", LONG: "I", RATIONAL: "I", SRATIO
 STRIP_OFFSET, STRIP_BYTES, EXIF = 273, 279, 34665
 LARGEST = 2**32 - 1
 
-Tag = tuple[int, int, Any]  # code, type, and values: text, or numbers (numerators and denominators alternate)
+# code, type, and values: text, or numbers (numerators and denominators alternate)
+Tag = tuple[int, int, str | int | Sequence[int]]
 
 
 def _packed(kind: int, values: Any) -> tuple[int, bytes]:

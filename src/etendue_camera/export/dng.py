@@ -11,7 +11,7 @@ import hashlib
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,11 @@ from numpy.typing import NDArray
 from etendue import require
 from etendue_camera.colour import matrices
 from etendue_camera.export.container import ASCII, BYTE, LONG, RATIONAL, SHORT, SRATIONAL, UNDEFINED, Tag, write_picture
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from etendue_camera.arrays import FloatArray
 
 COLOURS = "RGB"
 D50_XYZ = (
@@ -69,7 +74,7 @@ def refusal(mask: tuple[str, ...] | None) -> str:
     return ""
 
 
-def colour_matrices(camera_white: Any, balanced_to_xyz: Any) -> tuple[Any, Any]:
+def colour_matrices(camera_white: Any, balanced_to_xyz: Any) -> tuple[FloatArray, FloatArray]:
     """Return ``ColorMatrix1`` and ``ForwardMatrix1`` of the specification.
 
     Parameters
@@ -113,7 +118,7 @@ def colour_matrices(camera_white: Any, balanced_to_xyz: Any) -> tuple[Any, Any]:
     return to_camera, matrices.von_kries_matrix(matrix.sum(axis=1), D50_XYZ, matrices.TRANSFORMS["bradford"]) @ matrix
 
 
-def _ratios(values: Any, limit: int = 10**8) -> tuple[int, ...]:
+def _ratios(values: ArrayLike, limit: int = 10**8) -> tuple[int, ...]:
     """Return alternating numerators and denominators, each in 32 bits; error below 1e-8 for values up to 20."""
     pairs = []
     for value in np.ravel(np.asarray(values, float)):

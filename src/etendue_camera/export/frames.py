@@ -129,7 +129,7 @@ class Shelf:
         return VouchedStore.of(self.stored.archive)
 
     @cached_property
-    def journal(self) -> Mapping[str, Any]:
+    def journal(self) -> DocumentView:
         return read_journal(self.folder / "journal.jsonl")
 
     # -- pictures -------------------------------------------------------------------------------------

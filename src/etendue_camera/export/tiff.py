@@ -7,17 +7,20 @@ Out: an uncompressed TIFF file; encoded sRGB carries its profile.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from etendue import require
 from etendue_camera.arrays import Array
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 TOP = 65535
 
 
-def codes(picture: Array) -> Any:
+def codes(picture: Array) -> NDArray[np.uint16]:
     """Return uint16 (y, x) or (y, x, 3): integers unchanged; 0 to 1 scaled to 0 to 65535, rounded, clipped at both
     ends.
 

@@ -7,8 +7,6 @@ Sources: plane geometry; conjugates of the pupils of a lens in air.
 `radiometry.cos4` and `radiometry.disc_falloff` are the fall-off of a whole pupil; what is here multiplies it.
 """
 
-from typing import Any
-
 import numpy as np
 
 from etendue import require
@@ -171,7 +169,7 @@ def _segment(half_angle: Floats) -> Floats:
     """(u - sin u)/2 for u = 2 x half_angle: area of a circular segment of a unit circle."""
     u = 2.0 * np.asarray(half_angle)
     squared = u * u
-    series: Any = 0.0
+    series: Floats = 0.0
     for k in (
         17,
         15,

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from etendue import require
 from etendue_camera.arrays import FloatArray
 from etendue_camera.field import psf_files
 from etendue_camera.field.psf_kernels import Centre, Light, Sampler, between, rounded
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 _NEGATIVE_SHARE = 1e-2  # of the flux: more than measurement noise
 
@@ -267,7 +270,7 @@ class PsfBank:
         return cls(*psf_files.read(Path(path)))
 
 
-def _axis(name: str, values: Any, lowest: float) -> FloatArray:
+def _axis(name: str, values: ArrayLike, lowest: float) -> FloatArray:
     axis = np.array(values, dtype=float)
     require.must(
         axis.ndim == 1

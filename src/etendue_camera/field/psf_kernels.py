@@ -8,7 +8,7 @@ Sources: the sampling theorem; spline interpolation (Unser, IEEE Signal Processi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import scipy
@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 from etendue import require
 from etendue_camera.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from etendue_camera.field.psf_bank import PsfBank
 
 Light = Literal["bandlimited", "cells"]
 Centre = Literal["reference", "centroid"]
@@ -57,7 +60,7 @@ class Sampler:
     where the pictures have it.
     """
 
-    bank: Any
+    bank: PsfBank
     spacing: float
     size: Any = None
     light: Light = "bandlimited"

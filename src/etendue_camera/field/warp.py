@@ -15,7 +15,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy
@@ -121,7 +120,7 @@ class DistortionCurve:
         )
         return (1 - share) * values[..., high - 1] + share * values[..., high]
 
-    def percent(self, radius_um: Any, wavelength_um: float) -> Any:
+    def percent(self, radius_um: Floats, wavelength_um: float) -> Floats:
         """Distortion 100 (r' / r - 1); on the axis its limit."""
         radius = np.asarray(radius_um, dtype=float)
         safe = np.where(radius == 0, 1.0, radius)

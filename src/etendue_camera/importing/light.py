@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -63,7 +62,7 @@ def light_of(file: Path, said: Said) -> tuple[Cube, str]:
     return cube, unit
 
 
-def white_at(cube: Cube, y: int, x: int, size: int, reflectance: float) -> Any:
+def white_at(cube: Cube, y: int, x: int, size: int, reflectance: float) -> FloatArray:
     """Return the spectrum of white from a patch of known reflectance: the mean of ``size`` x ``size`` pixels at (y, x).
 
     Raises

@@ -10,7 +10,7 @@ import glob
 import math
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from etendue import plain_files
 from etendue.errors import RequestError
 from etendue_camera.importing.cube import Cube, needed
 from etendue_camera.picture_files import check_directories, check_segments
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
 
 TO_NM = {"nanometers": 1.0, "nm": 1.0, "micrometers": 1e3, "um": 1e3, "microns": 1e3, "angstroms": 0.1, "meters": 1e9}
 _LAYER = re.compile(r"(?:S0|S|T)?\.?(\d+(?:[.,]\d+)?)\s*nm", re.IGNORECASE)
@@ -65,7 +68,7 @@ def openexr(path: Path, variable: str) -> Cube:
         plain_files.refuse_unfolding(4 * pixels * len(header["channels"]), path.stat().st_size, "it")
     with reader.File(str(path), separate_channels=True) as file:
         layers = {name: channel.pixels for name, channel in file.channels().items()}
-    found: dict[float, Any] = {}
+    found: dict[float, Array] = {}
     for name, pixels in layers.items():
         match = _LAYER.search(name)
         if match and not name.upper().startswith(("S1", "S2", "S3")):  # Stokes components after the first: polarisation

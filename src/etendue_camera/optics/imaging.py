@@ -11,14 +11,13 @@ N_w).
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from etendue import require
-from etendue_camera.arrays import FloatArray, Floats
+from etendue_camera.arrays import Array, FloatArray, Floats
 from etendue_camera.optics.diffraction import spot
 from etendue_camera.optics.pupil import cell_centres, lagrange_weights
 
@@ -307,7 +306,7 @@ def steepest_slope(path: FloatArray, amplitude: FloatArray, reach: float = 1.0) 
     return max(steps) * path.shape[0] / (2.0 * reach)
 
 
-def _waves(position: FloatArray, centres: FloatArray, even: bool) -> tuple[Any, slice]:
+def _waves(position: FloatArray, centres: FloatArray, even: bool) -> tuple[Array, slice]:
     """Waves of the cells at the positions, and the cells they belong to: cosines of one half where the pupil is
     even.
     """
@@ -325,7 +324,7 @@ def _area(amplitude: FloatArray, wavelength: Floats) -> float:
     return total
 
 
-def _between(place: FloatArray, samples: int) -> Any:
+def _between(place: FloatArray, samples: int) -> scipy.sparse.csr_array:
     """Sparse matrix from a lattice of 2 samples + 5 steps, 0 in the middle, to places between them."""
     size = 2 * samples + 5
     t = place + (samples + 2)

@@ -11,7 +11,7 @@ light is the same; its corners reach beyond 1 (1.0996 for six blades). An annulu
 
 from dataclasses import dataclass
 from math import asin, ceil, cos, pi, sin, sqrt
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -325,7 +325,7 @@ def _borders(outline: FloatArray, lines: FloatArray) -> tuple[FloatArray, FloatA
     return np.interp(lines, *left.T), np.interp(lines, *right.T)
 
 
-def _walk(outline: FloatArray, start: Any, stop: Any) -> FloatArray:
+def _walk(outline: FloatArray, start: np.intp, stop: np.intp) -> FloatArray:
     """Corners from one to another, in order round the outline."""
     count = (stop - start) % len(outline) + 1
     return outline[(start + np.arange(count)) % len(outline)]

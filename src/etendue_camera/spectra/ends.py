@@ -18,7 +18,7 @@ Farther out
 - matching functions and cones are 0, as the CIE defines them.
 """
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -35,7 +35,7 @@ def reach_of(rows: FloatArray) -> tuple[float, float]:
     return float(rows[0]) - before, float(rows[-1]) + behind
 
 
-def beyond(rows: Any, lowest: float, highest: float) -> tuple[float, float]:
+def beyond(rows: FloatArray, lowest: float, highest: float) -> tuple[float, float]:
     """Return how much (nm) of the light from ``lowest`` to ``highest`` lies below and above the range of the rows; 0 if
     none.
     """
@@ -58,7 +58,9 @@ def held_in_the_infrared(name: str, lowest: float, highest: float) -> list[str]:
     )
 
 
-def cut_off_note(what: str, names: Any, rows: Any, values: Any, lowest: float, highest: float) -> list[str]:
+def cut_off_note(
+    what: str, names: Sequence[str], rows: FloatArray, values: FloatArray, lowest: float, highest: float
+) -> list[str]:
     """Return the note on a table (rows, k) that counts as 0 beyond its rows, although it does not end at 0.
 
     The fraction is that of the signal for equally many photons at every wavelength, with the end values extended.
@@ -85,7 +87,7 @@ def cut_off_note(what: str, names: Any, rows: Any, values: Any, lowest: float, h
     ]
 
 
-def held_note(what: str, rows: Any, lowest: float, highest: float) -> list[str]:
+def held_note(what: str, rows: FloatArray, lowest: float, highest: float) -> list[str]:
     """Return the note on a table with extended end values, where the light extends beyond its rows."""
     below, above = beyond(rows, lowest, highest)
     if below + above <= CONSEQUENCE * (highest - lowest):

@@ -18,16 +18,17 @@ from functools import lru_cache
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from etendue import cache
+from etendue.types.documents import Document
+from etendue_camera.arrays import Array
 from etendue_camera.spectra import authority
 from etendue_camera.spectra.bins import FloatArray
 
 VERSION = "colour-science"  # the file stores the version it was built from under this name
-Arrays = dict[str, np.ndarray[Any, Any]]
+Arrays = dict[str, Array]
 
 
 @lru_cache(maxsize=1)
@@ -79,7 +80,7 @@ def digest_of(data: bytes) -> str:
 
 
 @lru_cache(maxsize=16)
-def _places(kind: str) -> dict[str, Any]:
+def _places(kind: str) -> Document:
     """Return name to row, or to the slice of rows, of a kind."""
     names = arrays()[f"{kind}/names"].tolist()
     if f"{kind}/sizes" not in arrays():
@@ -108,7 +109,7 @@ def curve(kind: str, name: str, besides: str = "") -> tuple[FloatArray, FloatArr
     return rows[:, 0], rows[:, 1] if rows.shape[1] == 2 else rows[:, 1:]
 
 
-def space(name: str) -> dict[str, Any]:
+def space(name: str) -> Document:
     """Return an RGB space, as `authority.space_of`; unknown names raise ValueError."""
     place = _places("space").get(name)
     if place is None:

@@ -183,7 +183,7 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
     return chosen, broken
 
 
-def without_sweep(pipeline: PipelineFile) -> tuple[PipelineFile, dict[str, Any]]:
+def without_sweep(pipeline: PipelineFile) -> tuple[PipelineFile, Document]:
     """Return the camera without its sweep, and the values taken instead.
 
     A value that the file gives beside the sweep (under ``[camera]``, by the sensor, in the stage's own table) is used;

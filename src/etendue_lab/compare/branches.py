@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, quantities_of, reads_of
@@ -59,7 +58,7 @@ class Branched:
     counterpart: str  # the reference's copy of the compared stage; '' if both branches share it, or there is none
     notes: tuple[str, ...]
 
-    def axes(self, key: str, values: Any) -> Document:
+    def axes(self, key: str, values: Sequence[object] | None) -> Document:
         """Return the sweep entries that apply an axis to both branches. No stage depends on more than one of them."""
         name = key.rpartition(".")[2]
         return {key: values} | ({f"{self.counterpart}.{name}": values} if self.counterpart else {})

@@ -6,8 +6,6 @@ Out: PSNR, RMSE, SSIM, CIEDE2000, zipper, false colour; None where there is noth
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from etendue.types.arrays import Array
@@ -17,7 +15,7 @@ from etendue_camera.quality import artefacts, fidelity
 BORDER = 10  # pixels ignored at each side, because values beyond the border are unknown
 
 
-def inside(picture: Array, border: int = BORDER) -> Any:
+def inside(picture: Array, border: int = BORDER) -> Array:
     """Return a picture without its border; unchanged if nothing would be left."""
     rows, columns = picture.shape[-2:]
     if min(rows, columns) <= 4 * border:

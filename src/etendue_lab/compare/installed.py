@@ -6,18 +6,21 @@ Out: the name under which such a stage is installed. Those of the package come f
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from etendue.contract.registry import Registry
 from etendue.contract.stage import reads_of, writes_of
 from etendue.errors import RequestError
 from etendue_camera.roles import REFERENCE
 
+if TYPE_CHECKING:
+    from etendue.contract.stage import Stage
+
 
 def serving(registry: Registry, role: str, reads: str, writes: str, dims: tuple[str, ...] = ()) -> str:
     """Return the stage of a role that reads one variable, with these dims if given, and writes another; '' if none."""
 
-    def fits(kind: Any) -> bool:
+    def fits(kind: type[Stage]) -> bool:
         read = [d for d in reads_of(kind).values() if d.variable == reads and d.dims == (dims or d.dims)]
         return bool(kind.role == role and read) and any(d.variable == writes for d in writes_of(kind).values())
 

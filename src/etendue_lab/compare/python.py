@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from etendue.builder.pipeline import number
 from etendue_lab.compare.axis import parse_axis
@@ -10,8 +10,9 @@ from etendue_lab.compare.study import compare as ranked
 
 if TYPE_CHECKING:
     from etendue.builder.pipeline import Pipeline
+    from etendue_lab.compare.study import Comparison
 
 
-def compare(pipeline: Pipeline, axis: str, *, repeat: int = 5, noise_free: bool = False) -> Any:
+def compare(pipeline: Pipeline, axis: str, *, repeat: int = 5, noise_free: bool = False) -> Comparison:
     """Rank alternatives by quality against run time, as ``etendue compare --axis`` does."""
     return ranked(pipeline.written(), parse_axis(axis, number), repeat, noise_free)

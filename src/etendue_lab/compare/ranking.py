@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -30,6 +30,9 @@ from etendue_lab.compare.axis import parse_axis
 from etendue_lab.compare.compared import FIGURES, ComparedRow
 from etendue_lab.compare.study import Comparison
 from etendue_lab.compare.study import compare as measure
+
+if TYPE_CHECKING:
+    from etendue.types.documents import Scalar
 
 PLOT, CROPS = "error_against_time.png", "crops.png"
 MOST_CROPS = 9
@@ -94,7 +97,7 @@ def row_document(found: Comparison, number: int, row: ComparedRow) -> Document:
     }
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Scalar:
     return value if isinstance(value, str | int | float | bool) or value is None else str(value)
 
 

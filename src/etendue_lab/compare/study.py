@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,6 +43,10 @@ from etendue_lab.compare.axis import (
 from etendue_lab.compare.branches import Branched, Place, with_reference, writer
 from etendue_lab.compare.compared import ComparedRow, Reader
 from etendue_lab.compare.figures import BORDER, colour_figures, display_figures, linear_figures
+
+if TYPE_CHECKING:
+    from etendue.contract.ports import Progress
+    from etendue.plan.model import Plan
 
 
 @dataclass
@@ -85,7 +89,7 @@ def compare(
     repeat: int = 5,
     expected: bool = False,
     options: Options | None = None,
-    progress: Any = None,
+    progress: Callable[[Plan], Progress] | None = None,
     edges: bool = True,
     ready: Callable[[], None] | None = None,
 ) -> Comparison:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Any
 
 from rich.table import Table
 
@@ -85,11 +84,11 @@ def _figures(title: str, rows: list[Document]) -> Table:
     return _table(title, *columns, rows=rows)
 
 
-def _unit(row: dict[str, Any]) -> str:
+def _unit(row: Document) -> str:
     return ", %" if row["figure"] in PERCENT else "" if row["unit"] == "1" else f", {row['unit']}"
 
 
-def _text(row: dict[str, Any], name: str) -> str:
+def _text(row: Document, name: str) -> str:
     value, scale = row[name], 100.0 if row["figure"] in PERCENT else 1.0
     if value is None or math.isnan(value):
         return ""

@@ -87,7 +87,7 @@ def _sites(plan: Plan, place: Place, channel: str) -> Any:
     return index == list(mask.channels).index(channel)
 
 
-def _response(picture: Array, frequency: Array, own: Any, sites: Any) -> Any:
+def _response(picture: Array, frequency: Array, own: Array, sites: Array | None) -> Array:
     found = slanted_edge(picture, samples=SAMPLES, tails=False, sites=sites)
     return np.interp(frequency, found.frequency, found.sfr) / own
 

@@ -137,7 +137,7 @@ class FineDetail(FlatField):
         )
         return behind_filters(bands, self.photons, made, [one[..., 0, 0] for one in still])[self.number[channel]]
 
-    def band_contrast(self, fy: Array, fx: Array, names: Collection[str]) -> Any:
+    def band_contrast(self, fy: Array, fx: Array, names: Collection[str]) -> Array:
         """Return the (wavelength, m, n) transfer function of some stages together."""
         product = Product(tuple(self.lens[name] for name in names), self.edges)
         found = product.at(np.asarray(fy)[:, None] / self.pitch, np.asarray(fx)[None, :] / self.pitch)
@@ -162,7 +162,7 @@ class FineDetail(FlatField):
             for name, stage in self.noisy().items()
         }
 
-    def quanta(self, fy: Array, fx: Array, without: Collection[str] = ()) -> Any:
+    def quanta(self, fy: Array, fx: Array, without: Collection[str] = ()) -> Array:
         """Return the (m, n) NEQ of the mosaic: all its pixels together, each with its own noise.
 
         It is the mean over the positions of the mosaic cell: the ideal observer of one wave knows every pixel's filter.
@@ -175,7 +175,7 @@ class FineDetail(FlatField):
             total += share * information.neq(signal, self.variances(channel, without))
         return total
 
-    def quanta_of(self, channel: str, fy: Any, fx: Any) -> Any:
+    def quanta_of(self, channel: str, fy: Any, fx: Any) -> Array:
         """Return the (m, n) NEQ of the pixels of one channel, in quanta per pixel of the frame."""
         share = float(np.mean(self.mask == channel))
         return share * information.neq(
@@ -192,7 +192,7 @@ class FineDetail(FlatField):
         return scale.electrons()
 
     @cached_property
-    def answers(self) -> dict[Place, list[tuple[Any, Any, float]]]:
+    def answers(self) -> dict[Place, list[tuple[Array, Array, float]]]:
         """Responses to a step of one pixel by picture, with variances and weight, at several places of the frame; see
         `FlatField.responses`.
         """

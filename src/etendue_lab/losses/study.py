@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,6 +35,9 @@ from etendue_lab.losses.shapley import fewest, shares
 from etendue_lab.noise.flat_field import MOSAIC
 from etendue_lab.quality.figures import Shot
 from etendue_lab.quality.ideal import Ideal, ideal_of
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
 
 ANALYTIC = 1024  # coalitions evaluated from formulas: exact up to ten stages
 RUNS = 64  # default number of coalitions that are run: exact up to six stages
@@ -216,7 +219,7 @@ class _Cameras:
         on_it = {n for n, kind in kinds.items() if MOSAIC in {d.variable for d in reads_of(kind).values()}}
         self.beside = frozenset(on_it & set(self.ideal.left_out))
         self.players = (*(n for n in self.ideal.left_out if n not in self.beside), self.mosaic)
-        self.pictures: dict[frozenset[str], Any] = {}
+        self.pictures: dict[frozenset[str], float] = {}
         self.reference = self._lab(frozenset())
 
     def loss(self, present: frozenset[str]) -> float:
@@ -229,7 +232,7 @@ class _Cameras:
     def figure(self, present: frozenset[str]) -> float:
         return math.sqrt(self.loss(present))
 
-    def _lab(self, present: frozenset[str]) -> Any:
+    def _lab(self, present: frozenset[str]) -> Array:
         self.told(
             f"the camera with {', '.join(n for n in self.players if n in present) or 'nothing'} real, all else ideal"
         )

@@ -6,8 +6,6 @@ Out: a table for each loss, and how well pairs are predicted.
 
 from __future__ import annotations
 
-from typing import Any
-
 from etendue.cli import options
 from etendue.cli.saying import tell
 from etendue.present.terminal.progress import trying
@@ -53,7 +51,7 @@ def print_losses(document: Document) -> None:
         console.print(f"note: {escape(note)}")
 
 
-def _error(row: dict[str, Any], orders: int) -> str:
+def _error(row: Document, orders: int) -> str:
     return "" if not orders or row["standard_error"] is None else f" +- {row['standard_error']:.1g}"
 
 

@@ -132,7 +132,7 @@ def _errors(
     return as_is, colour_errors(exposed, convert, goal, confidence, draws=draws), gain
 
 
-def _luminance(lightness: Array) -> Any:
+def _luminance(lightness: Array) -> Array:
     """Return Y from L*, 1 at white."""
     f = (np.asarray(lightness) + 16) / 116
     return np.where(f > 6 / 29, f**3, 3 * (6 / 29) ** 2 * (f - 4 / 29))

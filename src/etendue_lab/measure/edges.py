@@ -147,7 +147,7 @@ def _why(refusals: list[str], why: list[str]) -> str:
 
 
 def _measured(
-    photograph: PhotographFile, place: PixelWindow, channel: str, confidence: float, strip: Any = None
+    photograph: PhotographFile, place: PixelWindow, channel: str, confidence: float, strip: Array | None = None
 ) -> Document:
     """Measure the edge in a rectangle, or that of the pixels of a strip in it."""
     what = f"--edge {place}"
@@ -314,7 +314,7 @@ def _widened(first: int, length: int, size: int) -> tuple[int, int]:
     return begin, end - begin
 
 
-def _shape(what: str, image: Array, sites: Any) -> EdgeShape | None:
+def _shape(what: str, image: Array, sites: Array | None) -> EdgeShape | None:
     """Return the shape of the edge in a region; refuse one along the raster."""
     try:
         shape = edge_shape(image, sites)
@@ -329,7 +329,9 @@ def _stands(shape: EdgeShape) -> str:
     return f"{abs(shape.angle):.1f} degrees from the {'columns' if shape.vertical else 'rows'}"
 
 
-def _check_straight(what: str, found: EdgeResolution, shape: EdgeShape | None, image: Array, sites: Any) -> None:
+def _check_straight(
+    what: str, found: EdgeResolution, shape: EdgeShape | None, image: Array, sites: Array | None
+) -> None:
     """Refuse an edge that no cubic follows: the residual of the fit exceeds its noise."""
     step = 1 / found.snr if found.snr > 0 else math.inf
     if step <= MISFIT or step <= TIMES * _noise(image, sites) / _step(image, sites):
@@ -340,12 +342,12 @@ def _check_straight(what: str, found: EdgeResolution, shape: EdgeShape | None, i
     )
 
 
-def _step(image: Array, sites: Any) -> float:
+def _step(image: Array, sites: Array | None) -> float:
     low, high = np.percentile(image if sites is None else image[sites], (5, 95))
     return max(float(high - low), 1e-300)
 
 
-def _noise(image: Array, sites: Any) -> float:
+def _noise(image: Array, sites: Array | None) -> float:
     """Return the rms noise of a pixel, from the median of differences between neighbours of one colour along the
     smoother direction.
     """

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 
@@ -65,7 +64,7 @@ def measured_noise(photograph: PhotographFile, text: str, confidence: float) -> 
     return {"region": str(place), "clipped": clipped, "channels": rows, "hidden": hidden, "not_covered": bool(lost)}
 
 
-def _step(photograph: PhotographFile, name: str, cut: Any) -> float:
+def _step(photograph: PhotographFile, name: str, cut: tuple[slice, slice]) -> float:
     """Return the step between numbers of a plane in linear light; for luminance the step of a single number with the
     same effect as those of the channels.
     """

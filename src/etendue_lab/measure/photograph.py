@@ -64,7 +64,7 @@ class PhotographFile:
     """An open picture file; pixels are counted from 0 at the upper left."""
 
     path: Path
-    values: Any  # (rows, columns, 1 or 3), the file's own numbers; for a raw file (rows, columns, 1), above black
+    values: Array  # (rows, columns, 1 or 3), the file's own numbers; for a raw file (rows, columns, 1), above black
     full: float  # value at the end of the scale
     encoding: str  # one of ENCODINGS
     weights: tuple[float, ...]  # of red, green and blue in luminance
@@ -116,7 +116,7 @@ class PhotographFile:
             raise RequestError("--channel luminance: each pixel of a raw file has one colour; give red, green or blue")
         return asked
 
-    def linear(self, channel: str, cut: Any = np.s_[:]) -> tuple[Any, Any]:
+    def linear(self, channel: str, cut: Any = np.s_[:]) -> tuple[Any, Array | None]:
         """Return a part of a channel in linear light (y, x), 1 at full scale, and a mask of its pixels; None: all."""
         part = self.values[cut]
         if self.is_raw:

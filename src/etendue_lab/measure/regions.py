@@ -7,11 +7,14 @@ Out: windows, circles, corners; one clear error for each invalid text.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from etendue.errors import RequestError
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import FloatArray
 
 FOUND = "auto"  # value of --edge: find the strongest slanted edge
 
@@ -26,7 +29,7 @@ class PixelWindow:
     height: int
 
     @property
-    def cut(self) -> Any:
+    def cut(self) -> tuple[slice, slice]:
         return np.s_[self.y : self.y + self.height, self.x : self.x + self.width]
 
     def __str__(self) -> str:
@@ -84,7 +87,7 @@ def circle(option: str, text: str, columns: int, rows: int) -> Circle:
     return Circle(x, y, radius)
 
 
-def corners(option: str, text: str, columns: int, rows: int) -> np.ndarray[Any, Any]:
+def corners(option: str, text: str, columns: int, rows: int) -> FloatArray:
     """Parse (4, 2): the four corners of a chart inside a picture, x and y."""
     found = np.array(numbers(option, text, 8, "X0,Y0,X1,Y1,X2,Y2,X3,Y3")).reshape(4, 2)
     inside = (found >= -0.5).all() and (found[:, 0] <= columns - 0.5).all() and (found[:, 1] <= rows - 0.5).all()

@@ -7,7 +7,6 @@ Out: a row of values with their curve.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -68,7 +67,7 @@ def measured_star(
     }
 
 
-def _cycles(image: Array, place: Circle, first: tuple[int, int], sites: Any, given: int | None) -> str:
+def _cycles(image: Array, place: Circle, first: tuple[int, int], sites: Array | None, given: int | None) -> str:
     """Return advice on the number of cycles."""
     if given is None:
         return "; give its number of periods per turn with --cycles N"

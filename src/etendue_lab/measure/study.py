@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from etendue.errors import RequestError
 from etendue.present.plots.plot import Plot, new_figure
@@ -103,7 +102,7 @@ def curves(document: Document) -> Plot:
     pitch = document["pitch"]
     figure = new_figure(7.0, 4.6)
     axes = figure.add_subplot()
-    rows: list[list[Any]] = []
+    rows: list[list[str | float]] = []
     for number, (kind, one, where) in enumerate(measured):
         label = f"{kind} {where}" + ("" if math.isnan(one["mtf50"]) else f": MTF50 {one['mtf50']:.3f}")
         axes.plot(one["frequency"], one["sfr"], color=f"C{number}", lw=1.5, label=label)

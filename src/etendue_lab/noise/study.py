@@ -16,7 +16,6 @@ noise.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -97,7 +96,7 @@ class _Measurement(FlatField):
     def report(self, pipeline: PipelineFile, reflectance: float) -> NoiseReport:
         mosaics = [self.window(a[self.ref][MOSAIC]) for a in self.arrays]
         found: dict[tuple[int, int], float] = {}
-        by_place: dict[tuple[int, int], Any] = {}
+        by_place: dict[tuple[int, int], Array] = {}
         for y, x in np.ndindex(self.mask.shape):
             planes = np.stack([m[y :: self.mask.shape[0], x :: self.mask.shape[1]] for m in mosaics])
             by_place[y, x] = propagation.without_trend(planes, TREND)
@@ -149,7 +148,7 @@ class _Measurement(FlatField):
         ]
         return scale.electrons() / (12 * codes[0].variance(0.0)) ** 0.5 if codes and isinstance(scale, Scaled) else 0.0
 
-    def _row(self, stage: str, variable: str, answers: list[tuple[Any, Any, float]]) -> StageNoise:
+    def _row(self, stage: str, variable: str, answers: list[tuple[Array, Array, float]]) -> StageNoise:
         labels = self.plan.cells[(stage, ())].grids[variable]["channel"]
         names = tuple(str(v) for v in labels.values())
         frames = np.stack([self.window(a[(stage, ())][variable]) for a in self.arrays])
@@ -179,7 +178,7 @@ class _Measurement(FlatField):
             [(float(next_to[0][i, i]), float(next_to[1][i, i])) for i in range(len(names))],
         )
 
-    def _without_pattern(self, frames: Array) -> Any:
+    def _without_pattern(self, frames: Array) -> Array:
         """Subtract what repeats with the mosaic cell: a demosaicer may leave the mosaic's own pattern on a flat
         field.
         """

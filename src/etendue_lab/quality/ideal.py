@@ -13,9 +13,8 @@ arrives where, the pixel with its aperture and diffusion, crosstalk behind the f
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 from etendue.contract.capabilities import ends_in_sum, is_transfer
 from etendue.contract.registry import Registry
@@ -220,7 +219,7 @@ def _check_names(pipeline: PipelineFile, given: Mapping[str, Collection[str]], k
         raise RequestError(faults, pipeline.file)
 
 
-def _first(pipeline: PipelineFile, holds: Any) -> str | None:
+def _first(pipeline: PipelineFile, holds: Callable[[StageEntry], bool | set[str]]) -> str | None:
     return next((entry.name for entry in pipeline.stages if holds(entry)), None)
 
 

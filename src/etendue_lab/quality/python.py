@@ -9,8 +9,9 @@ from etendue_lab.quality.study import quality as measured
 
 if TYPE_CHECKING:
     from etendue.builder.pipeline import Pipeline
+    from etendue_lab.quality.study import IdealComparison
 
 
-def quality(pipeline: Pipeline, **how: Any) -> Any:
+def quality(pipeline: Pipeline, **how: Any) -> IdealComparison:
     """Compare the camera with the ideal one, as ``etendue quality`` does."""
     return measured(pipeline.written(), installed_stages(), **how)

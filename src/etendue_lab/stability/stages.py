@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import Stage
@@ -121,7 +120,7 @@ def computed(name: str, bench: Bench, case: Case) -> LawCase:
     return row(name, WITHIN, case, True, found, "")
 
 
-def held(name: str, law: str, case: Case, check: Callable[[], Any], always: bool = False) -> Iterator[LawCase]:
+def held(name: str, law: str, case: Case, check: Callable[[], object], always: bool = False) -> Iterator[LawCase]:
     """Yield one law of one instance; nothing if it measured nothing."""
     with measuring() as found:
         try:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -18,6 +18,9 @@ from etendue.cli.saying import say, show
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue_lab.stability.rows import counts, document, groups, single
 from etendue_lab.stability.study import stability as check
+
+if TYPE_CHECKING:
+    from etendue_lab.stability.rows import LawCases
 
 COLUMNS = (
     ("stage, law and worst case", "left"),
@@ -29,7 +32,7 @@ COLUMNS = (
 )
 
 
-def print_stability(groups: Sequence[Any], every: bool, counts: dict[str, int]) -> None:
+def print_stability(groups: Sequence[LawCases], every: bool, counts: dict[str, int]) -> None:
     """Print ``groups``: one per law and stage, or one per row with ``every``."""
     console = _out()
     table = _table("all cases" if every else "worst case of each law", *COLUMNS, wrap=(COLUMNS[0][0],))
@@ -60,7 +63,7 @@ def print_stability(groups: Sequence[Any], every: bool, counts: dict[str, int]) 
     )
 
 
-def verdict(group: Any, every: bool) -> str:
+def verdict(group: LawCases, every: bool) -> str:
     if group.failed:
         return "FAILED" if every or group.cases == 1 else f"{group.failed} FAILED"
     if group.untried:

@@ -13,7 +13,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from etendue.archive.checks.verify import STRAYS
 from etendue.archive.read.inspection import Verified
@@ -25,6 +25,9 @@ from etendue.archive.sharding.chunks import CODEC, RAW
 from etendue.archive.sharding.partition import pieces_of
 from etendue.archive.write.store import ArchiveWriter
 from etendue.types.documents import Document, DocumentView
+
+if TYPE_CHECKING:
+    from etendue.types.documents import AxisValue
 
 RECORD = ".json"
 
@@ -107,7 +110,7 @@ def _unkept(folder: Path, kept: Mapping[str, str], manifest: Manifest | None) ->
 
 
 def _blocks(
-    folder: Path, axes: Mapping[str, Mapping[str, list[Any]]], stored: Stored
+    folder: Path, axes: Mapping[str, Mapping[str, list[AxisValue]]], stored: Stored
 ) -> dict[str, dict[str, Document]]:
     """Return how variables are cut into shards, from their metadata, where that is intact and the journal does not
     say it.

@@ -11,10 +11,13 @@ from array import array
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, MutableMapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 from etendue.archive.structure.layout import STATUS
 from etendue.contract.ports import WrittenChunk
+
+if TYPE_CHECKING:
+    from etendue.plan.model import CellRef
 
 EVENTS = ("start", "done", "failed", "removed")
 KEY = 16  # bytes of a key
@@ -212,7 +215,7 @@ class Entries(MutableMapping[str, Entry]):
         """Return those of the named cells that are done with another key than the one given."""
         return self.done_among(name for name, key in keys if name in self.rows and self.key_at(self.rows[name]) != key)
 
-    def done_beside(self, names: Mapping[Any, str]) -> list[str]:
+    def done_beside(self, names: Mapping[CellRef, str]) -> list[str]:
         """Return the names of done cells that are not among ``names``."""
         known = set(names.values()) if self.rows else set()
         return [name for name in self.done() if name not in known]

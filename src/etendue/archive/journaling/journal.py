@@ -19,7 +19,7 @@ from collections.abc import Iterable, Mapping, MutableMapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -41,6 +41,9 @@ from etendue.archive.sharding.shards import Shard
 from etendue.archive.structure.layout import STATUS
 from etendue.types.documents import Document, DocumentView
 
+if TYPE_CHECKING:
+    from etendue.types.documents import AxisValue
+
 LONGEST_LINE = 32 << 20  # bytes; the longest, a run record with axes of 100,000 values, has a few megabytes
 # Errors of a damaged line; in older versions of msgspec, decoding errors are not ``ValueError``.
 UNFIT = (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
@@ -61,7 +64,7 @@ class Read:
     """The content of a journal."""
 
     entries: MutableMapping[str, Entry] = field(default_factory=Entries)
-    axes: dict[str, dict[str, list[Any]]] = field(default_factory=dict)
+    axes: dict[str, dict[str, list[AxisValue]]] = field(default_factory=dict)
     arrays: dict[str, set[str]] = field(default_factory=dict)  # by group: the names of all arrays ever made in it
     # by group and variable: how it is split and encoded
     blocks: dict[str, dict[str, Document]] = field(default_factory=dict)
@@ -172,7 +175,7 @@ class Journal:
             self._append([{"event": "outdated", "cells": sorted(names)}])
             self.outdated = names
 
-    def set_axes(self, axes: Mapping[str, Mapping[str, list[Any]]]) -> None:
+    def set_axes(self, axes: Mapping[str, Mapping[str, list[AxisValue]]]) -> None:
         """Record the axis values of the arrays of each group, in stored order, before any array changes."""
         changed = {group: dict(values) for group, values in axes.items() if self.axes.get(group) != values}
         self._append(
@@ -248,7 +251,7 @@ def summed(line: bytes) -> bytes:
     return line[:-1] + b',"sum":"%08x"}' % zlib.crc32(line)
 
 
-def _written(value: Any) -> Any:
+def _written(value: object) -> object:
     """Return an axis value as JSON, which has no infinity."""
     return {"float": repr(value)} if isinstance(value, float) and not math.isfinite(value) else value
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select
 from etendue.types.arrays import Array
+
+if TYPE_CHECKING:
+    from etendue.types.documents import Document
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +127,6 @@ class ComparingKeeper(Passing):
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
         return False
 
-    def close(self, tables: dict[str, Any], sheet: ContactSheet | None, failed: bool) -> tuple[Any, list[Path]]:
+    def close(self, tables: Document, sheet: ContactSheet | None, failed: bool) -> tuple[None, list[Path]]:
         self.sheet = sheet
         return None, []

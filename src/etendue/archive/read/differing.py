@@ -9,9 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
 
 PIECE = 1 << 18  # values compared at a time, which bounds the temporary memory
 
@@ -51,7 +54,7 @@ class Difference:
         return self.rms / self.scale
 
 
-def between(first: Any, second: Any) -> Difference:
+def between(first: Array, second: Array) -> Difference:
     """Return the difference of two arrays; the first defines full scale."""
     if first.shape != second.shape or first.dtype != second.dtype:
         return Difference(False, f"{first.dtype}{list(first.shape)} and {second.dtype}{list(second.shape)}")
@@ -59,7 +62,7 @@ def between(first: Any, second: Any) -> Difference:
     return together(_piece(one[n : n + PIECE], other[n : n + PIECE]) for n in range(0, max(one.size, 1), PIECE))
 
 
-def _piece(one: Any, other: Any) -> Difference:
+def _piece(one: Array, other: Array) -> Difference:
     if one.tobytes() == other.tobytes():
         return Difference(True, values=one.size, scale=_scale(one))
     a, b = one.astype(np.float64), other.astype(np.float64)
@@ -80,7 +83,7 @@ def _piece(one: Any, other: Any) -> Difference:
     )
 
 
-def _scale(values: Any) -> float:
+def _scale(values: Array) -> float:
     """Return the largest finite absolute value."""
     if not values.size:
         return 0.0

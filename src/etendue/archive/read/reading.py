@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,6 +29,9 @@ from etendue.archive.sharding.partition import Window, counts_of, joined, known_
 from etendue.archive.sharding.shards import ChunkPlace, ShardFiles, fits, part_path, read_bytes
 from etendue.contract.ports import WrittenChunk
 from etendue.errors import ArchiveError, EtendueError
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
 
 FINISHED = ("done", "left_out")
 ELSEWHERE = "the index of its shard names another place"  # no cell is lost: the journal knows the right place
@@ -245,7 +248,7 @@ class StoredArchive:
             return ELSEWHERE
         return ""
 
-    def _array(self, chunk: StoredChunk) -> Any:
+    def _array(self, chunk: StoredChunk) -> Array:
         place = self.place(chunk)
         path, slot = chunk.written.path, chunk.written.slot
         if place is None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from etendue.archive.structure.cutting import chunk_shapes
 from etendue.archive.structure.metadata import TEXT, array_node, consolidated, document, text_chunk
 from etendue.process import unwarned
 from etendue.types.documents import DocumentView
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 ROOT = "zarr.json"
 
@@ -47,7 +50,7 @@ class Tree:
         file = f"{path}/{ROOT}" if path else ROOT
         self.held[file], self.nodes[file] = document(node), node
 
-    def put_array(self, group: str, name: str, values: Any, dims: tuple[str, ...], attrs: DocumentView) -> None:
+    def put_array(self, group: str, name: str, values: ArrayLike, dims: tuple[str, ...], attrs: DocumentView) -> None:
         """Add one small array as a whole (a coordinate, a status, a column of a table)."""
         values, path = np.asarray(values), f"{group}/{name}"
         text = values.dtype.kind in "UO"

@@ -14,9 +14,8 @@ from __future__ import annotations
 import json
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA, Manifest
@@ -24,7 +23,7 @@ from etendue.archive.records.rerun import Recorded, every_record
 from etendue.pipeline.about import About
 from etendue.plan.identity.keys import version_of
 from etendue.plan.model import Node, Plan
-from etendue.types.documents import DocumentView
+from etendue.types.documents import Document, DocumentView
 
 NAME, CITATION = "ro-crate-metadata.json", "CITATION.cff"
 PROFILES = (
@@ -34,7 +33,7 @@ PROFILES = (
     ("https://w3id.org/workflowhub/workflow-ro-crate/1.0", "Workflow RO-Crate", "1.0"),
 )
 ENGINE, LANGUAGE, UNSTATED = "#etendue", "#pipeline-file", "#license-not-stated"
-Entity = dict[str, Any]
+Entity = Document
 
 
 def write_crate(folder: Path, plan: Plan, known: Manifest | None, fresh: bool, durable: bool = False) -> None:
@@ -89,7 +88,7 @@ def _workflow(run: Recorded) -> str:
     return f"runs/{run.path.stem}.toml"
 
 
-def _ids(names: Any) -> Any:
+def _ids(names: Iterable[str]) -> Document | list[Document]:
     """Return references; a single one without a list, as RO-Crate recommends."""
     found = [{"@id": name} for name in names]
     return found[0] if len(found) == 1 else found

@@ -74,7 +74,7 @@ class _Resolver:
         self.written[value] = f"../inputs/{name}"
         return self.written[value]
 
-    def table(self, values: DocumentView, own: Mapping[str, Any]) -> Document:
+    def table(self, values: DocumentView, own: DocumentView) -> Document:
         return {name: self.value(value, own[name][0] if name in own else None) for name, value in values.items()}
 
     def preset(self, table: DocumentView) -> Document:

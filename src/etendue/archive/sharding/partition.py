@@ -13,13 +13,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import product
 from math import ceil, prod
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from etendue.contract.arrays.dims import is_light
 from etendue.plan import cost
 from etendue.types.documents import DocumentView
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
 
 LARGEST_CHUNK = 64 << 20  # bytes; a larger cell is split into row bands
 BANDS = 4  # this many row bands together hold about as much as the largest chunk, so one is 16 MB
@@ -106,7 +109,7 @@ class Cutter:
         return whole
 
 
-def joined(parts: Iterable[tuple[Window | None, Any]], windows: Sequence[Window | None]) -> Any:
+def joined(parts: Iterable[tuple[Window | None, Array]], windows: Sequence[Window | None]) -> Any:
     """Join the stored parts at these windows: the whole cell, or the bands that they cover."""
     around = [
         (min(begin), max(end))

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import prod
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,8 +26,11 @@ from etendue.archive.structure.layout import Layout, VariableLayout
 from etendue.plan.model import Plan
 from etendue.types.documents import Document, DocumentView
 
+if TYPE_CHECKING:
+    from etendue.types.documents import AxisValue
+
 SMALL = 4096  # bytes; compressing a smaller chunk takes longer than everything else and saves next to nothing
-Blocks = Mapping[str, Mapping[str, Mapping[str, Any]]]  # by group and variable: block, codec, form, pieces, chunk
+Blocks = Mapping[str, Mapping[str, DocumentView]]  # by group and variable: block, codec, form, pieces, chunk
 
 
 def bytes_of(variable: VariableLayout) -> int:
@@ -36,7 +39,7 @@ def bytes_of(variable: VariableLayout) -> int:
 
 
 def cut(
-    plan: Plan, layout: Layout, axes: Mapping[str, Mapping[str, list[Any]]], known: Blocks
+    plan: Plan, layout: Layout, axes: Mapping[str, Mapping[str, list[AxisValue]]], known: Blocks
 ) -> dict[str, dict[str, Document]]:
     """Return block and codec of every variable; known ones are kept unless the variable's form has changed."""
     noisy = _noisy(plan)

@@ -12,9 +12,8 @@ children holds no arrays.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from etendue.archive.records.manifest import DATA
 from etendue.contract.arrays.grid import Coordinate, Line
@@ -95,7 +94,7 @@ def shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
     first = own[cells[0].ref]
     differ = {dim for found in own.values() for dim in found if found[dim] != first.get(dim)} - {"y", "x"}
     names: dict[CellRef, str] = {}
-    shapes: dict[str, set[Any]] = {}
+    shapes: dict[str, set[tuple[Hashable, ...]]] = {}
     for ref, found in own.items():
         plane = f"{found['y'][0]}x{found['x'][0]}" if "y" in found and "x" in found else ""
         rest = [dim for dim in found if dim in differ or (not plane and found[dim][0] > 0)]

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import unicodedata
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import google_crc32c
 import msgspec
@@ -77,7 +76,7 @@ def array_node(
     }
 
 
-def _codecs(kind: Any, codec: str) -> list[Document]:
+def _codecs(kind: np.dtype[np.generic], codec: str) -> list[Document]:
     first: Document = (
         {"name": "bytes"} if kind.itemsize == 1 else {"name": "bytes", "configuration": {"endian": "little"}}
     )

@@ -7,7 +7,6 @@ Out: each cell's name in the journal, its group, and its position in that group.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.types.documents import Place
@@ -25,7 +24,7 @@ def cell_label(stage: str, labels: Place) -> str:
     return stage + "".join([_piece(dim, value) for dim, value in labels.items()])
 
 
-def _piece(dim: str, value: Any) -> str:
+def _piece(dim: str, value: object) -> str:
     return f" {dim}={value!r}" if isinstance(value, str) else f" {dim}={value}"
 
 

@@ -28,6 +28,7 @@ from etendue.types.documents import DocumentView
 if TYPE_CHECKING:
     from etendue.session import Options
     from etendue.types.arrays import Array
+    from etendue.types.documents import Document
 
 
 class ArchiveKeeper:
@@ -184,7 +185,7 @@ class ArchiveKeeper:
         self.store.write_manifest()
         self.store.sweep()
 
-    def close(self, tables: dict[str, Any], sheet: ContactSheet | None, failed: bool) -> tuple[Any, list[Path]]:
+    def close(self, tables: Document, sheet: ContactSheet | None, failed: bool) -> tuple[None, list[Path]]:
         store = self.store
         place = store.folder / "contact_sheet.png"
         if sheet and sheet.table:

@@ -87,7 +87,7 @@ class MemoryKeeper(Passing):
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
         return True
 
-    def close(self, tables: dict[str, Any], sheet: ContactSheet | None, failed: bool) -> tuple[Any, list[Path]]:
+    def close(self, tables: Document, sheet: ContactSheet | None, failed: bool) -> tuple[xarray.DataTree, list[Path]]:
         return self._tree({**tables, "frames": sheet.table} if sheet and sheet.table else tables), []
 
     def placed(self, ref: CellRef) -> dict[str, Array]:

@@ -134,7 +134,7 @@ class Anew:
         disk.write(self.target, path, data, self.shares)
         self.written += len(data)
 
-    def _copied(self, source: Any, target: Any) -> None:
+    def _copied(self, source: str | Path, target: str | Path) -> None:
         """Copy a file unchanged; with ``shares`` link it where the file system allows that."""
         if self.shares:
             with suppress(OSError):

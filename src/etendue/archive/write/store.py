@@ -19,7 +19,6 @@ import json
 import os
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from etendue.archive.journaling.accepting import Former, accepted
 from etendue.archive.journaling.blocks import Blocks, Slots, Stored
@@ -346,7 +345,7 @@ class ArchiveWriter:
 
     # -- closing --------------------------------------------------------------------------------------
 
-    def shown(self) -> Any:
+    def shown(self) -> list[str] | None:
         """Return the keys of the cells in the pictures of an earlier run; None if these are not intact."""
         return earlier_pictures.attributes(earlier_pictures.stored(self.folder, self.listing)).get("shown")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -23,9 +23,17 @@ from etendue.present.terminal.catalogue import (
 )
 from etendue.telling import printable
 
+if TYPE_CHECKING:
+    from etendue.types.documents import Document
+
 
 def tell_one(
-    as_json: bool, name: str | None, names: Sequence[str], document: Callable[[str], Any], one: Any, all: Any
+    as_json: bool,
+    name: str | None,
+    names: Sequence[str],
+    document: Callable[[str], Document],
+    one: Callable[[Document], None],
+    all: Callable[[list[Document]], None],
 ) -> None:
     """Print the document of the named item, or those of all."""
     documents = [document(own) for own in ([name] if name else names)]

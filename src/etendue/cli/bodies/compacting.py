@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,6 +12,9 @@ from etendue.archive.write.compact import compact as write_anew
 from etendue.archive.write.in_place import compact_in_place
 from etendue.cli.saying import tell
 from etendue.telling import printable
+
+if TYPE_CHECKING:
+    from etendue.types.documents import Document
 
 SHOWN = 6  # groups listed by name
 
@@ -24,7 +27,7 @@ def compact(place: Path | str, new: Path | None, as_json: bool) -> None:
     else:
         with places.reading(place) as folder:
             done = write_anew(folder, new)
-    document: dict[str, Any] = {
+    document: Document = {
         "archive": str(done.folder),
         "cells": done.cells,
         "shards": done.shards,
@@ -36,7 +39,7 @@ def compact(place: Path | str, new: Path | None, as_json: bool) -> None:
     tell(as_json, document, _print)
 
 
-def _print(document: dict[str, Any]) -> None:
+def _print(document: Document) -> None:
     click.echo(f"{document['cells']} cells in {document['shards']} shards, {document['bytes']} bytes")
     groups: dict[str, list[str]] = {}
     for group, dims in document["sorted"].items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +13,9 @@ from etendue.accuracy.measuring import Measurement
 from etendue.accuracy.stating import stated_elsewhere
 from etendue.cli.options import installed
 from etendue.present.terminal.global_error import global_error_document, held_document, say_held
+
+if TYPE_CHECKING:
+    from etendue.types.documents import Document
 
 
 def held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) -> Any:
@@ -23,7 +26,7 @@ def held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) 
     return found
 
 
-def kept(held: Any, folder: Path, made: Any) -> dict[str, Any]:
+def kept(held: Any, folder: Path, made: Any) -> Document:
     """The errors that a run holds, kept in its archive; as in ``--json``."""
     holding.keep(held, folder)
     return held_document(held, stated_elsewhere(made, held.measured, held.places))
@@ -35,7 +38,7 @@ def measurement(made: Any, options: Any, watched: Any) -> Any:
     return Measurement(pipeline, installed(), options=options, progress=watched)
 
 
-def measured(measurement: Any, folder: Path, made: Any) -> dict[str, Any]:
+def measured(measurement: Any, folder: Path, made: Any) -> Document:
     """Return the global errors of a run, as in ``--json``."""
     found = measurement.remembered(folder)
     stated = stated_elsewhere(made, found, measurement.places)

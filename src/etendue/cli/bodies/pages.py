@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,6 +19,9 @@ from etendue.present.page.live import Live
 from etendue.present.page.opened import Opened
 from etendue.present.page.report import report as write
 from etendue.present.page.server import Server
+
+if TYPE_CHECKING:
+    from etendue.types.documents import AxisValue
 
 
 def report(place: Path | str, output: Path | None, blame: bool, as_json: bool) -> None:
@@ -76,7 +79,7 @@ def blaming(wanted: bool, silent: bool) -> Iterator[Any]:
         yield lambda folder, at: found(folder, at, told)
 
 
-def begun_at(folder: Path) -> dict[str, Any]:
+def begun_at(folder: Path) -> dict[str, AxisValue]:
     """Return the axis values of the cell with which the report of an archive starts, as does its contact sheet."""
     opened = Opened(folder)
     start = start_of(opened)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from etendue.cli.options import Given, installed
 from etendue.cli.saying import say, show
@@ -14,8 +14,12 @@ from etendue.run.machine import check_machine
 from etendue.run.peak_memory import peak_memory, workers_of
 from etendue.run.schedulers import check_scheduler
 
+if TYPE_CHECKING:
+    from etendue.pipeline.file import PipelineFile
+    from etendue.plan.model import Plan
 
-def pipeline_of(given: Given) -> Any:
+
+def pipeline_of(given: Given) -> PipelineFile:
     """What is asked for: the file, and what the command line says of it."""
     pipeline = given.pipeline()
     if (
@@ -29,7 +33,7 @@ def pipeline_of(given: Given) -> Any:
     return reference_of(pipeline, installed()).pipeline
 
 
-def planned(given: Given, quiet: bool, pipeline: Any = None) -> Any:
+def planned(given: Given, quiet: bool, pipeline: PipelineFile | None = None) -> Plan:
     """Its plan; on a terminal the planning is seen, if it takes long."""
     pipeline = pipeline or pipeline_of(given)
     if quiet or not sys.stderr.isatty():

@@ -7,7 +7,7 @@ Out: a stand-in for a stage's parameter that cannot be used in arithmetic; ``end
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import NoReturn
 
 
 class NotKnown(Exception):
@@ -22,7 +22,7 @@ class LateValue:
     low: float
     high: float
 
-    def _unknown(self, *others: Any, **more: Any) -> NoReturn:
+    def _unknown(self, *others: object, **more: object) -> NoReturn:
         raise NotKnown(self.name)
 
     __float__ = __int__ = __index__ = __bool__ = __round__ = __neg__ = __abs__ = _unknown
@@ -34,7 +34,7 @@ class LateValue:
     ) = __array_function__ = _unknown
 
 
-def ends(value: Any) -> tuple[float, float]:
+def ends(value: float | LateValue) -> tuple[float, float]:
     """Return the smallest and largest possible value of a quantity: twice a number itself, or the range of one that a
     run finds.
 

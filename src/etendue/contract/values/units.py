@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from decimal import Decimal
-from typing import Any
 
 from etendue.plugins import discovery
 
@@ -46,7 +45,7 @@ _TOKEN = re.compile(r"(?P<symbol>1|%|[A-Za-zµμ]+)(?:\^?(?P<power>[-+]?\d+))?$"
 _NUMBER = re.compile(r"\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>.*?)\s*$")
 
 
-def as_written(value: Any) -> str:
+def as_written(value: object) -> str:
     """Return a value for a message, as written in the file and shortened."""
     if isinstance(value, dict):
         text = "{ " + ", ".join(f"{k} = {as_written(v)}" for k, v in value.items()) + " }"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import replace
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -92,7 +92,7 @@ class _Expansion:
         self.stages[key] = stage
         return stage
 
-    def found(self, one: Alternative, inputs: Any) -> tuple[LateValue, ...]:
+    def found(self, one: Alternative, inputs: Sequence[tuple[str, CellRef, str]]) -> tuple[LateValue, ...]:
         """Return stand-ins for the quantities that earlier cells write, with the range that the writing cell states if
         the quantity is the first variable it writes (facts describe only the first).
         """
@@ -257,7 +257,7 @@ class _Expansion:
         one = next((a for a in node.alternatives if a.kind is type(stage)), node.alternatives[0])
         return f"{one.use} of {one.distribution} {one.version}: {error}"
 
-    def form(self, node: Node, number: int, stage: Stage, inputs: Any) -> CellGrids:
+    def form(self, node: Node, number: int, stage: Stage, inputs: Sequence[tuple[str, CellRef, str]]) -> CellGrids:
         """Return the grids of a cell, found once for all cells of the node that read the same grids (and have the same
         stage, if it makes grids of its own).
         """

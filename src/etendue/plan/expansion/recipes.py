@@ -7,7 +7,7 @@ Out: the fields of its key and their digest; the words that key its random numbe
 from __future__ import annotations
 
 import json
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 from etendue.contract.capabilities import Sampled, draws_anew, is_random
@@ -122,7 +122,7 @@ class Recipes:
             known = self.forms[form] = AS_TEXT([grids, plain_text(form.mapped)])
         return known
 
-    def text_of_segment(self, node: Node, inputs: Any, precision: str) -> str:
+    def text_of_segment(self, node: Node, inputs: Sequence[tuple[str, CellRef, str]], precision: str) -> str:
         """Return how many stages before a transfer function its segment begins, and whether the light there is streamed
         band by band: both change bits of the result.
         """

@@ -20,7 +20,7 @@ from functools import cache, partial
 from pathlib import Path
 from pkgutil import iter_modules
 from types import FunctionType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from etendue.contract.arrays.dims import dim
 from etendue.contract.capabilities import bands_of, is_transfer
@@ -30,6 +30,9 @@ from etendue.plan.identity.distributions import CODE, SITES, VERSIONED, Installe
 from etendue.plan.identity.engine import ENGINE, TRANSFER_KERNELS, only_moves
 from etendue.plan.identity.keys import digest
 from etendue.plugins import discovery
+
+if TYPE_CHECKING:
+    from types import CellType
 
 OWN = "etendue"
 DOOR = (
@@ -96,7 +99,7 @@ def code_at(module: str) -> str:
     )
 
 
-def _modules_in(values: Iterable[Any]) -> Iterator[str]:
+def _modules_in(values: Iterable[object]) -> Iterator[str]:
     """Yield the modules of functions, of those they wrap, and of those that a partial calls."""
     for value in values:
         value = value.func if isinstance(value, partial) else getattr(value, "__func__", value)
@@ -107,7 +110,7 @@ def _modules_in(values: Iterable[Any]) -> Iterator[str]:
             )
 
 
-def _inside(cell: Any) -> Any:
+def _inside(cell: CellType) -> object:
     try:
         return cell.cell_contents
     except ValueError:  # the closure cell is empty

@@ -12,7 +12,6 @@ import importlib.metadata
 import json
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from etendue import plain_files
 from etendue.contract.stage import Stage, file_state, files_of, parameters_of
@@ -25,7 +24,7 @@ def digest(data: bytes) -> str:
     return hashlib.blake2b(data, digest_size=16).hexdigest()
 
 
-def canonical(value: Any) -> Any:
+def canonical(value: object) -> object:
     """Return a value as JSON whose text is the same for equal values; floats are in hex."""
     if isinstance(value, float):
         return value.hex()
@@ -38,7 +37,7 @@ def canonical(value: Any) -> Any:
     return value
 
 
-def plain_text(value: Any) -> str:
+def plain_text(value: object) -> str:
     """Return a grid as text that is the same for equal grids, whether a number in it came as an int, a float or a numpy
     scalar.
     """

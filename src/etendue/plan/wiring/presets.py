@@ -60,7 +60,7 @@ def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | No
 def _tables(request: Request, written: Iterable[str]) -> dict[str, DocumentView]:
     """Return the table of each value of the axis, by its label."""
     word = request.pipeline.table.preset
-    place, tables = f"sweep.{word}", dict[str, Mapping[str, Any]]()
+    place, tables = f"sweep.{word}", dict[str, DocumentView]()
     for one in written:
         table = {word: one} if isinstance(one, str) else one
         if not isinstance(table, Mapping) or not (

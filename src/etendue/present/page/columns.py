@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import base64
 import zlib
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from etendue.types.arrays import Array
 from etendue.types.documents import Document
 
-KINDS: dict[str, np.dtype[Any]] = {
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+KINDS: dict[str, np.dtype[np.generic]] = {
     "f4": np.dtype("<f4"),
     "f8": np.dtype("<f8"),
     "u1": np.dtype("u1"),
@@ -32,7 +35,7 @@ class Columns:
         self._parts: list[bytes] = []
         self._size = 0
 
-    def put(self, values: Any, kind: str = "f4") -> Document:
+    def put(self, values: ArrayLike, kind: str = "f4") -> Document:
         """Add an array, flattened in C order; return ``{"at": byte, "count": numbers, "kind": "f4"}``."""
         flat = np.ascontiguousarray(values).ravel().astype(KINDS[kind])
         shuffled = flat.view("u1").reshape(-1, KINDS[kind].itemsize).T.tobytes()

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -84,7 +83,7 @@ def _figure(opened: Opened, stage: str, name: str, groups: list[ShownGroup]) -> 
     values = np.full([*(len(opened.axis(dim).values) for dim in axes), *sizes], np.nan)
     for group, place, array in _arrays(opened, groups, name):
         order = [list(group.axes).index(dim) for dim in axes]
-        where: tuple[Any, ...] = (*(place[i] for i in order), *(slice(size) for size in array.shape))
+        where: tuple[int | slice, ...] = (*(place[i] for i in order), *(slice(size) for size in array.shape))
         values[where] = array
     widest = max(groups, key=lambda group: sum(int(group.data.sizes[dim]) for dim in dims))
     attrs = groups[0].data[name].attrs

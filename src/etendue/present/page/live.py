@@ -13,7 +13,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from etendue.present.page.opened import FINISHED, Opened
 from etendue.present.page.report import about_stages
 from etendue.present.page.shots import strip
 from etendue.types.documents import Document
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
 
 HELD = 768 * 2**20  # bytes of arrays kept in memory
 PATIENCE = 2.0  # minimum seconds between two refreshes of a growing archive
@@ -317,7 +320,7 @@ class Live:
             return found
 
 
-def _json(value: Any) -> tuple[str, bytes, dict[str, str]]:
+def _json(value: object) -> tuple[str, bytes, dict[str, str]]:
     return "application/json", json.dumps(plain(value), allow_nan=False, separators=(",", ":")).encode(), {}
 
 
@@ -339,7 +342,7 @@ def _labels(one: Picture) -> list[str]:
     return found
 
 
-def _planes(one: Picture) -> list[tuple[str, Any, Any]]:
+def _planes(one: Picture) -> list[tuple[str, Array, Array]]:
     """Return (name, plane, mask) of each channel; of a pattern the same plane for each of its letters; of many bands
     their mean.
     """

@@ -10,7 +10,6 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
@@ -20,7 +19,7 @@ from etendue.present.page.html import page
 from etendue.present.page.opened import Opened
 from etendue.present.page.shots import shots
 from etendue.telling import printable
-from etendue.types.documents import Document
+from etendue.types.documents import Document, DocumentView
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class WrittenReport:
 
 
 Blame = Callable[
-    [Path, Mapping[str, Any]], Mapping[str, Any]
+    [Path, DocumentView], DocumentView
 ]  # (folder, values of axes by dim) -> document of each stage's share of the losses
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray
@@ -21,12 +21,15 @@ from etendue.present.page.opened import Opened
 from etendue.types.arrays import Array
 from etendue.types.documents import Document
 
+if TYPE_CHECKING:
+    from etendue.types.documents import Scalar
+
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed", "reused")
 WORDS = ("stage", "status", "how", "approximated", "why_left_out", "message")
 NUMBERS = ("seconds", "error", "bound", "seconds_saved", "clipped")
 EXAMPLES = 5
 WIDEST = 2000  # characters of a text
-Ledger = dict[str, Any]
+Ledger = Document
 
 
 def ledger(opened: Opened) -> Ledger:
@@ -173,6 +176,6 @@ def _largest(values: Array) -> float | None:
     return float(known.max()) if known.size else None
 
 
-def _shown(value: Any) -> Any:
+def _shown(value: Any) -> Scalar:
     value = value.item() if hasattr(value, "item") else value
     return None if isinstance(value, float) and not math.isfinite(value) else value

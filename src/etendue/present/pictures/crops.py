@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any
 
 import numpy as np
 import scipy
@@ -29,7 +28,7 @@ class Strip:
     """One picture and its caption."""
 
     label: str
-    picture: Any
+    picture: Array
     plane: Plane | None = None
 
 

@@ -17,7 +17,7 @@ from etendue.transfer.resampling import area_weights
 from etendue.types.arrays import Array
 
 LARGEST = 256  # samples on either side
-Decode = Callable[[Any], Any]
+Decode = Callable[[Array], Array]
 
 
 def as_float(rows: Array) -> Array:

@@ -50,7 +50,7 @@ class Plot:
 
     figure: Any
     columns: Sequence[str] = ()
-    rows: Sequence[Sequence[Any]] = ()
+    rows: Sequence[Sequence[object]] = ()
     notes: list[str] = field(default_factory=list)
     dpi: int = DPI
 

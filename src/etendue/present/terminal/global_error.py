@@ -81,7 +81,7 @@ def print_global_error(document: Document) -> None:
     )
     out.print("")
     short = short_axes(dict.fromkeys(key for _, error in errors for key in error["at"]))
-    rows: list[dict[str, Any]] = []
+    rows: list[Document] = []
     for name, error in errors[:SHOWN]:
         rows.append({**error, "name": name})
         if "linear" in error:

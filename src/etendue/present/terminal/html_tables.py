@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Any
 
 from etendue.telling import printable
 
 STYLE = "text-align:left;padding:2px 10px 2px 0;border:0;vertical-align:top"
 
 
-def rows_of(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def rows_of(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return a table without a title."""
     head = "".join(f'<th style="{STYLE}">{_safe(name)}</th>' for name in heads)
     body = "".join(
@@ -27,7 +26,7 @@ def rows_of(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 def table(
     title: str,
     heads: Sequence[str],
-    rows: Iterable[Sequence[Any]],
+    rows: Iterable[Sequence[object]],
     notes: Sequence[str] = (),
     colour: str = "",
     folded: bool = False,
@@ -42,5 +41,5 @@ def table(
     return f'<div style="margin-top:.6em">{named}{own}</div>'
 
 
-def _safe(text: Any) -> str:
+def _safe(text: object) -> str:
     return escape(printable(str(text)))

@@ -7,7 +7,6 @@ Out: lines on stdout.
 from __future__ import annotations
 
 import re
-from typing import Any
 
 from rich.console import Console
 
@@ -63,7 +62,7 @@ def _print_stage(console: Console, document: Document, stage: Document, axes: di
     if document["running"] and stage["planned"]:
         cells = f"{stage['finished']} of {stage['planned']}"
     groups = dict.fromkeys(v["group"] for v in stage["variables"]) or {f"{stage['name']} (not kept)": None}
-    parts: dict[tuple[Any, ...], list[Any]] = {}
+    parts: dict[tuple[str, ...], list[Document]] = {}
     for v in stage["variables"]:
         parts.setdefault((v["variable"], v["units"], *(d for d in v["dims"] if d not in axes)), []).append(v)
     reach = list(dict.fromkeys(axes[d] for v in stage["variables"] for d in v["dims"] if d in axes))

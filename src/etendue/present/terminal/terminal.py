@@ -166,7 +166,7 @@ def plan_columns(product: Callable[[Iterable[str]], str]) -> tuple[Column, ...]:
     )
 
 
-def print_plan(document: dict[str, Any]) -> None:
+def print_plan(document: Document) -> None:
     """Print the plan as a table, and what is left out and why."""
     console = _out()
     short = short_axes(axis["name"] for axis in document["axes"])

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from etendue.types.documents import Document
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.backend_bases import RendererBase
+    from matplotlib.transforms import Bbox
 
 AROUND = (  # candidate positions of a label, in points from its dot
     (8, 6, "left"),
@@ -76,10 +78,10 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
     return picture.getvalue()
 
 
-def _label(axes: Axes, points: list[Point], renderer: Any) -> None:
+def _label(axes: Axes, points: list[Point], renderer: RendererBase) -> None:
     """Put a label beside each point, where it covers no point and no other label."""
     taken = [axes.transData.transform((p.seconds, p.error)) for p in points]
-    boxes: list[Any] = []
+    boxes: list[Bbox] = []
     for p in points:
         for number, (right, up, side) in enumerate(AROUND):
             text = axes.annotate(

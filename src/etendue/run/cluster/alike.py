@@ -11,7 +11,6 @@ import importlib.metadata
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from etendue.contract.stage import Stage
 from etendue.errors import MachineError, shortened
@@ -21,7 +20,7 @@ from etendue.run.memory import keep_freed_memory
 from etendue.telling import said
 from etendue.types.documents import Document, DocumentView
 
-Platform = Callable[[], Mapping[str, Any]]  # returns what bits depend on, in the calling process
+Platform = Callable[[], DocumentView]  # returns what bits depend on, in the calling process
 Mark = tuple[str, bytes]  # a file that all workers must see, and its content
 
 

@@ -8,6 +8,7 @@ Out: nothing, or ``LawBroken``.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,7 @@ def spot(array: Array, height: float) -> Array:
     return found
 
 
-def check_order(bench: Bench, base: Any, brighter: Any, what: str) -> None:
+def check_order(bench: Bench, base: Mapping[str, Array], brighter: Mapping[str, Array], what: str) -> None:
     for variable, declaration in bench.writes.items():
         if not {"y", "x"} <= set(declaration.dims):
             continue
@@ -126,7 +127,7 @@ def variance_told(bench: Bench) -> None:
         check_variance(bench, np.array(given), np.array(found), bench.writes[main].unit, bool(stage.by_line))
 
 
-def check_variance(bench: Bench, given: Any, found: Any, unit: str, by_line: bool) -> None:
+def check_variance(bench: Bench, given: Array, found: Array, unit: str, by_line: bool) -> None:
     stage: Any = bench.stage
     name, said = next(((own, one.said) for own, one in wording.units().items() if one.noise), (unit, unit))
     slope = float(np.cov(given.ravel(), found.ravel())[0, 1] / given.var())

@@ -7,13 +7,12 @@ Out: full well and saturation (electrons), analogue gain, DN per electron.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from etendue.api import Stage, quantity
 from etendue_camera.electronics import amplifier
 
 
-def analogue_gain(stage: Any) -> float:
+def analogue_gain(stage: Amplifier) -> float:
     """Return the amplifier gain, as given or from the ISO speed; raise ValueError where they conflict."""
     return amplifier.gain_of_speed(stage.analogue_gain, stage.iso, stage.base_iso)
 

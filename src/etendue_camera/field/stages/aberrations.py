@@ -108,7 +108,7 @@ class Aberrations(Blur, Aberrated, Banded):
         """Return the optical path for an image point on the +y axis."""
         return self.path_at(y, x, height_um * 1e-3 / self.full_height, 0.0)
 
-    def half(self, wavelength: float, heights: Any) -> int:
+    def half(self, wavelength: float, heights: FloatArray | tuple[float, float]) -> int:
         """Return the PSF half width in samples, from the tails 2/(pi v) of the aperture and the geometrical spot."""
         tail = 4.0 / (math.pi**2 * self.accuracy * (1.0 - self.obstruction))
         centres = pupil.cell_centres(COARSE)

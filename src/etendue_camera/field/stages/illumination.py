@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -92,7 +92,7 @@ class Vignetting(Dimming, Banded, Bounded):
             tangent, 0.5 * self.focal_length / self.f_number, self.rim_radius, self.rim_distance, distance
         )
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: None, bands: slice) -> None:
         return prepared
 
     def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray) -> dict[str, Array]:

@@ -7,7 +7,7 @@ Out: ``mosaic_linear``, and counts of pixels replaced, missed and replaced needl
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -37,7 +37,7 @@ class DefectDetection(KnownNoise):
     def __post_init__(self) -> None:
         mask_of(self.pattern)
 
-    def found(self, frame: Any, first: tuple[int, int]) -> Any:
+    def found(self, frame: FloatArray, first: tuple[int, int]) -> Array:
         """Return the map of outliers in a frame."""
         return defect_correction.outliers(
             frame,
@@ -73,7 +73,7 @@ class CorrectDefects(DefectDetection):
 
     by: str = param("both", choices=("map", "detection", "both"), doc="which pixels are replaced")
 
-    def run(self, mosaic_linear: FloatArray, defect_map: Any, y: FloatArray, x: FloatArray) -> dict[str, Array]:
+    def run(self, mosaic_linear: FloatArray, defect_map: Array, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         known, first, mask = defect_map != 0, first_pixel(y, x), mask_of(self.pattern)
         chosen = np.zeros_like(known) if self.by == "detection" else known
         if self.by != "map":
@@ -119,5 +119,5 @@ class JoinDefectMaps(Stage):
     working: ClassVar = 0.1
     error: ClassVar = proved(0.0)
 
-    def run(self, defect_map: Any, stuck_map: Any) -> dict[str, Array]:
+    def run(self, defect_map: Array, stuck_map: Array) -> dict[str, Array]:
         return {"defect_map": np.where(stuck_map > 0, stuck_map, defect_map)}

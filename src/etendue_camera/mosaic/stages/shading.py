@@ -10,7 +10,7 @@ import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from etendue_camera.mosaic import shading
 from etendue_camera.optics.stages.conjugates import Conjugates
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import first_pixel, mask_of
+
+if TYPE_CHECKING:
+    from etendue_camera.arrays import Array
 
 NOTED = 1.1  # gain above which the plan reports the noise increase
 
@@ -155,7 +158,7 @@ class LensShading(Conjugates, Bounded, Haloed):
         x: FloatArray,
         y_um: FloatArray,
         x_um: FloatArray,
-    ) -> dict[str, Any]:
+    ) -> dict[str, Array]:
         gains = self.gains(y_um, x_um)
         own = gains[0] if len(gains) == 1 else cfa.pick(gains, mask_of(self.pattern), *first_pixel(y, x))
         own = own.astype(mosaic_linear.dtype, copy=False)
@@ -169,7 +172,7 @@ class LensShading(Conjugates, Bounded, Haloed):
         corner."""
         return None if self.map == "model" and self.geometry == "paper" else 0
 
-    def joined(self, parts: Mapping[str, Sequence[Any]], sizes: Sequence[int]) -> Mapping[str, Any]:
+    def joined(self, parts: Mapping[str, Sequence[Array]], sizes: Sequence[int]) -> Mapping[str, Array]:
         return {"clipping_level": np.min(parts["clipping_level"], axis=0)}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:

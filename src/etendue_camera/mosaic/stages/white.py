@@ -125,7 +125,7 @@ class WhiteEstimate(KnownNoise):
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"white": _same_channels(inputs["true_white"], self.pattern, "white")}
 
-    def run(self, mosaic_linear: FloatArray, true_white: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, true_white: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         known = np.asarray(true_white, np.float64)
         found, used = known, 1.0
         if self.method == "preset":

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -134,7 +134,7 @@ class Wiener(Inverse):
 
         return {"rgb_camera": picture, **figures(asked, system, response, noise_gain)}
 
-    def restored(self, picture: FloatArray, system: System) -> tuple[Any, Any]:
+    def restored(self, picture: FloatArray, system: System) -> tuple[FloatArray, FloatArray]:
         """Return the picture and the gain applied to it, (channel or 1, Ny, Nx // 2 + 1)."""
         gain = self.response(system, *deconvolution.frequencies(*picture.shape[-2:]))
         return deconvolution.apply(picture, gain), gain
@@ -194,7 +194,7 @@ class RichardsonLucy(Inverse):
 
         return {"rgb_camera": picture, **figures(asked, system, response, noise_gain)}
 
-    def restored(self, picture: FloatArray, system: System) -> tuple[Any, Any, Any]:
+    def restored(self, picture: FloatArray, system: System) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the picture, the transfer function (channel or 1, Ny, Nx // 2 + 1) that was deconvolved, and the
         iterations by channel.
         """

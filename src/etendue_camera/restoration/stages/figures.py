@@ -22,6 +22,7 @@ from etendue_camera.roles import CROSSTALK, PROCESSING
 
 if TYPE_CHECKING:
     from etendue.compute.joined.otf import Otf
+    from etendue_camera.arrays import Array
 
 UNSEEN = {"mtf50_gain": (CROSSTALK, *PROCESSING)}
 BLOCK = 4_000_000  # values of transfer functions in memory at once
@@ -103,11 +104,11 @@ def one_channel(values: FloatArray) -> FloatArray:
 
 def figures(
     asked: frozenset[str], system: System, response: Callable[[Any], Any], noise_gain: Callable[[], float]
-) -> dict[str, Any]:
+) -> dict[str, Array]:
     """Return those of ``mtf50_gain`` and ``noise_gain`` that are asked for, for a filter with this response (n,) along
     x; NaN for a blur that is only partly known.
     """
-    found: dict[str, Any] = {}
+    found: dict[str, Array] = {}
     if "mtf50_gain" in asked:
         found["mtf50_gain"] = np.array(
             restoration_gain.mtf50_gain(system.along, response) if system.whole else math.nan

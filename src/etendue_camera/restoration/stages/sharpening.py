@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from etendue.api import Bounded, Facts, Grid, Haloed, Stage, measured, param, quantity
 from etendue_camera.arrays import Array, FloatArray
@@ -54,7 +54,7 @@ class Sharpen(Laplacian, Bounded, Haloed):
     def run(
         self, rgb_camera: FloatArray, transfers: Sequence[tuple[str, Otf]], asked: frozenset[str] = frozenset()
     ) -> dict[str, Array]:
-        def response(frequency: FloatArray) -> Any:
+        def response(frequency: FloatArray) -> FloatArray:
             return sharpening.sharpen_response(0.0, frequency, self.strength)
 
         system = System.of(transfers, len(rgb_camera), self.pixel_pitch)
@@ -124,7 +124,7 @@ class Unsharp(Bounded, Haloed):
     def run(
         self, rgb_camera: FloatArray, transfers: Sequence[tuple[str, Otf]], asked: frozenset[str] = frozenset()
     ) -> dict[str, Array]:
-        def response(frequency: FloatArray) -> Any:
+        def response(frequency: FloatArray) -> FloatArray:
             return sharpening.unsharp_response(0.0, frequency, self.radius, self.amount)
 
         system = System.of(transfers, len(rgb_camera), self.pixel_pitch)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -308,7 +308,7 @@ class Pixel(Collecting, Summed):
             "there is ignored; widen the scene's wavelengths (wavelength_to = 1100), unless a filter blocks it"
         ]
 
-    def _charge_under_other_filters(self, facts: Facts, grids: Any) -> list[str]:
+    def _charge_under_other_filters(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if self.crosstalk != "per_plane" or facts.uniform or len(self.channels) == 1:
             return []
         middle = min(grids["irradiance"].bands().values(), key=lambda w: abs(w - 555))

@@ -51,9 +51,9 @@ class Tile:
 
     stage: str
     variable: str
-    picture: Any
+    picture: Array
     size: tuple[int, int]  # of the array, before it was made small
-    part: Any = None
+    part: Array | None = None
     where: tuple[float, float, float, float] | None = (
         None  # of the detail: top, left, height, width as fractions of the picture
     )

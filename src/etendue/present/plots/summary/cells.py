@@ -11,7 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray
@@ -26,6 +26,9 @@ from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import places_text
 from etendue.present.terminal.terminal import human_rate, human_seconds
 from etendue.types.documents import DocumentView
+
+if TYPE_CHECKING:
+    from etendue.archive.journaling.journal import Read
 
 UNKNOWN = "unknown"  # status of a cell whose row of the ledger is lost: a fill value
 
@@ -59,7 +62,7 @@ def stages_of(holdings: Holdings, ledger: xarray.Dataset | None) -> list[str]:
     return list(map(str, said)) if isinstance(said, list) else list(dict.fromkeys(one.stage for one in holdings))
 
 
-def counts_of(holdings: Holdings, ledger: xarray.Dataset | None, journal: Any) -> dict[str, int]:
+def counts_of(holdings: Holdings, ledger: xarray.Dataset | None, journal: Read | None) -> dict[str, int]:
     if ledger is not None:
         found = Counter("done" if one == "reused" else str(one) or UNKNOWN for one in ledger["status"].values.tolist())
     elif journal is not None:
@@ -78,7 +81,7 @@ def counts_of(holdings: Holdings, ledger: xarray.Dataset | None, journal: Any) -
 
 
 def failed_cells(
-    holdings: Holdings, ledger: xarray.Dataset | None, journal: Any, units: Mapping[str, str]
+    holdings: Holdings, ledger: xarray.Dataset | None, journal: Read | None, units: Mapping[str, str]
 ) -> list[tuple[str, str, str]]:
     """Return (stage, where, message) of every cell that failed."""
     if ledger is not None:

@@ -14,7 +14,7 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray
@@ -35,6 +35,9 @@ from etendue.present.plots.kinds import shown_at
 from etendue.present.plots.labels import places_text, unit_text, value_text
 from etendue.present.plots.summary.cells import counts_of, failed_cells, omitted_cells, stages_of, state_of
 from etendue.types.documents import Document, Place
+
+if TYPE_CHECKING:
+    from etendue.types.documents import AxisValue
 
 MOST_FIGURES, MOST_PICTURES, MOST_ROWS, MOST_VALUES = 6, 24, 8, 8
 RANGED = 50_000  # largest number of cells of which min and max are read
@@ -317,7 +320,7 @@ def _pictures(holdings: Holdings, at: Place) -> list[Tile]:
     return tiles
 
 
-def _values(values: list[Any], units: str, dim: str) -> str:
+def _values(values: list[AxisValue], units: str, dim: str) -> str:
     texts = [value_text(value, units, dim) for value in values]
     return ", ".join(texts) if len(texts) <= MOST_VALUES else f"{', '.join(texts[:3])}, …, {texts[-1]}"
 
