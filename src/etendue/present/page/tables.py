@@ -113,7 +113,7 @@ def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, s
 
 
 def omissions(table: Ledger) -> list[Document]:
-    """Return what was left out or coarser, and why: a row per stage and reason."""
+    """Return what was left out or approximated, and why: a row per stage and reason."""
     rows = []
     for kind, column in (("left out", "why_left_out"), ("coarser", "approximated")):
         for stage, why, own in _by(table, table[column] != "", column):

@@ -139,6 +139,6 @@ function errorOf(doc, error) {
   if (!doc.ended) return el('p', {}, 'Available when the run has finished.');
   const whole = doc.measured[0];
   return [error.stage ? el('p', {}, 'Largest error of a stage: ', el('strong', {}, say(error.largest, 2)), ` of full scale (${named(error.stage)}, basis: ${error.how}).`) : el('p', {}, 'No stage states an error.'),
-    error.bound ? el('p', {}, `Error bound of what was left out or coarser: ${say(error.bound, 2)} per stage.`) : null,
+    error.bound ? el('p', {}, `Error bound of what was left out or approximated: ${say(error.bound, 2)} per stage.`) : null,
     whole ? el('p', {}, `The whole ${doc.words.whole}: ${named(whole.variable)} ${say(whole.rms, 2)} rms from the reference settings.`) : el('p', { class: 'soft' }, `The whole ${doc.words.whole}: `, el('span', { class: 'command' }, 'etendue run … --measure'))];
 }

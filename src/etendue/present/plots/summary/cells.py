@@ -126,7 +126,7 @@ def _failed_by_status(holdings: Holdings, units: Mapping[str, str]) -> list[tupl
 
 
 def omitted_cells(ledger: xarray.Dataset) -> list[tuple[str, int, int, str, float, float]]:
-    """Return a row for each stage and reason: left out, or coarser."""
+    """Return a row for each stage and reason: left out or approximated."""
     stages = ledger["stage"].values.astype(object)
     rows = []
     for column, word in (("why_left_out", ""), ("approximated", "coarser: ")):

@@ -75,7 +75,7 @@ def page(one: Glance, run: str = "") -> str:
             for stage, n, of, why, most, saved in one.omitted[:MOST_ROWS]
         ]
         heads = ("stage", "cells", "why", "error bound", "time saved")
-        parts.append(table("Left out or coarser", heads, rows, _more(one.omitted), folded=True))
+        parts.append(table("Left out or approximated", heads, rows, _more(one.omitted), folded=True))
     parts += [f"<div>{safe(note)}</div>" for note in one.notes]
     parts.append(_commands(one.commands))
     return f'<div class="etendue" style="max-width:70em;line-height:1.45">{"".join(parts)}</div>'
