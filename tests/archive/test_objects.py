@@ -151,7 +151,7 @@ def broken_off_and_finished(plan, whole, machine, monkeypatch, number, same, url
         except StoreLost as error:
             said = str(error)
     lost = puts[0] >= number  # how often the journal goes up depends on the clock
-    assert ("cannot be reached" in said and said.endswith("run again to go on") and "\n" not in said) == lost
+    assert ("cannot be reached" in said and said.endswith("run again to continue") and "\n" not in said) == lost
     if not same:
         elsewhere(machine, monkeypatch, f"elsewhere {number}")
         monkeypatch.setattr(lease, "LEASE", 0.0)  # the right of the run that is gone has ended

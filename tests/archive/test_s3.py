@@ -206,7 +206,7 @@ def test_a_server_that_goes_away_in_the_middle(machine, place, plan, whole, monk
 
         with monkeypatch.context() as patch:
             patch.setattr(mirror.Mirror, "_finish", gone)
-            with pytest.raises(StoreLost, match=r"cannot be reached or has failed.*run again to go on") as found:
+            with pytest.raises(StoreLost, match=r"cannot be reached or has failed.*run again to continue") as found:
                 execute(plan, "s3://bucket/lost", Options("serial"))
         assert "\n" not in str(found.value)
     finally:
