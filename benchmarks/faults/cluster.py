@@ -252,7 +252,7 @@ def lost_schedulers(place: Place, *_: object) -> Iterator[Seen]:
         place.begun("s")
         there.scheduler.kill()
         there.scheduler.wait()
-        seen.count(unless(*ended(in_time(process), 5, "the scheduler is gone")))
+        seen.count(unless(*ended(in_time(process), 5, "the scheduler is lost")))
         there.start_scheduler()  # its workers have ended with it
         there.add()
         there.add()
@@ -264,7 +264,7 @@ def lost_schedulers(place: Place, *_: object) -> Iterator[Seen]:
         place.begun("s")
         there.scheduler.kill()
         there.scheduler.wait()
-        seen.count(unless(*ended(in_time(process), 5, "the scheduler is gone")))
+        seen.count(unless(*ended(in_time(process), 5, "the scheduler is lost")))
     yield mended(place, seen, "threads")
 
 
