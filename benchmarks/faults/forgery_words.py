@@ -111,7 +111,7 @@ WORDS: dict[str, Forge] = {
 SAID_WORDS: dict[str, tuple[Forge, str]] = {
     "a cell that its pipeline does not have": (
         lines_more({"event": "failed", "status": "failed", **UNKNOWN}),
-        "1 lines of cells",
+        "1 journal lines of cells",
     ),
     "what the summary took": (values("summary/seconds", lambda found: found * 0), "seconds"),
 }

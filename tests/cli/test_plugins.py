@@ -85,7 +85,7 @@ BROKEN = {
         MODULE.replace("import Stage", "import Stage, quantity").replace(
             "    reads", "    own: float = quantity('f_numbre')\n    reads"
         ),
-        "no camera quantity 'f_numbre'; did you mean 'f_number'?",
+        "unknown camera quantity 'f_numbre'; did you mean 'f_number'?",
     ),
     "exits": ("import sys; sys.exit(7)", "SystemExit"),
 }
@@ -115,7 +115,7 @@ BROKEN_MANIFESTS = {
     "has_no_hook": ("x = 1", "has no @hookimpl of etendue"),
     "misspells_its_hook": (hook("stagez", "{}"), "unknown hook 'etendue_stagez'"),
     "breaks_off": (hook("stages", "1 / 0"), "etendue_stages failed: ZeroDivisionError"),
-    "gives_a_list": (hook("stages", "['twice']"), "etendue_stages gives list; expected a mapping by name"),
+    "gives_a_list": (hook("stages", "['twice']"), "etendue_stages returned list; expected a mapping by name"),
 }
 
 

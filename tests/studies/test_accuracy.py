@@ -271,7 +271,7 @@ def test_the_command_writes_table_document_and_diagram(tmp_path, monkeypatch):
     assert len(rows) == 1 + 4 + 2 + len(document["frontier"]) + len(document["points"])
     shown = CliRunner().invoke(main, [*words, "--repeat", "1"])
     assert shown.exit_code == 0
-    assert "the cheapest setting" in shown.stdout
+    assert "cheapest settings by tolerance" in shown.stdout
     assert CliRunner().invoke(main, [*words, "--knob", "diffusion.nodes"]).exit_code == 2
 
 
