@@ -31,24 +31,24 @@ class GainTable(NamedTuple):
 def gain_of(relative: ArrayLike, strength: float, largest: float) -> FloatArray:
     """Return gains that correct a relative illumination, fully or in part.
 
-        Parameters
-        ----------
-        relative : (...) array, 1
-            At or above 0; 1 on the axis.
-        strength : float
-            Share of the correction, 0 to 1: the gain is 1 + strength (1/relative - 1).
-        largest : float
-            Where gains end, at least 1.
-    Upper limit of the gains, at least 1.
-        Returns
-        -------
-        (...) array, dtype of relative
-            At most ``largest``; exactly 1 where the relative illumination is 1, or the strength 0.
+    Parameters
+    ----------
+    relative : (...) array, 1
+        At or above 0; 1 on the axis.
+    strength : float
+        Share of the correction, 0 to 1: the gain is 1 + strength (1/relative - 1).
+    largest : float
+        Upper limit of the gains, at least 1.
 
-        Raises
-        ------
-        ValueError
-            If arguments are out of range.
+    Returns
+    -------
+    (...) array, dtype of relative
+        At most ``largest``; exactly 1 where the relative illumination is 1, or the strength 0.
+
+    Raises
+    ------
+    ValueError
+        If arguments are out of range.
     """
     relative = np.asarray(relative)
     require.allowed(0 <= strength <= 1, "strength", strength, "numbers from 0 to 1")
