@@ -38,6 +38,7 @@ def check_folder(path: Path) -> None:
 
 def write_whole(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     """Write files into a folder, replacing older ones of the same names. All are on disk before any gets its name.
+
     Parameters
     ----------
     folder : Path

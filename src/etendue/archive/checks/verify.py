@@ -67,6 +67,7 @@ def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | 
 def sha256_of(folder: Path) -> str:
     """Return one digest of an archive, over the paths and contents of all its files except the lock and the owner. A
     copy has the same digest.
+
     Raises
     ------
     ArchiveError
