@@ -36,3 +36,12 @@ def test_a_workflow_reads_the_repository_and_no_more(path):
     assert document["permissions"] == {"contents": "read"}
     assert all(re.search(r"@v\d+|@[0-9a-f]{40}", step["uses"]) for _, step in steps(path) if "uses" in step)
     assert all("timeout-minutes" in job for job, _ in steps(path))
+
+
+def test_the_commands_that_others_extract_are_marked_in_the_readme():
+    """``.ci/run`` takes the test command from behind its marker: without it nothing could be tested."""
+    text = (ROOT / "README.md").read_text()
+    for marker, what in (("run", "etendue run pipelines/paper.toml"), ("test", ".venv-test/bin/pytest")):
+        found = re.findall(rf"^<!-- {marker} -->\n```bash\n(.+)\n```$", text, flags=re.MULTILINE)
+        assert len(found) == 1 and found[0].endswith(what)
+    assert "/<!-- test -->/" in (ROOT / ".ci" / "run").read_text()
