@@ -109,7 +109,7 @@ def test_nonsense_is_refused():
     a = np.zeros((3, 4, 4))
     with pytest.raises(ValueError, match="picture has shape"):
         artefacts.zipper(a, a[:, :3])
-    with pytest.raises(ValueError, match="it must be|are required"):
+    with pytest.raises(ValueError, match=r"picture has shape \(2, 4, 4\)"):
         artefacts.false_colour(np.zeros((2, 4, 4)), np.zeros((2, 4, 4)))
     with pytest.raises(ValueError, match="threshold is -1"):
         artefacts.zipper(a, a, threshold=-1)

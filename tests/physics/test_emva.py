@@ -121,18 +121,18 @@ def test_more_frames_a_level_serve_the_patterns():
 
 
 @pytest.mark.parametrize(
-    ("times", "light", "dark", "confidence"),
+    ("times", "light", "dark", "confidence", "said"),
     [
-        (TIMES[:3], sensor(0, RATE)[:3], sensor(0, 0.0)[:3], 0.95),
-        (TIMES[::-1], sensor(0, RATE), sensor(0, 0.0), 0.95),
-        (TIMES, sensor(0, RATE)[:5], sensor(0, 0.0), 0.95),
-        (TIMES, sensor(0, RATE)[:, :1], sensor(0, 0.0), 0.95),
-        (TIMES, sensor(0, RATE)[..., :7], sensor(0, 0.0)[..., :7], 0.95),
-        (TIMES, sensor(0, RATE)[..., :9], sensor(0, 0.0), 0.95),
-        (TIMES, sensor(0, RATE), sensor(0, 0.0), 1.0),
-        (TIMES, sensor(0, 0.0), sensor(0, 0.0), 0.95),
+        (TIMES[:3], sensor(0, RATE)[:3], sensor(0, 0.0)[:3], 0.95, "times are"),
+        (TIMES[::-1], sensor(0, RATE), sensor(0, 0.0), 0.95, "times are"),
+        (TIMES, sensor(0, RATE)[:5], sensor(0, 0.0), 0.95, "light has 5 stacks"),
+        (TIMES, sensor(0, RATE)[:, :1], sensor(0, 0.0), 0.95, "the stacks have frames"),
+        (TIMES, sensor(0, RATE)[..., :7], sensor(0, 0.0)[..., :7], 0.95, "the stacks have frames"),
+        (TIMES, sensor(0, RATE)[..., :9], sensor(0, 0.0), 0.95, "the frames are"),
+        (TIMES, sensor(0, RATE), sensor(0, 0.0), 1.0, "confidence is 1"),
+        (TIMES, sensor(0, 0.0), sensor(0, 0.0), 0.95, "photon transfer"),
     ],
 )
-def test_frames_that_are_no_measurement_are_refused(times, light, dark, confidence):
-    with pytest.raises(ValueError, match=r"required|it must be|photon transfer"):
+def test_frames_that_are_no_measurement_are_refused(times, light, dark, confidence, said):
+    with pytest.raises(ValueError, match=said):
         emva.measure(times, light, dark, confidence=confidence)

@@ -65,19 +65,19 @@ def test_a_grey_card_has_018_of_the_white():
 
 
 @pytest.mark.parametrize(
-    "call",
+    ("call", "said"),
     [
-        lambda: metering.exposure_value(0.0, 1.0),
-        lambda: metering.saturation_iso(0.0),
-        lambda: metering.metered_level(np.ones((0, 3)), "mean"),
-        lambda: metering.metered_level(np.ones((2, 3)), "median"),
-        lambda: metering.metered_level(np.ones((2, 3)), "highlight", 0.0),
-        lambda: metering.metered_time(1.0, 1.0, 0.0, 2.0, 1.0),
-        lambda: metering.metered_time(-1.0, 1.0, 0.0, 1.0, 2.0),
-        lambda: metering.charge_at_snr(-1.0, 0.0),
-        lambda: metering.grey_card_snr(1.0, -1.0),
+        (lambda: metering.exposure_value(0.0, 1.0), "f_number is 0"),
+        (lambda: metering.saturation_iso(0.0), "saturation_exposure_lx_s is 0"),
+        (lambda: metering.metered_level(np.ones((0, 3)), "mean"), "the frame is empty"),
+        (lambda: metering.metered_level(np.ones((2, 3)), "median"), "method is 'median'"),
+        (lambda: metering.metered_level(np.ones((2, 3)), "highlight", 0.0), "quantile is 0"),
+        (lambda: metering.metered_time(1.0, 1.0, 0.0, 2.0, 1.0), "shortest and longest are 2"),
+        (lambda: metering.metered_time(-1.0, 1.0, 0.0, 1.0, 2.0), "level and target_electrons are -1"),
+        (lambda: metering.charge_at_snr(-1.0, 0.0), "snr is -1"),
+        (lambda: metering.grey_card_snr(1.0, -1.0), "white_electrons and dark_variance are 1"),
     ],
 )
-def test_what_cannot_be_metered_is_refused(call):
-    with pytest.raises(ValueError, match=r"required|must be|allowed|empty"):
+def test_what_cannot_be_metered_is_refused(call, said):
+    with pytest.raises(ValueError, match=f"^{said}"):
         call()
