@@ -100,6 +100,12 @@ class Outcome:
     mended: list[str] = field(default_factory=list)  # files that were missing or damaged and are written again
     moved: dict[str, int] = field(default_factory=dict)  # shards rewritten, bytes copied for them, bytes computed
     restored: int = 0  # cells of earlier runs that were computed again because they were damaged
+    answers: Document | None = None  # the errors of the wanted variables (accuracy.answer), if they were measured
+
+    def error_of(self, stage: str, variable: str) -> DocumentView | None:
+        """Return the error of a wanted variable at the shown point; None if it was not measured."""
+        own = (self.answers or {}).get("shown", {}).values()
+        return next((one for one in own if (one["stage"], one["variable"]) == (stage, variable)), None)
 
     @property
     def failed(self) -> list[CellReport]:

@@ -159,6 +159,13 @@ def where(error: BaseException) -> str:
     return found
 
 
+def human_seconds(seconds: float) -> str:
+    """Return a duration for people to read."""
+    if seconds >= 60:
+        return f"{int(seconds // 60)} min {seconds % 60:.0f} s"
+    return f"{seconds:.2f} s" if seconds >= 1 else f"{1e3 * seconds:.1f} ms"
+
+
 def human_bytes(count: float) -> str:
     """Return a number of bytes in a readable unit, such as 1.5 MB."""
     for unit in ("B", "kB", "MB", "GB", "TB"):

@@ -64,6 +64,12 @@ def _how(function: Any) -> Any:
     metavar="E",
     help="Find the loosest tolerance that keeps the wanted variables within E of the reference; run with it.",
 )
+@click.option(
+    "--errors/--no-errors",
+    default=True,
+    help="State the error of every wanted variable, from a pilot that takes at most 10 % of the run or 0.2 s. "
+    "--measure: without that limit.",
+)
 @gather_way
 @later("etendue.cli.bodies.runs:run", interrupts.INTACT)
 def run() -> None:

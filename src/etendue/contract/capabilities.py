@@ -47,6 +47,26 @@ class Source(Stage):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Discretised(Stage):
+    """A stage that samples something continuous: bands, positions, a finite part of the plane.
+
+    The error of an answer includes what one refinement of each discretisation changes.
+    """
+
+    @abstractmethod
+    def discretisations(self) -> Mapping[str, str]:
+        """Return the names of its discretisations (bins, spacing, margin); with each the reason why it cannot be
+        refined, such as 'that of the file', or '' if it can."""
+
+    @abstractmethod
+    def refined(self, name: str, factor: int) -> Mapping[str, Any]:
+        """Return the values of parameters that refine a discretisation: ``factor`` times as fine, or as large a margin.
+
+        A negative factor coarsens. An empty mapping: this is as fine or coarse as it gets.
+        """
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Tinting(Stage):
     """A stage that absorbs light by band, uniformly over the frame, as a filter does."""
 
@@ -239,6 +259,8 @@ CAPABILITIES = {
     "by_band": Banded,
     "negligible": Bounded,
     "viewing_white": Viewed,
+    "discretisations": Discretised,
+    "refined": Discretised,
     "mean": Sampled,
     "halo": Haloed,
     "joined": Haloed,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -9,18 +10,23 @@ from typing import Any
 
 import click
 
+from etendue.accuracy.recalled import AT_LEAST, SHARE, answer_errors
 from etendue.archive import places
 from etendue.archive.records.rerun import recorded
 from etendue.cli.bodies.plans import pipeline_of, planned
-from etendue.cli.options import Given, Way, from_here, progress
+from etendue.cli.options import Given, Way, from_here, installed, progress
 from etendue.cli.saying import say, show, tell
+from etendue.present.terminal.answers import print_answers
 from etendue.present.terminal.terminal import outcome_document, print_outcome
 from etendue.run.schedulers import far
-from etendue.session import check_timeout, execute
+from etendue.session import Outcome, check_timeout, execute
 from etendue.telling import printable
+from etendue.types.documents import Document
 
 
-def run(given: Given, way: Way, archive: Path | str | None, measure: bool, hold: float | None, **how: Any) -> None:
+def run(
+    given: Given, way: Way, archive: Path | str | None, measure: bool, hold: float | None, errors: bool, **how: Any
+) -> None:
     here = Path.cwd()  # a plugin may change it
     if hold is not None and (given.tolerance is not None or given.nothing_left_out):
         raise click.UsageError("--hold finds the tolerance: omit --tolerance and --nothing-left-out")
@@ -29,26 +35,39 @@ def run(given: Given, way: Way, archive: Path | str | None, measure: bool, hold:
     pipeline = pipeline_of(given)
     place = from_here(here, archive or Path(pipeline.name))
     if measure or hold is not None:
-        from etendue.cli.bodies import measured as errors
+        from etendue.cli.bodies import measured as global_errors
     with places.writing(place, far(way.scheduler)) as folder:
-        held = errors.held(pipeline, hold, folder, options, watched) if hold is not None else None
+        held = global_errors.held(pipeline, hold, folder, options, watched) if hold is not None else None
         made = planned(given, way.silent, replace(pipeline, tolerance=held.tolerance) if held else pipeline)
         _warn(made, way)
-        measurement = errors.measurement(made, options, watched) if measure and not held else None
+        measurement = global_errors.measurement(made, options, watched) if measure and not held else None
         outcome = execute(made, folder, options, watched(made) if watched else None)
-        measured = errors.measured(measurement, folder, made) if measurement and not held else None
+        measured = global_errors.measured(measurement, folder, made) if measurement and not held else None
         if held:
-            measured = errors.kept(held, folder, made)
+            measured = global_errors.kept(held, folder, made)
+        if errors:
+            outcome.answers = _answers(outcome, folder, watched, measure)
     outcome = places.placed(outcome, folder, place)
     if way.as_json:
-        say({**outcome_document(outcome), **(measured or {})})
+        answers = {"answer": outcome.answers} if outcome.answers else {}
+        say({**outcome_document(outcome), **answers, **(measured or {})})
     else:
         show(print_outcome, outcome)
+        if outcome.answers:
+            show(print_answers, outcome.answers)
         if measured:
             from etendue.present.terminal.global_error import print_global_error
 
             show(print_global_error, measured)
     sys.exit(3 if outcome.failed else 0)
+
+
+def _answers(outcome: Outcome, folder: Path, watched: Any, measure: bool) -> Document | None:
+    """Return the errors of what was asked for; None if cells failed."""
+    if outcome.failed:
+        return None
+    budget = math.inf if measure else max(AT_LEAST, SHARE * outcome.seconds)
+    return answer_errors(outcome.plan, installed(), outcome.reports, budget, folder, watched).document()
 
 
 def rerun(place: Path | str, way: Way, **how: Any) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -196,14 +196,21 @@ def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]
     return texts
 
 
-def headlines(
-    plan: Plan, arrays: Mapping[CellRef, Mapping[str, Array]]
-) -> list[tuple[str, float, str, tuple[str, ...]]]:
-    """Return up to three metrics of the shown cells, preferred ones first: name, value, unit, and the stages that do
-    not affect them.
-    """
+class Headline(NamedTuple):
+    """A metric of a shown cell; ``without``: the stages that do not affect it."""
+
+    name: str
+    value: float
+    unit: str
+    without: tuple[str, ...]
+    stage: str
+    variable: str
+
+
+def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Array]]) -> list[Headline]:
+    """Return up to three metrics of the shown cells, preferred ones first."""
     preferred = first("headline")
-    found: dict[str, tuple[str, float, str, tuple[str, ...]]] = {}
+    found: dict[str, Headline] = {}
     for ref, values in arrays.items():
         node = plan.node(ref[0])
         for name, array in values.items():
@@ -219,6 +226,7 @@ def headlines(
                 if declaration.dims:
                     at = f" at {plan.cells[ref].grids[name]['stage'].values()[-1]}"
                 if math.isfinite(value):
-                    found[name] = (f"{name}{at}", value, declaration.unit, not_in_it(plan, node, name))
+                    without = not_in_it(plan, node, name)
+                    found[name] = Headline(f"{name}{at}", value, declaration.unit, without, ref[0], name)
     ordered = [found[n] for n in preferred if n in found] + [v for n, v in found.items() if n not in preferred]
     return ordered[:3]

@@ -18,10 +18,11 @@ from rich.table import Table
 from etendue.contract.stage import parameters_of
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
+from etendue.present.terminal.answer_texts import plus_minus
 from etendue.present.terminal.cells import Column, cells
 from etendue.present.terminal.looking import next_commands
 from etendue.present.terminal.tables import floored, headlines, stage_rows
-from etendue.telling import human_bytes, printable
+from etendue.telling import human_bytes, human_seconds, printable
 from etendue.types.documents import Document
 
 MOST_STORED = 6  # variables whose bytes are listed individually
@@ -46,12 +47,6 @@ class _Table(Table):
 
 def _out() -> Console:
     return _Console(highlight=False, soft_wrap=False)
-
-
-def human_seconds(seconds: float) -> str:
-    if seconds >= 60:
-        return f"{int(seconds // 60)} min {seconds % 60:.0f} s"
-    return f"{seconds:.2f} s" if seconds >= 1 else f"{1e3 * seconds:.1f} ms"
 
 
 def human_rate(cells_a_second: float) -> str:
@@ -227,7 +222,9 @@ def outcome_document(outcome: Any) -> Document:
             for r in outcome.failed
         ],
         "headlines": [
-            {"name": n, "value": v, "units": u, "without": w} for n, v, u, w in headlines(outcome.plan, outcome.arrays)
+            {"name": own.name, "value": own.value, "units": own.unit, "without": own.without}
+            | ({"error": error} if (error := outcome.error_of(own.stage, own.variable)) else {})
+            for own in headlines(outcome.plan, outcome.arrays)
         ],
     }
 
@@ -355,8 +352,8 @@ def _print_figures(console: Console, outcome: Any) -> None:
     figures = headlines(outcome.plan, outcome.arrays)
     if figures and outcome.shown_at:
         console.print(f"metrics and pictures{escape(outcome.shown_at)}:")
-    for name, value, unit, unseen in figures:
-        without = f"  without {', '.join(unseen)}" if unseen else ""
-        console.print(
-            f"{name:32s} {value:.5g} {unit if unit != '1' else ''}".rstrip() + escape(without), soft_wrap=True
-        )
+    for own in figures:
+        without = f"  without {', '.join(own.without)}" if own.without else ""
+        error = plus_minus(outcome.error_of(own.stage, own.variable), own.unit)
+        shown = f"{own.value:.5g} {error or (own.unit if own.unit != '1' else '')}".rstrip()
+        console.print(f"{own.name:32s} {shown}{escape(without)}", soft_wrap=True)

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import require
-from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, quantity
+from etendue.api import Banded, Bands, Discretised, Facts, Grid, Line, Source, param, quantity
 from etendue.contract.values.bounds import MOST_BANDS, MOST_POINTS, beyond
 from etendue_camera import spectra
 from etendue_camera.arrays import Array, FloatArray
@@ -25,7 +25,7 @@ DIMMEST, BRIGHTEST = 1e-12, 1e12  # cd m-2: the sun has 1.6e9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene(Source, Banded):
+class Scene(Source, Banded, Discretised):
     """Parameters common to all scenes: level, light, grid."""
 
     role: ClassVar = "scene"
@@ -37,6 +37,7 @@ class Scene(Source, Banded):
     libraries: ClassVar[tuple[str, ...]] = ("colour-science",)
     nanoseconds: ClassVar = 12.0
     working: ClassVar = 0.0
+    extends: ClassVar[bool] = False  # whether a larger width and height show more of the same chart
 
     white_luminance: float = param(
         units="cd m-2",
@@ -125,6 +126,27 @@ class Scene(Source, Banded):
             )
         return Grid.of({"wavelength": Bands(self.edges()), **lines})
 
+    def discretisations(self) -> dict[str, str]:
+        """Return bins, spacing and margin; a chart whose size follows the frame cannot be given a margin."""
+        return {"bins": "", "spacing": "", "margin": "" if self.extends else "that of the chart, which fills the scene"}
+
+    def refined(self, name: str, factor: int) -> dict[str, Any]:
+        """Return finer or coarser values; a coarser scene keeps at least four bands."""
+        if name == "bins":
+            count = len(self.edges()) - 1
+            span = self.wavelength_to - self.wavelength_from
+            coarser = max(4, count // abs(factor))
+            new = count * factor if factor > 0 else coarser
+            return {"bin_width": span / new} if factor > 0 or coarser < count else {}
+        if name == "spacing":
+            return {"spacing": self.spacing / factor if factor > 0 else self.spacing * -factor}
+        if factor < 0 or not self.extends:
+            return {}
+        plane = self.plane()
+        sizes = {name: plane.line(dim).size for name, dim in (("width", "x"), ("height", "y"))}
+        # The parity stays, so that samples stay where they are.
+        return {name: (n * factor - (factor - 1) * n % 2) * self.spacing for name, n in sizes.items()}
+
     def known(self) -> Facts:
         """Return facts about the chart; its contrast is that of the reflectances."""
         raise TypeError(f"{type(self).__name__} must implement known")
@@ -211,6 +233,7 @@ def softness_knob() -> Any:
 class Uniform(Scene, FlatScene):
     """Give the same light everywhere."""
 
+    extends: ClassVar = True
     reflectance: float = param(1.0, at_least=0, at_most=1)
 
     def known(self) -> Facts:
@@ -224,6 +247,7 @@ class Uniform(Scene, FlatScene):
 class _TwoLevels(Scene):
     """A chart between a dark and a light reflectance."""
 
+    extends: ClassVar = True
     low: float = param(0.1, at_least=0, at_most=1)
     high: float = param(0.9, at_least=0, at_most=1)
     softness: float = softness_knob()
@@ -297,6 +321,7 @@ class StepWedge(Scene):
 class Points(Scene):
     """Draw a regular grid of small Gaussian spots on a dark background."""
 
+    extends: ClassVar = True
     pitch: float = param(100.0, units="um", above=0, doc="distance between spots")
     spot_sigma: float = param(1.0, units="um", above=0, doc="rms width of a spot")
     background: float = param(0.001, at_least=0, at_most=1)
@@ -367,6 +392,7 @@ class ColorChecker(_Coloured):
 class CompositeChart(_Coloured):
     """Draw a ColorChecker, slanted edges, a Siemens star, a zone plate and a step wedge in one frame."""
 
+    extends: ClassVar = True
     highest_frequency: float = param(0.1, units="cycles/um", above=0, doc="frequency at the rim of the zone plate")
     angle: float = param(
         5.0,
@@ -383,6 +409,14 @@ class CompositeChart(_Coloured):
         0.0, units="um", at_least=0, doc="width of the mid-grey border of the chart, inside width and height"
     )
     softness: float = softness_knob()
+
+    def refined(self, name: str, factor: int) -> dict[str, Any]:
+        """Return finer or coarser values; a larger margin leaves the chart as large as it is."""
+        found = super().refined(name, factor)
+        if name != "margin" or not found:
+            return found
+        more = 2 * self.spacing * round((factor - 1) * max(self.width, self.height) / (2 * self.spacing))
+        return {"width": self.width + more, "height": self.height + more, "margin": self.margin + more / 2}
 
     def known(self) -> Facts:
         charts.require_levels(self.low, self.high)

@@ -12,8 +12,7 @@ from typing import Any
 from etendue.present.plots.opening import opened
 from etendue.present.plots.summary import page
 from etendue.present.plots.summary.contents import UNREADABLE, Glance, glance
-from etendue.present.terminal.terminal import human_seconds
-from etendue.telling import printable
+from etendue.telling import human_seconds, printable
 
 
 def outcome_text(outcome: Any) -> str:

@@ -16,8 +16,7 @@ from etendue.contract.wording import words as called
 from etendue.present.plots.drawing.strip import Tile
 from etendue.present.plots.summary.contents import MOST_PICTURES, MOST_ROWS, Glance
 from etendue.present.terminal.html_tables import table
-from etendue.present.terminal.terminal import human_seconds
-from etendue.telling import printable
+from etendue.telling import human_seconds, printable
 
 SIDE = 128  # largest side of a small picture, in dots
 QUALITY = 82  # quality of WebP

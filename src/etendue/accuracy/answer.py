@@ -1,0 +1,169 @@
+"""The error of an answer: how far a wanted variable is from what the same camera gives with everything refined.
+
+In:  differences between evaluations of one point (`refinement`).
+Out: the error of a variable and its parts: omissions, bins, spacing, margin.
+
+Pictures have an error relative to full scale, rms over the frame and of the largest pixel. Numbers have one in their
+own unit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from etendue.accuracy.differences import difference
+from etendue.contract.arrays.variables import Declaration
+from etendue.contract.stage import Stage
+from etendue.types.documents import Document, DocumentView, Place
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
+
+OMISSIONS = "omissions"
+
+
+@dataclass(frozen=True)
+class Part:
+    """One source of error. ``rms`` and ``max`` are relative to full scale; those of numbers are in their unit."""
+
+    rms: float
+    max: float
+    basis: str = "refined"  # refined, reference (omissions), bound
+
+    def __mul__(self, factor: float) -> Part:
+        return replace(self, rms=self.rms * factor, max=self.max * factor)
+
+
+@dataclass(frozen=True)
+class AnswerError:
+    """The error of one wanted variable.
+
+    ``parts`` by name, as a share of the total; ``fixed``: what cannot be refined, with the reason; ``open``: what was
+    not measured, with the reason. Where ``open`` is not empty the total is a lower limit.
+    """
+
+    stage: str
+    variable: str
+    unit: str  # of rms and max; '' relative to full scale
+    parts: Mapping[str, Part] = field(default_factory=dict)
+    fixed: Mapping[str, str] = field(default_factory=dict)
+    open: Mapping[str, str] = field(default_factory=dict)
+    points: int = 1  # points of the sweep that were measured
+    scaled: float = 1.0  # factor for points of the sweep that were not measured
+
+    @property
+    def rms(self) -> float:
+        """The total error: the sum of all parts."""
+        return math.fsum(part.rms for part in self.parts.values())
+
+    @property
+    def max(self) -> float:
+        return math.fsum(part.max for part in self.parts.values())
+
+    def document(self) -> Document:
+        """Return the document that is stored and printed by ``--json``."""
+        return {**asdict(self), "rms": self.rms, "max": self.max}
+
+
+def error_of(document: DocumentView) -> AnswerError:
+    """Return the stored error."""
+    own = {name: value for name, value in document.items() if name not in ("rms", "max")}
+    parts = {
+        name: Part(**{k: math.nan if v is None else v for k, v in part.items()}) for name, part in own["parts"].items()
+    }
+    return AnswerError(**{**own, "parts": parts})
+
+
+@dataclass(frozen=True)
+class AnswerErrors:
+    """The errors of all wanted variables.
+
+    ``errors`` by name of the variable (``stage.name`` if two stages write it), over the whole sweep; ``shown``: those
+    at the point of pictures and headline metrics, whose axis values are ``at``.
+    """
+
+    errors: Mapping[str, AnswerError]
+    shown: Mapping[str, AnswerError]
+    at: Place
+    points: int = 1  # of the sweep, measured
+    seconds: float = 0.0
+    dear: float = 0.0  # predicted seconds of what was too costly
+    budget: float = 0.0  # seconds that it was allowed to take
+    remembered: bool = False
+
+    def document(self) -> Document:
+        """Return the document that is stored and printed by ``--json``."""
+        return {
+            "errors": {name: error.document() for name, error in self.errors.items()},
+            "shown": {name: error.document() for name, error in self.shown.items()},
+            **{name: getattr(self, name) for name in ("points", "seconds", "dear", "budget", "remembered")},
+            "at": dict(self.at),
+        }
+
+
+def answers_of(document: DocumentView) -> AnswerErrors | None:
+    """Return what was stored; None if it has another form."""
+    try:
+        both = [{n: error_of(one) for n, one in document[name].items()} for name in ("errors", "shown")]
+        rest = {name: float(document[name]) for name in ("seconds", "dear", "budget")}
+        return AnswerErrors(*both, document["at"], int(document["points"]), **rest, remembered=True)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return None
+
+
+def is_number(declaration: Declaration) -> bool:
+    """Return whether a variable is a number, or one per stage, rather than a picture or a curve."""
+    return set(declaration.dims) <= {"stage"}
+
+
+def apart(found: Array, reference: Array, declaration: Declaration, stage: Stage) -> Part | str:
+    """Return how far two evaluations of a variable are apart; a text if they cannot be compared."""
+    if not is_number(declaration):
+        own = difference(found, reference, declaration, stage)
+        return own.why if own.rms is None or own.largest is None else Part(own.rms, own.largest)
+    if np.shape(found) != np.shape(reference):
+        return "it has another shape"
+    one, other = (np.ravel(np.asarray(array, dtype=float)) for array in (found, reference))
+    known = np.isfinite(other)
+    if not np.array_equal(known, np.isfinite(one)):
+        return "it is undefined in one of the two"
+    away = np.abs(one[known] - other[known])
+    if not away.size:
+        return "it is undefined without noise, or here"
+    return Part(float(away[-1] if known[-1] else away.max()), float(away.max()))
+
+
+def worst(errors: Iterable[AnswerError]) -> AnswerError:
+    """Return the error of a variable over several points: the largest of every part."""
+    every = list(errors)
+    parts: dict[str, Part] = {}
+    for one in every:
+        for name, part in one.parts.items():
+            known = parts.get(name)
+            parts[name] = (
+                part if known is None else replace(part, rms=max(part.rms, known.rms), max=max(part.max, known.max))
+            )
+    missing = {name: why for one in every for name, why in one.open.items()}
+    return replace(every[0], parts=parts, open=missing, points=len(every))
+
+
+MATTERS = 0.02  # of the total: smaller parts are not listed
+
+
+def parts_text(error: AnswerError) -> str:
+    """Return the parts that matter, largest first: ``bins 0.02, spacing 0.01``."""
+    own = sorted(error.parts.items(), key=lambda item: -item[1].rms)
+    return ", ".join(f"{name} {part.rms:.1g}" for name, part in own if part.rms > MATTERS * error.rms)
+
+
+def scaled(errors: Mapping[str, AnswerError], factor: float) -> dict[str, AnswerError]:
+    """Return errors for points that were not measured."""
+    return {
+        name: replace(one, parts={part: own * factor for part, own in one.parts.items()}, scaled=factor)
+        for name, one in errors.items()
+    }

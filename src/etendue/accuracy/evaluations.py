@@ -1,0 +1,105 @@
+"""Evaluations of one point of a pipeline, each made once, as long as a budget of seconds and the memory last.
+
+In:  a point (`refinement`), seconds that remain.
+Out: plans and values; ``TooDear`` before one that would exceed the budget.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from etendue.accuracy.refinement import Factors, Point, Wanted
+from etendue.contract.ports import Progress
+from etendue.errors import MachineError
+from etendue.plan.model import Plan
+from etendue.run.machine import check_machine
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
+
+Evaluated = tuple[Plan, dict[Wanted, "Array"]]
+Shown = Callable[[Plan], Progress] | None
+PLANNING = 0.02  # seconds of a plan of one point, until one was made
+AS_PLANNED, EXACT = "as planned", "exact"  # beside '': nothing left out
+
+
+class TooDear(Exception):
+    """An evaluation would exceed the budget, or the memory."""
+
+    def __init__(self, seconds: float, why: str = "") -> None:
+        self.seconds = seconds
+        super().__init__(why or f"costs about {seconds:.2g} s")
+
+
+class Evaluations:
+    """Evaluations of one point.
+
+    Parameters
+    ----------
+    point : what is evaluated
+    rate : measured over predicted seconds
+    until : ``time.perf_counter()`` at which the budget ends
+    shown : returns the progress to show of a plan, or None
+    """
+
+    def __init__(self, point: Point, rate: float, until: float, shown: Shown = None) -> None:
+        self.point, self.rate, self.until, self.shown = point, rate, until, shown
+        self.planning = PLANNING
+        self._plans: dict[tuple[object, ...], Plan | None] = {}
+        self._values: dict[tuple[object, ...], Evaluated] = {}
+
+    @property
+    def left(self) -> float:
+        return self.until - time.perf_counter()
+
+    def plan(self, factors: Factors, how: str = "") -> Plan | None:
+        """Return the plan of an evaluation; None if the stages refuse it."""
+        key = _key(factors, how)
+        if key not in self._plans:
+            if self.left < self.planning:
+                raise TooDear(self.planning)
+            began = time.perf_counter()
+            self._plans[key] = (
+                self.point.as_planned() if how == AS_PLANNED else self.point.planned(factors, how == EXACT)
+            )
+            self.planning = time.perf_counter() - began
+        return self._plans[key]
+
+    def pair(self, one: tuple[Factors, str], other: tuple[Factors, str]) -> tuple[Evaluated, Evaluated] | None:
+        """Return two evaluations; None if the stages refuse one.
+
+        Raises
+        ------
+        TooDear
+            Before the first, if both do not fit into what is left.
+        """
+        plans = [self.plan(*one), self.plan(*other)]
+        if plans[0] is None or plans[1] is None:
+            return None
+        seconds = 0.0
+        for key, plan in zip((_key(*one), _key(*other)), plans, strict=True):
+            if plan is not None and key not in self._values:
+                seconds += self.rate * self.point.seconds(plan)
+                try:
+                    check_machine(plan, None, pictures=False)
+                except MachineError as error:
+                    raise TooDear(seconds, f"needs more memory: {str(error).splitlines()[0]}") from None
+        if seconds > self.left:
+            raise TooDear(seconds)
+        return self._of(one, plans[0]), self._of(other, plans[1])
+
+    def _of(self, which: tuple[Factors, str], plan: Plan) -> Evaluated:
+        key = _key(*which)
+        if key not in self._values:
+            began = time.perf_counter()
+            progress = self.shown(plan) if self.shown and self.rate * self.point.seconds(plan) > 1 else None
+            self._values[key] = plan, self.point.values(plan, progress)
+            took = time.perf_counter() - began
+            self.rate = max(self.rate, 0.5 * took / max(self.point.seconds(plan), 1e-9))
+        return self._values[key]
+
+
+def _key(factors: Factors, how: str) -> tuple[object, ...]:
+    return (*sorted(factors.items()), how)

@@ -1,0 +1,175 @@
+"""Measure the error of the answer after a run: a few evaluations of one point, within a budget of seconds.
+
+In:  the plan and the reports of a run.
+Out: an ``AnswerError`` for every wanted variable.
+
+A discretisation is refined by two where everything else is coarse: what it changes hardly depends on the others, and
+this costs a fraction of the point itself.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Mapping
+
+from etendue.accuracy.answer import OMISSIONS, AnswerError, AnswerErrors, Part, apart, is_number, scaled, worst
+from etendue.accuracy.evaluations import AS_PLANNED, EXACT, Evaluated, Evaluations, Shown, TooDear
+from etendue.accuracy.pilot import chosen_places
+from etendue.accuracy.refinement import Factors, Point, Wanted
+from etendue.contract.registry import Registry
+from etendue.plan.cost import cell_seconds
+from etendue.plan.model import CellRef, Plan
+from etendue.plan.reports import Reports
+from etendue.plan.shown import shown_cells
+from etendue.types.documents import Place
+
+# A refinement by two of first order leaves as much again as it changes. A margin twice as large leaves little.
+SAFETY: Mapping[str, float] = {"spacing": 2.0, "bins": 2.0, "margin": 1.5}
+ELSEWHERE = 2.0  # factor for points of a sweep that were not measured
+PLACES = 4  # points of a sweep that are measured, as far as the budget allows
+FEW_BANDS, COARSE = {"bins": -8}, {"spacing": -2}
+
+Parts = dict[Wanted, dict[str, Part]]
+Texts = dict[Wanted, dict[str, str]]
+
+
+def state_errors(
+    plan: Plan, registry: Registry, reports: Reports | None, budget: float, shown: Shown = None, places: int = PLACES
+) -> AnswerErrors:
+    """Return the error of every wanted variable.
+
+    Parameters
+    ----------
+    plan, reports : of the run; without reports, seconds are those that plans predict
+    budget : seconds at most
+    shown : returns the progress to show of a plan
+    places : largest number of points of a sweep
+    """
+    began, at = time.perf_counter(), shown_place(plan)
+    rate, dear, longest = _rate(plan, reports), 0.0, 0.0
+    found: list[dict[str, AnswerError]] = []
+    for place in (at, *(place for place in chosen_places(plan.axes, places) if place != at)):
+        since = time.perf_counter()
+        if found and (dear or began + budget - since < longest):
+            break
+        evaluations = Evaluations(Point(plan, registry, place, plan.wanted), rate, began + budget, shown)
+        own, dear = _at_point(plan, evaluations)
+        found.append(own)
+        rate, longest = evaluations.rate, max(longest, time.perf_counter() - since)
+    errors = {name: worst(one[name] for one in found) for name in found[0]}
+    if len(found) < math.prod(len(axis.values) for axis in plan.axes):
+        errors = scaled(errors, ELSEWHERE)
+    return AnswerErrors(errors, found[0], at, len(found), time.perf_counter() - began, dear, budget)
+
+
+def shown_place(plan: Plan) -> Place:
+    """Return the axis values of the cells that pictures and headline metrics show."""
+    shown = {dim: 0 for dim in (axis.dim for axis in plan.axes)}
+    for name, index in shown_cells(plan).values():
+        shown |= dict(zip(plan.node(name).axes, index, strict=True))
+    return {axis.dim: axis.values[shown[axis.dim]] for axis in plan.axes}
+
+
+def _rate(plan: Plan, reports: Reports | None) -> float:
+    """Return the measured seconds of this run over the predicted ones."""
+    predicted = took = 0.0
+    for ref, report in (reports or {}).items():
+        if report.status == "done":
+            predicted += cell_seconds(plan.node(ref[0]), plan.cells[ref], plan.precision)
+            took += report.seconds
+    return took / predicted if predicted else 1.0
+
+
+def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerError], float]:
+    """Return the errors at one point, and the seconds of what was too costly."""
+    point = evaluations.point
+    parts: Parts = {one: {} for one in plan.wanted}
+    missing: Texts = {one: {} for one in plan.wanted}
+    fixed, dear = dict(point.fixed()), 0.0
+    for name in sorted(point.names(), key=[*SAFETY].index):
+        affected = point.affected(plan, name)
+        for one in plan.wanted:
+            if one not in affected:
+                parts[one][name] = Part(0.0, 0.0, "not affected")
+        try:
+            pair = _refined(evaluations, name) if affected else None
+        except TooDear as error:
+            dear += error.seconds
+            for one in affected:
+                missing[one][name] = str(error)
+            continue
+        if pair:
+            _compare(parts, missing, pair, name, affected)
+        elif affected:
+            fixed[name] = "the stages accept no finer one"
+    try:
+        pair = evaluations.pair(({}, AS_PLANNED), ({}, EXACT))
+        if pair:
+            _compare(parts, missing, pair, OMISSIONS, plan.wanted)
+    except TooDear as error:
+        dear += error.seconds
+        _add_bounds(plan, point.at, parts, missing, str(error))
+    names = [name for _, name in plan.wanted]
+    errors = {}
+    for stage, name in plan.wanted:
+        declared = plan.node(stage).writes[name]
+        unit = declared.unit if is_number(declared) else ""
+        own = AnswerError(stage, name, unit, parts[stage, name], fixed, missing[stage, name])
+        errors[name if names.count(name) == 1 else f"{stage}.{name}"] = own
+    return errors, dear
+
+
+def _refined(evaluations: Evaluations, name: str) -> tuple[Evaluated, Evaluated] | None:
+    """Return two evaluations that differ by one refinement, coarse in all else if the stages accept that."""
+    for base in (COARSE if name == "bins" else FEW_BANDS, {}):
+        if pair := evaluations.pair((base, ""), (_finer(base, name), "")):
+            return pair
+    return None
+
+
+def _finer(base: Factors, name: str) -> Factors:
+    return {**base, name: 2}
+
+
+def _compare(
+    parts: Parts, missing: Texts, pair: tuple[Evaluated, Evaluated], name: str, wanted: Iterable[Wanted]
+) -> None:
+    """Add what two evaluations of some variables differ by."""
+    (plan, values), (other, reference) = pair
+    for stage, variable in wanted:
+        one = stage, variable
+        if one not in values or one not in reference:
+            missing[one][name] = f"{stage} fails without noise, or when refined"
+            continue
+        cell = other.of(stage)[0]
+        if plan.of(stage)[0].grids[variable] != cell.grids[variable]:
+            missing[one][name] = "the variable is on the grid that is refined"
+            continue
+        found = apart(values[one], reference[one], other.node(stage).writes[variable], cell.stage)
+        if isinstance(found, str):
+            missing[one][name] = found
+        else:
+            parts[one][name] = found * SAFETY.get(name, 1.0)
+
+
+def _add_bounds(plan: Plan, at: Mapping[str, int], parts: Parts, missing: Texts, why: str) -> None:
+    """Add, in place of measured omissions, the bounds of all decisions on the way to each variable. The bound of a
+    picture says nothing about the error of a number, unless it is 0.
+    """
+    totals: dict[CellRef, float] = {}
+
+    def total(ref: CellRef) -> float:
+        if ref not in totals:
+            cell = plan.cells[ref]
+            totals[ref] = cell.bound + max((total(source) for _, source, _ in cell.inputs), default=0.0)
+        return totals[ref]
+
+    for stage, variable in parts:
+        bound = total((stage, tuple(at[dim] for dim in plan.node(stage).axes)))
+        if not bound:
+            parts[stage, variable][OMISSIONS] = Part(0.0, 0.0, "bound")
+        elif is_number(plan.node(stage).writes[variable]):
+            missing[stage, variable][OMISSIONS] = why
+        else:
+            parts[stage, variable][OMISSIONS] = Part(bound, math.nan, "bound")

@@ -1,0 +1,128 @@
+"""One point of a pipeline with other discretisations: bins, spacing, margin, refined or coarsened.
+
+In:  a plan, the axis values of one point.
+Out: expected values of the wanted variables there, and what computing them costs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from etendue.accuracy.pilot import narrowed
+from etendue.accuracy.reference import reference_of
+from etendue.contract.capabilities import Discretised
+from etendue.contract.ports import Progress
+from etendue.contract.registry import Registry
+from etendue.errors import EtendueError
+from etendue.pipeline.derived import wanting, with_values
+from etendue.pipeline.file import PipelineFile
+from etendue.plan.ancestry import ancestry, in_front
+from etendue.plan.cost import cell_seconds
+from etendue.plan.model import CellRef, Plan
+from etendue.plan.planner import make_plan
+from etendue.session import Options, collect
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
+    from etendue.types.documents import Place
+
+Wanted = tuple[str, str]  # stage and variable
+Factors = Mapping[str, int]  # by discretisation: n times as fine, or -n: n times as coarse
+
+
+class Point:
+    """A pipeline at one point of its sweep.
+
+    Parameters
+    ----------
+    plan : of the whole pipeline
+    registry : of installed stages
+    place : axis values of the point, by dim
+    wanted : variables to compute there
+    """
+
+    def __init__(self, plan: Plan, registry: Registry, place: Place, wanted: tuple[Wanted, ...]) -> None:
+        self.registry, self.wanted, self.axes = registry, wanted, plan.axes
+        pipeline = replace(plan.pipeline, leave_out=plan.leaves_out and plan.pipeline.leave_out)
+        self.pipeline = wanting(narrowed(pipeline, plan.axes, [place]), wanted)
+        self.at = at = {axis.dim: axis.values.index(place[axis.dim]) for axis in plan.axes}
+        self.stages = {
+            node.name: cell.stage
+            for node in plan.nodes
+            for cell in [plan.cells[node.name, tuple(at[dim] for dim in node.axes)]]
+            if isinstance(cell.stage, Discretised)
+        }
+
+    def fixed(self) -> dict[str, str]:
+        """Return the discretisations that cannot be refined, each with the reason."""
+        return {name: why for _, name, why in self._discretisations() if why}
+
+    def names(self) -> list[str]:
+        """Return the discretisations that can be refined."""
+        return list(dict.fromkeys(name for _, name, why in self._discretisations() if not why))
+
+    def affected(self, plan: Plan, name: str) -> list[Wanted]:
+        """Return the wanted variables that a discretisation can change."""
+        stages = {stage for stage, own, why in self._discretisations() if own == name and not why}
+        return [one for one in self.wanted if stages & in_front(plan, [one[0]])]
+
+    def _discretisations(self) -> Iterator[tuple[str, str, str]]:
+        for stage, one in self.stages.items():
+            yield from ((stage, name, why) for name, why in one.discretisations().items())
+
+    def with_factors(self, factors: Factors, exact: bool) -> PipelineFile | None:
+        """Return the pipeline with these discretisations; None if one of them gets no finer or coarser."""
+        pipeline = self.pipeline
+        for name, factor in factors.items():
+            found = {}
+            for stage, own, why in self._discretisations():
+                if own == name and not why:
+                    found[stage] = self.stages[stage].refined(name, factor)
+            if not any(found.values()):
+                return None
+            for stage, values in found.items():
+                pipeline = _written(pipeline, stage, values)
+        return reference_of(pipeline, self.registry).pipeline if exact else replace(pipeline, leave_out=False)
+
+    def planned(self, factors: Factors, exact: bool = False) -> Plan | None:
+        """Return the plan with these discretisations, nothing left out; None if it is refused. ``exact``: the reference
+        of the point.
+        """
+        try:
+            pipeline = self.with_factors(factors, exact)
+            return pipeline and make_plan(pipeline, self.registry, expected=True)
+        except EtendueError:
+            return None
+
+    def as_planned(self) -> Plan:
+        return make_plan(self.pipeline, self.registry, expected=True)
+
+    def refs(self, plan: Plan) -> dict[Wanted, CellRef]:
+        return {(stage, name): plan.of(stage)[0].ref for stage, name in self.wanted}
+
+    def seconds(self, plan: Plan) -> float:
+        """Return the predicted seconds of a plan of this point."""
+        needed = ancestry(plan, set(self.refs(plan).values()))
+        return sum(cell_seconds(plan.node(ref[0]), plan.cells[ref], plan.precision) for ref in needed)
+
+    def values(self, plan: Plan, progress: Progress | None = None) -> dict[Wanted, Array]:
+        """Return the values of the wanted variables; those whose cells fail are missing."""
+        refs = self.refs(plan)
+        asked: dict[CellRef, set[str]] = {}
+        for (_, name), ref in refs.items():
+            asked.setdefault(ref, set()).add(name)
+        found = collect(plan, asked, Options("serial"), progress)
+        return {
+            one: found.arrays[ref][one[1]]
+            for one, ref in refs.items()
+            if ref in found.arrays and one[1] in found.arrays[ref]
+        }
+
+
+def _written(pipeline: PipelineFile, stage: str, values: Mapping[str, Any]) -> PipelineFile:
+    """Return the pipeline with values of a stage, also where an axis sets them."""
+    swept = {f"{stage}.{name}": [value] for name, value in values.items() if f"{stage}.{name}" in pipeline.sweep}
+    own = {name: value for name, value in values.items() if f"{stage}.{name}" not in swept}
+    return replace(with_values(pipeline, stage, own), sweep={**pipeline.sweep, **swept})

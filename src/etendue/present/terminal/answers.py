@@ -1,0 +1,49 @@
+"""The error of the answer: behind every headline metric, and a row for each other wanted variable.
+
+In:  the stored errors (``AnswerErrors.document()``).
+Out: texts and a table on stdout.
+"""
+
+from __future__ import annotations
+
+import math
+
+from etendue.present.terminal.answer_texts import notes, number, parts_text
+from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.types.documents import Document, DocumentView
+
+SHOWN = 8  # rows; smaller errors are summarised in one line
+
+
+def print_answers(document: DocumentView) -> None:
+    """Print the errors of pictures, curves and further metrics, and what could not be measured."""
+    out = _out()
+    errors = [(name, one) for name, one in document["errors"].items() if one["parts"]]
+    errors.sort(key=lambda item: (item[1]["unit"] != "", -number(item[1]["rms"])))
+    rows: list[Document] = [{**one, "name": name, "mostly": parts_text(one)} for name, one in errors[:SHOWN]]
+    if rows:
+        out.print("")
+        out.print(
+            _table(
+                "error of the answer: against the same camera with everything refined",
+                ("variable", "left", "name"),
+                ("rms", "right", lambda row: _value(row, "rms")),
+                ("max", "right", lambda row: _value(row, "max")),
+                ("parts", "left", "mostly"),
+                rows=rows,
+                wrap=("parts",),
+            )
+        )
+    if len(errors) > SHOWN:
+        out.print(f"{len(errors) - SHOWN} more variables")
+    for text in notes(document):
+        out.print(escape(text), soft_wrap=True)
+
+
+def _value(row: DocumentView, name: str) -> str:
+    value = number(row[name])
+    if math.isnan(value):
+        return "unknown"
+    unit = row["unit"] if row["unit"] != "1" else ""
+    sign = "\u00b1" if row["unit"] else ""
+    return f"{sign}{value:.2g} {unit}".rstrip()
