@@ -32,10 +32,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Stage, hookimpl, quantity
+from etendue.builder.simulating import simulate
 from etendue.contract.registry import Registry, installed_stages
 from etendue.plan.planner import make_plan
 from etendue.plugins.discovery import Discovery, installed
-from etendue.session import Options, collect, execute, load, simulate
+from etendue.session import Options, collect, execute, load
 
 MEASURED = ("ledger", "summary")  # tables that hold run times
 CAMERA = """

@@ -11,11 +11,11 @@ from pathlib import Path
 import click
 import pytest
 
+from etendue.builder.simulating import simulate
 from etendue.cli import main
 from etendue.contract.registry import installed_stages
 from etendue.pipeline.file import read_pipeline
 from etendue.plan.planner import make_plan
-from etendue.session import simulate
 from etendue_camera.colour import matrices
 from etendue_camera.electronics import dynamic_range
 from etendue_camera.optics import diffraction

@@ -8,9 +8,9 @@ if TYPE_CHECKING:
     from etendue.archive.places import open_archive
     from etendue.builder.archives import Archive
     from etendue.builder.pipeline import Pipeline, span
+    from etendue.builder.simulating import simulate
     from etendue.pipeline.file import read_pipeline
     from etendue.present.plots.accessor import show
-    from etendue.session import simulate
 
 __all__ = ["Archive", "Pipeline", "open_archive", "read_pipeline", "show", "simulate", "span", "stages"]
 
@@ -19,7 +19,7 @@ _PLACES = {
     "Pipeline": "etendue.builder.pipeline",
     "show": "etendue.present.plots.accessor",
     "span": "etendue.builder.pipeline",
-    "simulate": "etendue.session",
+    "simulate": "etendue.builder.simulating",
     "read_pipeline": "etendue.pipeline.file",
     "open_archive": "etendue.archive.places",
 }

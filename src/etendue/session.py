@@ -16,12 +16,9 @@ from typing import TYPE_CHECKING, Any
 from etendue import interrupts
 from etendue.archive import places
 from etendue.archive.records.provenance import platform_record
-from etendue.calls import called
 from etendue.compute.jobs import make_jobs
 from etendue.contract.ports import CellReport, Keeper, Progress
-from etendue.contract.registry import installed_stages
-from etendue.contract.values.tables import SHARED
-from etendue.errors import PluginError, RequestError
+from etendue.errors import RequestError
 from etendue.pipeline.file import (
     PipelineFile,
     PipelineSource,
@@ -31,8 +28,7 @@ from etendue.pipeline.file import (
     read_pipeline,
     refuse_large,
 )
-from etendue.pipeline.overrides import TOP, apply_overrides
-from etendue.plan import planner
+from etendue.pipeline.overrides import apply_overrides
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.reports import DONE, FAILED, LEFT_OUT, Reports
@@ -41,7 +37,7 @@ from etendue.run.batches import Batch, BatchResult, partition
 from etendue.run.machine import check_machine
 from etendue.run.memory import SELDOM_COLLECTING, TREES_OUT
 from etendue.run.peak_memory import workers_of
-from etendue.run.schedulers import How, check_scheduler, far
+from etendue.run.schedulers import How, far
 from etendue.run.schedulers import scheduler as scheduler_of
 from etendue.run.watch import Stop, run_batches
 from etendue.types.documents import Document, DocumentView
@@ -288,77 +284,3 @@ def check_timeout(options: Options) -> None:
     if options.cell_timeout is not None and scheduler_of(options.scheduler).here:
         what = f"--scheduler {options.scheduler} cannot stop a cell"
         raise RequestError(f"--cell-timeout {options.cell_timeout:g}: {what}; use --scheduler processes")
-
-
-@called
-def simulate(
-    pipeline: str | Path | DocumentView | PipelineSource,
-    *,
-    archive: str | Path | None = None,
-    want: str | Iterable[str] | None = None,
-    scheduler: str = "threads",
-    workers: int = 0,
-    leave_out: bool = True,
-    **parameters: Any,
-) -> Any:
-    """Run a pipeline and return its ``xarray.DataTree``.
-
-    Parameters
-    ----------
-    pipeline : path, TOML text, mapping, or an ``etendue.Pipeline``
-    archive : folder or s3://bucket/prefix/name to keep results in and resume from; None to stay in memory
-    want : variable or variables to compute, instead of the file's ``wanted``
-    scheduler, workers : as for ``--scheduler`` (``etendue run --help``); number of threads or processes
-    leave_out : whether stages that the scene does not need may be left out
-    **parameters : shared quantities by name, ``stage__parameter`` for others, ``seed``, ...; a list makes a sweep axis
-
-    Raises
-    ------
-    RequestError
-        With every fault of the file.
-    EtendueError
-        If cells failed; the message names the first.
-
-    Examples
-    --------
-    >>> import etendue
-    >>> tree = etendue.simulate("pipelines/smallest.toml", want="clipped_fraction", seed=2)
-    >>> float(tree["exposure_report"]["clipped_fraction"].max()) < 1
-    True
-    """
-    overrides: Document = {}
-    for name, value in parameters.items():
-        key = name.replace("__", ".")
-        if hasattr(value, "tolist"):
-            value = value.tolist()
-        if key in TOP:
-            overrides[key] = value
-        elif isinstance(value, list | tuple | dict):
-            overrides[f"sweep.{key}"] = list(value) if not isinstance(value, dict) else value
-        else:
-            overrides[key if "." in key else f"{SHARED}.{key}"] = value
-    if want is not None:
-        overrides["wanted"] = [want] if isinstance(want, str) else list(want)
-    plan = planner.make_plan(load(pipeline, overrides), installed_stages(), leave_out)
-    outcome = execute(plan, archive, Options(check_scheduler(scheduler), workers))
-    if outcome.failed:
-        first = outcome.failed[0]
-        ref = (first.stage, first.index)
-        raise PluginError(
-            f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: "
-            f"{first.message}"
-        )
-    return opened(outcome, archive)
-
-
-def opened(outcome: Outcome, archive: str | Path | None) -> Any:
-    """The tree of a run, in memory or of its archive, lazily; with ``tree.etendue``."""
-    from etendue.present.plots import accessor  # noqa: F401  # tree.etendue.plot
-
-    if archive is None:
-        return outcome.tree
-    if places.is_url(archive):
-        return places.open_archive(archive)
-    import xarray
-
-    return xarray.open_datatree(Path(archive) / "data.zarr", engine="zarr")

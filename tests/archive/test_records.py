@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from etendue.archive.records import inputs
 from etendue.archive.records.inputs import copy_inputs, resolve_pipeline
 from etendue.archive.structure.naming import cell_name
+from etendue.builder.simulating import simulate
 from etendue.cli import main
 from etendue.cli.options import Given
 from etendue.contract.registry import installed_stages
@@ -25,7 +26,7 @@ from etendue.errors import RequestError
 from etendue.pipeline import toml
 from etendue.pipeline.file import read_pipeline
 from etendue.plan.planner import make_plan
-from etendue.session import Options, execute, simulate
+from etendue.session import Options, execute
 from tests.archive.tiny import store_of, tiny_file, tiny_plan
 
 PIPELINES = Path(__file__).parents[2] / "pipelines"

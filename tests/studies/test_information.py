@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from etendue.builder.simulating import simulate
 from etendue.cli import main
 from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
-from etendue.session import load, simulate
+from etendue.session import load
 from etendue_camera.resolution import noise_power
 from etendue_lab.information.fine_detail import fine_detail, frames
 from etendue_lab.information.study import information

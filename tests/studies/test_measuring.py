@@ -14,13 +14,14 @@ from etendue.accuracy.differences import difference
 from etendue.accuracy.measuring import Measurement, measure
 from etendue.accuracy.pilot import places
 from etendue.accuracy.reference import knobs_of, reference_of
+from etendue.builder.simulating import simulate
 from etendue.cli.program import main
 from etendue.contract.arrays.variables import parse_declaration
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import Stage
 from etendue.contract.values.parameter import param
 from etendue.errors import RequestError
-from etendue.session import load, simulate
+from etendue.session import load
 from tests.run.small import BARE
 from tests.studies import strangers
 

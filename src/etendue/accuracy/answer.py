@@ -72,11 +72,16 @@ class AnswerError:
 
 def error_of(document: DocumentView) -> AnswerError:
     """Return the stored error."""
-    own = {name: value for name, value in document.items() if name not in ("rms", "max")}
+    own = {name: value for name, value in document.items() if name not in ("rms", "max", "parts")}
     parts = {
-        name: Part(**{k: math.nan if v is None else v for k, v in part.items()}) for name, part in own["parts"].items()
+        name: Part(_number(part["rms"]), _number(part["max"]), str(part["basis"]))
+        for name, part in document["parts"].items()
     }
-    return AnswerError(**{**own, "parts": parts})
+    return AnswerError(**own, parts=parts)
+
+
+def _number(stored: float | None) -> float:
+    return math.nan if stored is None else float(stored)
 
 
 @dataclass(frozen=True)
@@ -109,9 +114,9 @@ class AnswerErrors:
 def answers_of(document: DocumentView) -> AnswerErrors | None:
     """Return what was stored; None if it has another form."""
     try:
-        both = [{n: error_of(one) for n, one in document[name].items()} for name in ("errors", "shown")]
-        rest = {name: float(document[name]) for name in ("seconds", "dear", "budget")}
-        return AnswerErrors(*both, document["at"], int(document["points"]), **rest, remembered=True)
+        errors, shown = ({n: error_of(one) for n, one in document[name].items()} for name in ("errors", "shown"))
+        seconds, dear, budget = (_number(document[name]) for name in ("seconds", "dear", "budget"))
+        return AnswerErrors(errors, shown, document["at"], int(document["points"]), seconds, dear, budget, True)
     except (KeyError, TypeError, ValueError, AttributeError):
         return None
 

@@ -40,7 +40,7 @@ class Evaluations:
     ----------
     point : what is evaluated
     rate : measured over predicted seconds
-    until : ``time.perf_counter()`` at which the budget ends
+    until : ``time.process_time()`` at which the budget ends
     shown : returns the progress to show of a plan, or None
     """
 
@@ -52,7 +52,7 @@ class Evaluations:
 
     @property
     def left(self) -> float:
-        return self.until - time.perf_counter()
+        return self.until - time.process_time()
 
     def plan(self, factors: Factors, how: str = "") -> Plan | None:
         """Return the plan of an evaluation; None if the stages refuse it."""
@@ -60,11 +60,11 @@ class Evaluations:
         if key not in self._plans:
             if self.left < self.planning:
                 raise TooDear(self.planning)
-            began = time.perf_counter()
+            began = time.process_time()
             self._plans[key] = (
                 self.point.as_planned() if how == AS_PLANNED else self.point.planned(factors, how == EXACT)
             )
-            self.planning = time.perf_counter() - began
+            self.planning = time.process_time() - began
         return self._plans[key]
 
     def pair(self, one: tuple[Factors, str], other: tuple[Factors, str]) -> tuple[Evaluated, Evaluated] | None:
@@ -93,10 +93,10 @@ class Evaluations:
     def _of(self, which: tuple[Factors, str], plan: Plan) -> Evaluated:
         key = _key(*which)
         if key not in self._values:
-            began = time.perf_counter()
+            began = time.process_time()
             progress = self.shown(plan) if self.shown and self.rate * self.point.seconds(plan) > 1 else None
             self._values[key] = plan, self.point.values(plan, progress)
-            took = time.perf_counter() - began
+            took = time.process_time() - began
             self.rate = max(self.rate, 0.5 * took / max(self.point.seconds(plan), 1e-9))
         return self._values[key]
 

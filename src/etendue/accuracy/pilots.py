@@ -46,21 +46,21 @@ def state_errors(
     shown : returns the progress to show of a plan
     places : largest number of points of a sweep
     """
-    began, at = time.perf_counter(), shown_place(plan)
+    began, at = time.process_time(), shown_place(plan)
     rate, dear, longest = _rate(plan, reports), 0.0, 0.0
     found: list[dict[str, AnswerError]] = []
     for place in (at, *(place for place in chosen_places(plan.axes, places) if place != at)):
-        since = time.perf_counter()
+        since = time.process_time()
         if found and (dear or began + budget - since < longest):
             break
         evaluations = Evaluations(Point(plan, registry, place, plan.wanted), rate, began + budget, shown)
         own, dear = _at_point(plan, evaluations)
         found.append(own)
-        rate, longest = evaluations.rate, max(longest, time.perf_counter() - since)
+        rate, longest = evaluations.rate, max(longest, time.process_time() - since)
     errors = {name: worst(one[name] for one in found) for name in found[0]}
     if len(found) < math.prod(len(axis.values) for axis in plan.axes):
         errors = scaled(errors, ELSEWHERE)
-    return AnswerErrors(errors, found[0], at, len(found), time.perf_counter() - began, dear, budget)
+    return AnswerErrors(errors, found[0], at, len(found), time.process_time() - began, dear, budget)
 
 
 def shown_place(plan: Plan) -> Place:
@@ -72,10 +72,11 @@ def shown_place(plan: Plan) -> Place:
 
 
 def _rate(plan: Plan, reports: Reports | None) -> float:
-    """Return the measured seconds of this run over the predicted ones."""
+    """Return the measured seconds of this run over the predicted ones, at the shown point."""
     predicted = took = 0.0
-    for ref, report in (reports or {}).items():
-        if report.status == "done":
+    for ref in shown_cells(plan).values():
+        report = None if reports is None else reports.get(ref)
+        if report is not None and report.status == "done":
             predicted += cell_seconds(plan.node(ref[0]), plan.cells[ref], plan.precision)
             took += report.seconds
     return took / predicted if predicted else 1.0

@@ -46,7 +46,7 @@ class Point:
     def __init__(self, plan: Plan, registry: Registry, place: Place, wanted: tuple[Wanted, ...]) -> None:
         self.registry, self.wanted, self.axes = registry, wanted, plan.axes
         pipeline = replace(plan.pipeline, leave_out=plan.leaves_out and plan.pipeline.leave_out)
-        self.pipeline = wanting(narrowed(pipeline, plan.axes, [place]), wanted)
+        self.pipeline = wanting(narrowed(pipeline, plan.axes, [dict(place)]), wanted)
         self.at = at = {axis.dim: axis.values.index(place[axis.dim]) for axis in plan.axes}
         self.stages = {
             node.name: cell.stage
@@ -92,7 +92,7 @@ class Point:
         """
         try:
             pipeline = self.with_factors(factors, exact)
-            return pipeline and make_plan(pipeline, self.registry, expected=True)
+            return None if pipeline is None else make_plan(pipeline, self.registry, expected=True)
         except EtendueError:
             return None
 

@@ -11,8 +11,8 @@ from html import escape
 
 from etendue.present.terminal.cells import cells
 from etendue.present.terminal.html_tables import rows_of
-from etendue.present.terminal.terminal import human_seconds, plan_columns
-from etendue.telling import human_bytes
+from etendue.present.terminal.terminal import plan_columns
+from etendue.telling import human_bytes, human_seconds
 from etendue.types.documents import Document
 
 

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from etendue.builder.simulating import simulate
 from etendue.errors import EtendueError, PluginError, RequestError
-from etendue.session import simulate
 from etendue.telling import said
 from etendue.testing.cases import sobol
 from etendue.testing.measured import measuring

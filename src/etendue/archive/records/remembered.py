@@ -24,6 +24,11 @@ def recall(folder: Path, key: str) -> Document | None:
     return found if isinstance(found, dict) else None
 
 
+def latest(folder: Path, kind: str) -> Document | None:
+    """Return the document stored last of those whose ``kind`` is this, or None."""
+    return next((one for one in reversed(documents(folder).values()) if one.get("kind") == kind), None)
+
+
 def documents(folder: Path) -> Document:
     """Return all stored documents; an empty dictionary if the file does not match its checksum."""
     found = disk.read_document(folder / NAME) or {}

@@ -19,6 +19,7 @@ from etendue.contract.arrays.variables import variable, without
 from etendue.contract.values import quantities
 from etendue.contract.values.tables import preset_keys, tables
 from etendue.contract.wording import prefix_of
+from etendue.present.page.answers import answer
 from etendue.present.page.brought import wordings
 from etendue.present.page.columns import Columns
 from etendue.present.page.figures import Coordinate, MetricColumn, figures
@@ -84,6 +85,7 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: D
         "failures": failures(opened, table),
         "damaged": sorted(opened.damaged),
         "measured": measured(opened),
+        "answer": answer(opened),
         "blame": None,
         "losses_command": _losses_command(opened, start),
         "provenance": _provenance(opened),

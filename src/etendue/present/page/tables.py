@@ -147,7 +147,7 @@ def measured(opened: Opened) -> list[Document]:
     """Return the errors of wanted variables from the reference settings, as last measured by ``run --measure``."""
     found: dict[str, Document] = {}
     for document in documents(opened.folder).values():
-        errors = document.get("errors")
+        errors = document.get("errors") if document.get("kind") is None else None
         for name, one in errors.items() if isinstance(errors, dict) else ():
             if isinstance(one, dict) and isinstance(one.get("rms"), int | float):
                 found[str(name)] = {

@@ -45,7 +45,7 @@ def notes(document: DocumentView) -> list[str]:
     points = document["points"]
     factor = max((one["scaled"] for one in errors), default=1.0)
     where = "" if points == 1 and factor == 1 else f" at {points} point{'s' if points > 1 else ''} of the sweep"
-    spread = f"; the table has {factor:g} times the largest, for the points between" if factor > 1 else ""
+    spread = f"; errors are {factor:g} times the largest of these, for the points between" if factor > 1 else ""
     when = "by an earlier run" if document["remembered"] else f"in {human_seconds(document['seconds'])}"
     said = [f"measured{where} without noise, {when}{spread}"] if any(one["parts"] for one in errors) else []
     fixed = {f"{name}: {why}" for one in errors for name, why in one["fixed"].items()}

@@ -12,7 +12,8 @@ from typing import Any
 
 from rich.console import Console
 
-from etendue.present.terminal.terminal import _out, _table, escape, human_seconds, short_axes
+from etendue.present.terminal.terminal import _out, _table, escape, short_axes
+from etendue.telling import human_seconds
 from etendue.types.documents import Document
 
 SHOWN = 10  # rows; smaller errors are summarised in one line

@@ -10,8 +10,8 @@ import re
 
 from rich.console import Console
 
-from etendue.present.terminal.terminal import _out, _product, escape, human_rate, human_seconds, short_axes
-from etendue.telling import human_bytes
+from etendue.present.terminal.terminal import _out, _product, escape, human_rate, short_axes
+from etendue.telling import human_bytes, human_seconds
 from etendue.types.documents import Document
 
 

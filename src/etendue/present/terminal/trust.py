@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
 
 from etendue.present.terminal.stored import short
-from etendue.present.terminal.terminal import _out, _table, escape, human_seconds
-from etendue.telling import human_bytes
+from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.telling import human_bytes, human_seconds
 from etendue.types.documents import Document
 
 MOST = 16  # lines of each kind; --json has all

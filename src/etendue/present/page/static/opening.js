@@ -11,7 +11,7 @@ function openingPart(doc, scalars) {
   if (!numbers.length && !picture) return null;
   const on = front && [front.x, front.y].map((one) => scalars.find((s) => isSaid(s, one)));
   const figuresOf = el('dl', { class: 'big open' });
-  follow(() => clear(figuresOf, numbers.map((s) => el('div', { title: dotsOf(s) }, el('dt', {}, named(s.figure.variable)), el('dd', {}, s.figure.words(s.figure.value(state.at, s.inner))), el('dd', { class: 'soft' }, s.figure.label)))));
+  follow(() => clear(figuresOf, numbers.map((s) => el('div', { title: dotsOf(s) }, el('dt', {}, named(s.figure.variable)), el('dd', {}, s.figure.words(s.figure.value(state.at, s.inner))), errorBehind(doc, s), el('dd', { class: 'soft' }, s.figure.label)))));
   const moved = el('p', { class: 'note moved' }), limitHead = el('h3', {}), wrongHead = el('h3', {});
   follow(() => { const dims = doc.axes.map((a) => a.dim), here = dims.every((dim) => state.at[dim] === doc.start[dim]), of = here ? 'it' : front ? 'the choice' : 'the starting cell'; clear(limitHead, `What limits ${of}`); clear(wrongHead, `Error of ${of === 'it' ? 'this cell' : of}`); clear(moved, here || !dims.length ? null : [`${picture ? 'Picture and metrics' : 'Metrics'} are for ${where(dims)}. `, el('button', { type: 'button', class: 'quiet', onclick: () => move(doc.start) }, front ? 'Back to the choice' : 'Back')]); });
   const swept = doc.axes.filter((axis) => axis.values.length > 1), title = front ? `${doc.words.build} ${front.dims.map((dim) => called(axisOf(dim), doc.start[dim])).join(', ')}` : swept.length ? `One ${doc.words.place} of the sweep` : `The ${doc.words.place}`;
@@ -135,10 +135,20 @@ function limitsOf(doc, limits, front, on) {
   return [...said, el('table', { class: 'beside-it' }, el('thead', {}, el('tr', {}, el('th', { scope: 'col' }, 'one step away'), short.map((name) => el('th', { scope: 'col', class: 'number' }, name)), el('th', { scope: 'col' }))), el('tbody', {}, rows))];
 }
 
+// The error of a metric at the position of the sliders: measured there, or that of the whole sweep.
+function errorBehind(doc, scalar) {
+  if (!doc.answer) return null;
+  const key = `${scalar.figure.stage}.${scalar.figure.variable}`, here = Object.entries(doc.answer.at).every(([dim, at]) => state.at[dim] === at);
+  const text = (here ? doc.answer.here : doc.answer.sweep)[key];
+  return text ? el('dd', { class: 'error' }, text) : null;
+}
+
 function errorOf(doc, error) {
   if (!doc.ended) return el('p', {}, 'Available when the run has finished.');
-  const whole = doc.measured[0];
-  return [error.stage ? el('p', {}, 'Largest error of a stage: ', el('strong', {}, say(error.largest, 2)), ` of full scale (${named(error.stage)}, basis: ${error.how}).`) : el('p', {}, 'No stage states an error.'),
+  const whole = doc.measured[0], answer = doc.answer;
+  return [answer && answer.pictures.length ? el('p', {}, el('strong', {}, 'The answer'), ', against the same camera with everything refined: ', answer.pictures.join('; '), '.') : null,
+    answer ? answer.notes.map((text) => el('p', { class: 'soft' }, `${capital(text)}.`)) : null,
+    error.stage ? el('p', {}, 'Largest error of a single stage: ', el('strong', {}, say(error.largest, 2)), ` of full scale (${named(error.stage)}, basis: ${error.how}).`) : el('p', {}, 'No stage states an error.'),
     error.bound ? el('p', {}, `Error bound of what was left out or approximated: ${say(error.bound, 2)} per stage.`) : null,
-    whole ? el('p', {}, `The whole ${doc.words.whole}: ${named(whole.variable)} ${say(whole.rms, 2)} rms from the reference settings.`) : el('p', { class: 'soft' }, `The whole ${doc.words.whole}: `, el('span', { class: 'command' }, 'etendue run … --measure'))];
+    whole ? el('p', {}, `Omissions and coarser settings, the whole ${doc.words.whole}: ${named(whole.variable)} ${say(whole.rms, 2)} rms from the reference settings.`) : answer ? null : el('p', { class: 'soft' }, `The whole ${doc.words.whole}: `, el('span', { class: 'command' }, 'etendue run … --measure'))];
 }

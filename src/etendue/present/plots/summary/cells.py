@@ -24,7 +24,8 @@ from etendue.archive.records.owner import is_running
 from etendue.archive.structure.layout import STATUS
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import places_text
-from etendue.present.terminal.terminal import human_rate, human_seconds
+from etendue.present.terminal.terminal import human_rate
+from etendue.telling import human_seconds
 from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:

@@ -1,0 +1,127 @@
+"""``etendue.simulate``: run a pipeline in one call.
+
+In:  a pipeline, and values in place of its own.
+Out: an ``xarray.DataTree``, with the errors of the wanted variables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from etendue.accuracy.evaluations import PLANNING
+from etendue.accuracy.recalled import SHARE, answer_errors
+from etendue.archive import places
+from etendue.calls import called
+from etendue.contract.registry import installed_stages
+from etendue.contract.values.tables import SHARED
+from etendue.errors import PluginError
+from etendue.pipeline.file import PipelineSource
+from etendue.pipeline.overrides import TOP
+from etendue.plan import planner
+from etendue.present.terminal.answer_texts import plus_minus
+from etendue.run.schedulers import check_scheduler
+from etendue.session import Options, Outcome, execute, load
+from etendue.types.documents import Document, DocumentView
+
+
+@called
+def simulate(
+    pipeline: str | Path | DocumentView | PipelineSource,
+    *,
+    archive: str | Path | None = None,
+    want: str | Iterable[str] | None = None,
+    scheduler: str = "threads",
+    workers: int = 0,
+    leave_out: bool = True,
+    errors: bool = True,
+    **parameters: Any,
+) -> Any:
+    """Run a pipeline and return its ``xarray.DataTree``.
+
+    Parameters
+    ----------
+    pipeline : path, TOML text, mapping, or an ``etendue.Pipeline``
+    archive : folder or s3://bucket/prefix/name to keep results in and resume from; None to stay in memory
+    want : variable or variables to compute, instead of the file's ``wanted``
+    scheduler, workers : as for ``--scheduler`` (``etendue run --help``); number of threads or processes
+    leave_out : whether stages that the scene does not need may be left out
+    errors : whether to measure the errors of the wanted variables, in at most 10 % of the run's time; they are the
+        attributes ``error`` (in the variable's unit, or relative to full scale) and ``error_parts``
+    **parameters : shared quantities by name, ``stage__parameter`` for others, ``seed``, ...; a list makes a sweep axis
+
+    Raises
+    ------
+    RequestError
+        With every fault of the file.
+    EtendueError
+        If cells failed; the message names the first.
+
+    Examples
+    --------
+    >>> import etendue
+    >>> tree = etendue.simulate("pipelines/smallest.toml", want="clipped_fraction", seed=2)
+    >>> float(tree["exposure_report"]["clipped_fraction"].max()) < 1
+    True
+    """
+    overrides: Document = {}
+    for name, value in parameters.items():
+        key = name.replace("__", ".")
+        if hasattr(value, "tolist"):
+            value = value.tolist()
+        if key in TOP:
+            overrides[key] = value
+        elif isinstance(value, list | tuple | dict):
+            overrides[f"sweep.{key}"] = list(value) if not isinstance(value, dict) else value
+        else:
+            overrides[key if "." in key else f"{SHARED}.{key}"] = value
+    if want is not None:
+        overrides["wanted"] = [want] if isinstance(want, str) else list(want)
+    plan = planner.make_plan(load(pipeline, overrides), installed_stages(), leave_out)
+    outcome = execute(plan, archive, Options(check_scheduler(scheduler), workers))
+    if outcome.failed:
+        first = outcome.failed[0]
+        ref = (first.stage, first.index)
+        raise PluginError(
+            f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: "
+            f"{first.message}"
+        )
+    if errors:
+        with_errors(outcome)
+    return opened(outcome, archive)
+
+
+def with_errors(outcome: Outcome) -> None:
+    """Measure the errors of a run's wanted variables, if 10 % of its time suffices for anything."""
+    budget = SHARE * outcome.seconds
+    if budget < PLANNING or outcome.failed:
+        return
+    folder = outcome.archive if isinstance(outcome.archive, Path) else None
+    found = answer_errors(outcome.plan, installed_stages(), outcome.reports, budget, folder)
+    outcome.answers = found.document()
+
+
+def stated(tree: Any, answers: DocumentView | None) -> Any:
+    """Write errors into the attributes of a tree's variables, where they were measured."""
+    for error in (answers or {}).get("errors", {}).values():
+        for group in tree[error["stage"]].subtree if error["parts"] and error["stage"] in tree.children else ():
+            if error["variable"] in group.data_vars:
+                group[error["variable"]].attrs |= {
+                    "error": error["rms"],
+                    "error_parts": plus_minus(error, error["unit"] or "of full scale"),
+                }
+    return tree
+
+
+def opened(outcome: Outcome, archive: str | Path | None) -> Any:
+    """The tree of a run, in memory or of its archive, lazily; with ``tree.etendue``."""
+    from etendue.present.plots import accessor  # noqa: F401  # tree.etendue.plot
+
+    if archive is None:
+        return stated(outcome.tree, outcome.answers)
+    if places.is_url(archive):
+        return stated(places.open_archive(archive), outcome.answers)
+    import xarray
+
+    return stated(xarray.open_datatree(Path(archive) / "data.zarr", engine="zarr"), outcome.answers)
