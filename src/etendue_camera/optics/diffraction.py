@@ -216,7 +216,7 @@ def circular_otf(frequency: Floats, wavelength: Floats, f_number: Floats) -> Flo
     Examples
     --------
     >>> from etendue_camera.optics.diffraction import circular_otf
-    >>> circular_otf([0.0, 0.25, 0.5], wavelength=0.5, f_number=4.0).round(3).tolist()  # the middle one is half the cut-off
+    >>> circular_otf([0.0, 0.25, 0.5], wavelength=0.5, f_number=4.0).round(3).tolist()  # the middle is half the cut-off
     [1.0, 0.391, 0.0]
     """
     nu = np.asarray(np.abs(frequency) * spot(wavelength, f_number))

@@ -52,7 +52,8 @@ def pupil_psf(
 
     Returns
     -------
-    (ny, nx) array, um-2 Integrates to 1 over the plane.
+    (ny, nx) array, um-2
+        Integrates to 1 over the plane.
 
     Raises
     ------
@@ -188,9 +189,9 @@ def radial_changes(
     ValueError
         As for `pupil_lattice`.
 
-        Notes
-        ----- Method of `pupil_lattice` along one axis: each row of cells is correlated with itself, in n^2 log n
-        operations.
+    Notes
+    -----
+    Method of `pupil_lattice` along one axis: each row of cells is correlated with itself, in n^2 log n operations.
     """
     samples = amplitude.shape[0]
     total = _area(amplitude, wavelengths)
@@ -214,8 +215,7 @@ def radial_changes(
 
 
 def from_radial(nodes: FloatArray, values: FloatArray, nu: FloatArray) -> FloatArray:
-    """Interpolate values at ascending nodes from 0 to 1 at nu = |frequency| lambda N_w by a cubic spline; 0 beyond 1.
-    """
+    """Interpolate values at ascending nodes from 0 to 1 by a cubic spline at nu = |frequency| lambda N_w; 0 beyond."""
     return np.where(nu < 1.0, scipy.interpolate.CubicSpline(nodes, values)(np.minimum(nu, 1.0)), 0.0)
 
 
@@ -327,8 +327,7 @@ def _area(amplitude: FloatArray, wavelength: Floats) -> float:
 
 
 def _between(place: FloatArray, samples: int) -> scipy.sparse.csr_array:
-    """Return the sparse matrix that interpolates a lattice of 2 samples + 5 steps, with 0 in the middle, at any places.
-    """
+    """Return the sparse matrix that interpolates a lattice of 2 samples + 5 steps, 0 in the middle, at any places."""
     size = 2 * samples + 5
     t = place + (samples + 2)
     first = np.clip(np.floor(t).astype(np.intp) - (_POINTS // 2 - 1), 0, size - _POINTS)
