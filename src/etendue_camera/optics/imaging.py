@@ -80,8 +80,8 @@ def pupil_psf(
     farthest = max(np.abs(np.asarray(y)).max(initial=0.0), np.abs(np.asarray(x)).max(initial=0.0))
     if not farthest <= 0.25 * scale * samples / reach:
         raise ValueError(
-            f"positions reach {farthest:g} um, but {samples} samples of the pupil carry "
-            f"{0.25 * scale * samples / reach:g} um; use more"
+            f"positions reach {farthest:g} um, but {samples} samples of the pupil cover only "
+            f"{0.25 * scale * samples / reach:g} um; use more samples"
         )
     pupil = amplitude if path is None else amplitude * np.exp(2j * np.pi / wavelength * path)
     centres = cell_centres(samples, reach) / scale

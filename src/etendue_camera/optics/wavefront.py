@@ -197,7 +197,7 @@ def defocus(shift: float, f_number: float, y: Floats, x: Floats) -> Floats:
     sine = (np.asarray(y * y + x * x, float)) / (4.0 * f_number * f_number)
     if np.any(sine > 1.0 + 1e-12):
         raise ValueError(
-            f"f_number is {f_number}; an aplanatic pupil reaches to 2 f_number radii, here {2 * f_number:g}"
+            f"f_number is {f_number}; an aplanatic pupil extends to at most 2 f_number radii, here {2 * f_number:g}"
         )
     return shift * (sine / (1.0 + np.sqrt(np.maximum(1.0 - sine, 0.0))))
 
