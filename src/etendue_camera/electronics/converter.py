@@ -17,7 +17,7 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
     Parameters
     ----------
     charge : (...) array, electrons
-        Any sign: read noise makes it negative in the dark. Infinite charge gives an end code.
+        Any sign: read noise makes it negative in the dark. Infinite charge gives the lowest or highest code.
     gain_dn_per_electron : float, DN/electron
         Above 0.
     black_level : float, DN
@@ -86,7 +86,7 @@ def unrounded(charge: ArrayLike, gain_dn_per_electron: float, black_level: float
     Raises
     ------
     ValueError
-        If a number is outside the range named above.
+        If a number is outside the range given above.
 
     Notes
     -----
@@ -126,7 +126,7 @@ def linearise(
     Raises
     ------
     ValueError
-        If a number is outside the range named above.
+        If a number is outside the range given above.
 
     Notes
     -----

@@ -194,9 +194,8 @@ def measure(
 
 
 def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
-    """Return the mean charge at which the temporal variance of a pixel is largest: EMVA's saturation capacity, below
-    the
-    full well.
+    """Return the mean charge at which the temporal variance of a pixel is largest: the EMVA saturation capacity, which
+    is below the full well.
 
     Parameters
     ----------
@@ -212,14 +211,14 @@ def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
 
     Notes
     -----
-    Shot noise as a normal z of variance x, clipped at the well: moments of min(z, a), a = (w - x)/sqrt(x), averaged
-    over responses by 41 nodes of Gauss-Hermite, the largest of 4001 charges from 0.5 to 1.2 w. Read noise after the
-    full well has no effect.
-    Error: 5e-4 relative where w is above 500 electrons (a normal for Poisson counts).
+    Shot noise is modelled as a normal distribution of variance x, clipped at the well w: moments of min(z, a) with a =
+    (w - x)/sqrt(x), averaged over responses with 41 Gauss-Hermite nodes. The result is the maximum over 4001 charges
+    from 0.5 to 1.2 w. Read noise after the full well has no effect.
+    Error: 5e-4 relative where w is above 500 electrons (from the normal approximation of Poisson counts).
     """
     require.that(
         full_well > 0 and 0 <= prnu <= 0.5,
@@ -306,8 +305,9 @@ def _dark_noise(d: _Levels, gain: NDArray, origin: NDArray) -> NDArray:
 
 
 def _half(signal: NDArray, top: float, frames: NDArray) -> int:
-    """Return the level for patterns: of those from 30 to 70 % of saturation, that with most frames, then nearest to
-    half."""
+    """Return the level for patterns: among those from 30 to 70 % of saturation the one with most frames, then nearest
+    to half.
+    """
     near = np.abs(signal / top - 0.5)
     many = np.where(near <= 0.2, frames, 0)
     return int(np.lexsort((near, -many))[0])

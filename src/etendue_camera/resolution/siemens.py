@@ -186,7 +186,7 @@ class _Rings:
     c: FloatArray
     variance: FloatArray  # of b, and of c
     residual: float
-    # of the pixels: ring, offsets from the centre, picture less fit, the two waves
+    # of the pixels: ring, offsets from the centre, picture minus fit, the two waves
     ring: NDArray[np.intp]
     y: FloatArray
     x: FloatArray
@@ -230,7 +230,7 @@ def _rings(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges
 
 
 def _refined(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges: FloatArray) -> FloatArray:
-    """Move the centre to where the sines of all rings have one phase and the smallest residual."""
+    """Move the centre to where the sines of all rings have a common phase and the smallest residual."""
     for _ in range(ROUNDS):
         rings = _rings(image, mask, place, cycles, edges)
         phase = np.angle((rings.b + 1j * rings.c).sum())
@@ -238,7 +238,7 @@ def _refined(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edg
         turned = cycles * size * (np.cos(phase) * rings.sine - np.sin(phase) * rings.cosine)
         squared = rings.y**2 + rings.x**2
         design = np.stack([turned * rings.x / squared, -turned * rings.y / squared], axis=1)
-        # of what the waves of one phase leave, turned by the angle that a shift of the centre makes
+        # what waves of one common phase do not explain, for the change of angle caused by a shift of the centre
         rest = rings.rest + (rings.b[rings.ring] * rings.cosine + rings.c[rings.ring] * rings.sine)
         rest = rest - size * (np.cos(phase) * rings.cosine + np.sin(phase) * rings.sine)
         step = np.linalg.lstsq(design, rest, rcond=None)[0]

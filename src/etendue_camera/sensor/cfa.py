@@ -70,7 +70,7 @@ def read(pattern: str) -> Mask:
     Raises
     ------
     ValueError
-        As `parse` and `parse_rows`, and for a file that cannot be read; the message names the file.
+        As for `parse` and `parse_rows`, and for a file that cannot be read; the message names the file.
     """
     if not pattern.endswith(".csv"):
         return parse(pattern)
@@ -138,7 +138,7 @@ def parse_rows(text: str) -> Mask:
     Raises
     ------
     ValueError
-        As `parse`, and if there are no letters.
+        As for `parse`, and if there are no letters.
     """
     stripped = (line.partition("#")[0].replace(",", " ").split() for line in text.splitlines())
     rows = ["".join(cells) for cells in stripped if cells]

@@ -52,9 +52,9 @@ def shares(
     t : (n,) array, um2
         From `times`.
     absorption, depletion, depth, length, back
-        As in `photodiode.collection`.
+        As for `photodiode.collection`.
 
-    Returns
+        Returns
     -------
     kept : float
         Charge from the depletion layer, as a fraction of all collected charge.
@@ -64,7 +64,7 @@ def shares(
     Raises
     ------
     ValueError
-        As `photodiode.collection`; and if all charge would come from infinitely far.
+        As for `photodiode.collection`; also if all charge would come from infinitely far.
 
     Notes
     -----
@@ -151,7 +151,7 @@ def pixel_shares(t: FloatArray, light: float, pitch: float, reach: int, offset: 
         s = np.abs(u) / sigma
         return sigma * (np.exp(-0.5 * s * s) / math.sqrt(2.0 * math.pi) - s * scipy.special.ndtr(-s))
 
-    # up to an edge: integral over the window of the probability to lie below it
+    # value at each pixel edge: integral over the window of the probability to lie below it
     below = (np.maximum(high, 0.0) - np.maximum(low, 0.0)) / light + (rest(high) - rest(low)) / light
     return np.maximum(np.diff(below, axis=1), 0.0)
 
@@ -196,7 +196,8 @@ def kernels(
 
 
 def mixing(kernel: FloatArray, mask: Mask) -> FloatArray:
-    """Return the mixing of uniform light: (channel that collects, channel under whose filter charge was generated).
+    """Return the mixing matrix for uniform light: (channel that collects, channel under whose filter charge was
+    generated).
 
     The mean over a channel's pixels. Weighted by the number of each channel's pixels, columns sum to 1.
     """

@@ -186,13 +186,12 @@ class ShotNoise(Sampled, Noisy, Haloed):
         return {"charge": expected_charge}
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """The expected value is unchanged."""
+        """Keep the facts: the expected value is unchanged."""
         return facts["expected_charge"]
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the total variation from Poisson, not the error of the mean: largest where the expansion begins, and at
-        the
-        seam of common draws.
+        the transition of common draws.
         """
         if math.isinf(self.exact_below):
             return 0.0, "proved"

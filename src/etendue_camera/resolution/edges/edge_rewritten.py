@@ -27,7 +27,7 @@ BY_ROWS, AGAIN = (
     0.57,
 )  # weights of the bootstrap interval and of the spread of rewritten edges: both include the noise of the picture
 SEEN = 1.05  # times the residual without noise, above which noise is visible in a file
-MOST = 3.0  # times the residual, largest noise before the file
+MOST = 3.0  # times the residual: largest noise assumed before the file
 
 
 @dataclass(frozen=True)

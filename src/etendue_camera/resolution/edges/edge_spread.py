@@ -194,10 +194,9 @@ def centred(count: int) -> FloatArray:
 def whole(found: Fit, half_width: float | None, tails: bool) -> EdgeSpread:
     """Combine the spline near the edge, plateaus with tails far from it, and a smooth transition between them.
 
-    Where the picture adds nothing to the tails it only adds noise: the transition ends at the smallest of some
-    distances
-    beyond which the tails describe the pixels as well as the spline does, or from half of which on the spline deviates
-    from them no more than farther out, as with correlated noise.
+    Where the tails describe the picture completely, the spline only adds noise. The transition therefore ends at the
+    smallest of several distances beyond which the tails describe the pixels as well as the spline does; or, for
+    correlated noise, at the smallest from half of which on the spline deviates from the tails no more than farther out.
     """
     reach = float(np.abs(found.distance).max())
     width = reach

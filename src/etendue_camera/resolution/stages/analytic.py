@@ -72,7 +72,7 @@ def signed(otf: Otf, observed: Observed, towards: tuple[float, float], rendering
 
 
 def response(otf: Otf, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
-    """Return its magnitude: the contrast."""
+    """Return the contrast: the magnitude of `signed`."""
     own = signed(otf, observed, towards, rendering)
     return lambda f: np.abs(own(f))
 
@@ -123,7 +123,7 @@ def factor_curves(otf: Otf, observed: Observed, towards: tuple[float, float], pi
 
 
 def first_largest(values: FloatArray) -> float:
-    """Return the index of the largest; NaN where nothing is known, or nothing limits."""
+    """Return the index of the largest gain; NaN where no gain is known, or nothing limits."""
     return (
         float(np.argmax(values))
         if np.isfinite(values).any() and not np.isnan(values).any() and values.max() > 1

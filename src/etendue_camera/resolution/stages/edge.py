@@ -329,8 +329,8 @@ class EdgeProbe(PictureProbe):
         return gain, half(pixel) / half(replace(pixel, behind=())) if pixel.behind else 1.0
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the error for a noise-free edge before the mosaic; with noise the interval tells more. For the transfer
-        functions, by the number of nodes.
+        """Bound the error for a noise-free edge before the mosaic, and of the transfer functions by the number of
+        nodes. With noise, use the interval instead.
         """
         return 5e-3 + 1e-6 * (64 / self.nodes) ** 3, "measured"
 
