@@ -269,8 +269,7 @@ def lowest_clipped_code(
     Notes
     -----
     A full well is rounded to a code like any charge; where it lies within 2**-8 DN below a step, the code below the
-    step
-    is returned, since single precision may give it.
+    step is returned, since single precision may give it.
     """
     filled = gain_dn_per_electron * saturation_charge(full_well, gain_dn_per_electron, black_level, bits)
     noisy = gain_dn_per_electron * max(full_well - 4 * sigma, 0.0)

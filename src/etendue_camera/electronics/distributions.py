@@ -169,9 +169,9 @@ def quantised_gauss_moments(mu: ArrayLike, sigma: ArrayLike) -> tuple[NDArray, N
 
     Notes
     -----
-    Source: sums of normal tails for sigma < 0.35, else the Fourier series of the rounding error, whose terms
-    fall as exp(-2 pi^2 k^2 sigma^2). Error, reference group quantised_gauss: mean error
-    below 2e-15 relative, variance below 3e-16 x max(1, 1/(4 sigma^2)).
+    Source: sums of normal tails for sigma < 0.35, else the Fourier series of the rounding error, whose terms fall as
+    exp(-2 pi^2 k^2 sigma^2). Error, reference group quantised_gauss: mean error below 2e-15 relative, variance below
+    3e-16 x max(1, 1/(4 sigma^2)).
     """
     mu, sigma = np.broadcast_arrays(np.asarray(mu, np.float64), np.asarray(sigma, np.float64))
     if not np.isfinite(mu).all():

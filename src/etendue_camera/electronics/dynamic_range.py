@@ -256,8 +256,8 @@ def emva_smallest_photons_approx(
 
     Notes
     -----
-    Source: EMVA 1288 R4 linear, (s_y.dark / K + 1/2) / eta. Error: below 4e-16 relative
-    (reference group emva_mu_p_min_approx).
+    Source: EMVA 1288 R4 linear, (s_y.dark / K + 1/2) / eta. Error: below 4e-16 relative (reference group
+    emva_mu_p_min_approx).
     """
     floor = _emva_floor(gain_dn_per_electron, dark_noise)
     return (floor + 0.5) / require.above_zero("quantum_efficiency", quantum_efficiency)

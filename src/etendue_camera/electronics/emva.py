@@ -91,8 +91,7 @@ def measure(
         Exposure times, ascending, above 0; at least four.
     light : sequence of (frame, y, x) arrays, DN
         Raw frames under uniform light, one stack per level, at least two frames each, at least 8 x 8 pixels. The
-        longest
-        times should saturate: otherwise full well, saturation and derived metrics are NaN.
+        longest times should saturate: otherwise full well, saturation and derived metrics are NaN.
     dark : sequence of (frame, y, x) arrays, DN
         Raw frames without light at the same times, black level neither subtracted nor reached.
     photons : (level,) array, photons per pixel, optional
@@ -119,11 +118,9 @@ def measure(
     frame (a lamp that drifts) are taken out of the temporal variance.
 
     Departures. The photon transfer curve is fitted with the weights of a normal variance (the standard weights all
-    levels
-    equally, which widens the interval of K by a quarter). Dark noise is averaged over all times, with the shot noise of
-    the dark current subtracted. `full_well` is the mean beyond saturation, without the fraction of a level step by
-    which
-    `saturation_capacity` is low.
+    levels equally, which widens the interval of K by a quarter). Dark noise is averaged over all times, with the shot
+    noise of the dark current subtracted. `full_well` is the mean beyond saturation, without the fraction of a level
+    step by which `saturation_capacity` is low.
 
     Intervals are those of a delete-a-group jackknife over 8 x 8 blocks of pixels with Student's t: pixels are the
     independent sample, of temporal noise and of patterns alike. Row and column patterns are counted

@@ -47,9 +47,8 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
 
     Notes
     -----
-    Source: numpy's sampler, and `cornish_fisher` of a normal. Total variation from Poisson: 0 below
-    exact_below; 5.6e-4 at a mean of 10, 1.0e-4 at 30, 5.1e-7 at 1000
-    (`distributions.poisson_total_variation`).
+    Source: numpy's sampler, and `cornish_fisher` of a normal. Total variation from Poisson: 0 below exact_below; 5.6e-4
+    at a mean of 10, 1.0e-4 at 30, 5.1e-7 at 1000 (`distributions.poisson_total_variation`).
     """
     exact_below = float(exact_below)
     mean = _means(mean, LARGEST_EXACT if exact_below > LARGEST_EXACT else LARGEST_MEAN)

@@ -25,8 +25,7 @@ CUT_OFF = 1e-3  # contrast below which detail counts as not resolved
 
 def mean_otf(otf: FloatArray, weights: FloatArray | None) -> FloatArray:
     """Return the weighted mean over wavelength: (wavelength, f) and (wavelength,) to (f,), 1 where the OTF is 1;
-    negative
-    where contrast is reversed.
+    negative where contrast is reversed.
     """
     share = (
         np.full(otf.shape[0], 1 / otf.shape[0])

@@ -70,8 +70,7 @@ def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
     ----------
     frames : (frame, channel, y, x) array
         At least two frames of the same scene: their mean, which is signal and common noise, is subtracted, and the
-        power
-        is corrected by frames / (frames - 1).
+        power is corrected by frames / (frames - 1).
     block : int, pixels
         Side of adjacent squares whose periodograms are taken, without a window. At least 2.
 
@@ -81,7 +80,6 @@ def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
         At ``numpy.fft.fftfreq(block)`` along y and x. The relative standard error of a power is 1 / sqrt(periodograms).
     int
         Number of independent periodograms in each value; one frame is lost to the subtracted mean.
-
 
     Raises
     ------

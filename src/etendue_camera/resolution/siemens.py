@@ -100,14 +100,13 @@ def star_response(
     Notes
     -----
     A ring of radius r has f = cycles/(2 pi r). Its pixels are fitted by a + b cos(n phi) + c sin(n phi), at their
-    actual
-    positions, so that frequencies above 0.5 cycles/pixel do not alias; noise is subtracted from b^2 + c^2. The centre
-    is refined by Gauss-Newton until the phases are constant.
+    actual positions, so that frequencies above 0.5 cycles/pixel do not alias; noise is subtracted from b^2 + c^2. The
+    centre is refined by Gauss-Newton until the phases are constant.
 
     A ring does not contain a single frequency: for a rotationally symmetric transfer function H it gives n times the
-    integral of
-    H(g) J_n(2 pi g r)/g dg, which is H - f^3 H'''/(6 n^2) to the next order. Error of the MTF50 against the closed form
-    of a Gaussian, noise-free, contrast given: below 0.1 % for 36 cycles and 0.05 % for 144; contrast not given: 1 %.
+    integral of H(g) J_n(2 pi g r)/g dg, which is H - f^3 H'''/(6 n^2) to the next order. Error of the MTF50 against the
+    closed form of a Gaussian, noise-free, contrast given: below 0.1 % for 36 cycles and 0.05 % for 144; contrast not
+    given: 1 %.
     """
     image, (cycles, radius) = np.asarray(picture, np.float64), star
     mask = np.ones(image.shape, np.bool_) if sites is None else np.asarray(sites, np.bool_)

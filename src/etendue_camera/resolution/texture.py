@@ -68,8 +68,7 @@ def texture_response(
         includes it again. None: 1.
     noise : (y, x) array, number or None
         For ``"power"``: a uniformly lit part of a picture from the same camera, of at least 64 x 64 pixels, or the rms
-        of
-        white noise, whose power is subtracted.
+        of white noise, whose power is subtracted.
     gain : float or None
         Picture over original at frequency 0; None: the ratio of their means, for which 0 must mean no light in both.
     rings : int or None

@@ -194,8 +194,7 @@ def rayleigh_separation(
     A ring is dark if the first minimum of the spread is at most ``dark`` of its peak and a brighter one follows.
     Otherwise (mixed wavelengths, a pixel, an aberrated lens) it is the separation whose midpoint has 0.7350 of a peak's
     brightness, as for two Airy discs at Rayleigh's separation, so that both rules agree where they meet. NaN if there
-    is
-    none.
+    is none.
 
     Arguments as for `spread_of`. Error: 1e-12 of the Airy disc's 1.219670 lambda N.
     """

@@ -1,6 +1,5 @@
 """Colour filter arrays of any period: which pixel is behind which filter.
 
-
 In:  the name of an array, its letters row by row ("RG/GB"), one letter, or a table of them; planes by channel; pixel
      indices.
 Out: a ``Mask``; one value per pixel; the index of each pixel's channel; positions beyond the border.

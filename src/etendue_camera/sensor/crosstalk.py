@@ -12,8 +12,7 @@ of Gaussians,
     D(f)/D(0) = kept + sum over t of share(t) exp(-(2 pi f)^2 t),
 
 where kept is the charge of the depletion layer. Each Gaussian is separable and its integrals over square pixels are
-error
-functions, so that kernels are non-negative, symmetric, and sum to 1.
+error functions, so that kernels are non-negative, symmetric, and sum to 1.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ def shares(
     absorption, depletion, depth, length, back
         As for `photodiode.collection`.
 
-        Returns
+    Returns
     -------
     kept : float
         Charge from the depletion layer, as a fraction of all collected charge.

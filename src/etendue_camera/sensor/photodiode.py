@@ -46,8 +46,7 @@ def aperture_otf(frequency: Floats, width: float) -> Floats:
     Notes
     -----
     Source: seed paper eqs. 6 and 8 without their leading w (w^2), which would make the value at zero w instead of 1,
-    and without the modulus. Error: below 3e-16 (float64) and 2e-7 (float32)
-    absolute.
+    and without the modulus. Error: below 3e-16 (float64) and 2e-7 (float32) absolute.
 
     Examples
     --------
@@ -180,7 +179,9 @@ def collection_mtf_bands(
     frequency : (...) array, cycles/um
         Radial; finite, 0 or above.
     absorption : (n,) array, 1/um
-    depletion, diffusion_depth, diffusion_length, back As for `collection`, which also lists the exceptions. nodes : int
+    depletion, diffusion_depth, diffusion_length, back
+        As for `collection`, which also lists the exceptions.
+    nodes : int
         Number of table nodes; 0 evaluates every frequency. Tables larger than the frame are not used.
 
     Returns
@@ -315,8 +316,7 @@ def _collection_per_absorption(
 
 def _field_free(x: FloatArray, a: Floats, back: str) -> FloatArray:
     """Return the charge from the field-free layer: the integral of exp(-a y) g(x, y) over y in 0..1, for x = L/L_f and
-    a
-    scalar or (n, 1).
+    a scalar or (n, 1).
 
     g is the probability to reach the top from depth y: sinh(x(1 - y))/sinh(x) over an absorbing back and
     cosh(x(1 - y))/cosh(x) over a reflecting one. With E1(u) = (1 - exp(-u))/u, which is 1 at 0, both are

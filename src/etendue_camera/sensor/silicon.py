@@ -2,8 +2,8 @@
 
 In:  vacuum wavelength (um).
 Out: absorption coefficient (1/um) of intrinsic crystalline silicon at 300 K.
-Sources: M. A. Green, Solar Energy Materials and Solar Cells 92, 1305-1310 (2008), doi
-10.1016/j.solmat.2008.06.009, as tabulated by refractiveindex.info (public domain, CC0 1.0).
+Sources: M. A. Green, Solar Energy Materials and Solar Cells 92, 1305-1310 (2008), doi 10.1016/j.solmat.2008.06.009, as
+tabulated by refractiveindex.info (public domain, CC0 1.0).
 """
 
 from functools import cache

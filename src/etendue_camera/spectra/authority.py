@@ -105,8 +105,7 @@ def lookup(table: Mapping[str, Any], name: str, kind: str, besides: str = "") ->
 
 def space_of(name: str) -> dict[str, Any]:
     """Return an RGB space: its matrix to XYZ, the chromaticities of its primaries (3, 2) and white (2,), the name of
-    its
-    white.
+    its white.
     """
     space = lookup(colour_science().RGB_COLOURSPACES, name, "RGB space")
     return {

@@ -27,7 +27,8 @@ def luminance_of(name: str, lowest: float = EYE[0], highest: float = EYE[1]) -> 
     Parameters
     ----------
     name : str
-        As for `illuminant`. lowest, highest : float, nm
+        As for `illuminant`.
+    lowest, highest : float, nm
         Part of the light to include; default: the visible range.
 
     Returns

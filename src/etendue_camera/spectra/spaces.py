@@ -41,8 +41,7 @@ def rgb_space_white(name: str) -> str:
 
 def white_chromaticity(name: str) -> tuple[float, float] | None:
     """Return xy of the white of an RGB space, or of an illuminant as published (CIE 15, 1931 observer); None for a
-    light
-    that has none.
+    light that has none.
     """
     return rgb_space_primaries(name)[1] if name in list(shipped.names("space")) else _published_white(name)
 

@@ -98,8 +98,7 @@ def edge_resolution(
         As for `slanted_edge`.
     limits : (float, float) or None, unit of the picture
         Ends of the scale of the picture, such as (0, 1) for a linearised mosaic: if a thousandth of the pixels lie at
-        or
-        beyond them, the result is flagged as clipped. None: the scale is unknown.
+        or beyond them, the result is flagged as clipped. None: the scale is unknown.
     rng : Generator or int
         Source of the draws, or its seed: the same seed gives the same interval.
     draws : int
@@ -213,12 +212,10 @@ def _written(
 
 def _block(found: MeasuredEdge, rows: EdgeSpread, response: EdgeResponse) -> tuple[int, float]:
     """Return the rows to smooth the draws over, 1 if contributions of neighbours to the response are uncorrelated, and
-    a
-    factor.
+    a factor.
 
     The factor on the draws compensates the correlation lost by smoothing, the freedom absorbed by the fit where few
-    pixels
-    are independent, and the uncertainty of a variance over few blocks.
+    pixels are independent, and the uncertainty of a variance over few blocks.
     """
     at = response.mtf50_limited * ABOUT
     moved = redrawn(found.curve, rows, np.eye(found.rows)).response(at) - found.curve.response(at)

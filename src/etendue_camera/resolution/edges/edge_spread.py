@@ -65,8 +65,7 @@ def fit(
     """Fit by least squares over the widest range about the edge where every interval between knots has enough pixels.
 
     ``distance`` and ``values`` are (rows, columns); only ``sites`` are used if given. Raises ValueError if the pixels
-    are
-    at too few distances.
+    are at too few distances.
     """
     limit = min(half_width or math.inf, float(-distance.min()), float(distance.max()))
     near = np.abs(distance) < limit

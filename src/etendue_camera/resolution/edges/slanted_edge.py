@@ -229,8 +229,7 @@ def _said(
 
 def folded(frequency: FloatArray, sfr: FloatArray) -> float:
     """Return the fraction of the line spread energy (Parseval: the integral of sfr^2) above 0.5 cycles/pixel; 0 if none
-    is
-    sampled.
+    is sampled.
     """
     power = sfr**2
     below = np.minimum(frequency, NYQUIST)
