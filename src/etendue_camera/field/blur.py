@@ -159,6 +159,8 @@ def prepare(
 
     Parameters
     ----------
+    bank, y_um, x_um, wavelengths_um, method, tolerance
+        As for ``blur``.
     count : int
         0: as the tolerance requires. Otherwise the number of eigen-PSFs in addition to the mean, or of nodes along the
         longer side of the window; the choice then states the resulting error.

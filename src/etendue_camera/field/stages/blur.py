@@ -78,7 +78,7 @@ class LensPsfField(Banded, Bounded):
     weights: str = param(
         "source",
         choices=("source", "image"),
-        doc="object: the flux of a point is conserved exactly; image: a uniform plane stays uniform exactly",
+        doc="source: the flux of a point is conserved exactly; image: a uniform plane stays uniform exactly",
     )
     centre: str = param(
         "reference",

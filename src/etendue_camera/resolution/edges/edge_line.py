@@ -17,7 +17,7 @@ Sites = NDArray[np.bool_]
 CLOSER, NEAREST = (
     (0.25, 0.12, 0.06, 0.04, 0.04),
     8.0,
-)  # distances from the line within which it is then located again: fractions of the picture width, at least so many pixels
+)  # distances within which the line is located again: fractions of the picture width, and a minimum in pixels
 STRONG = 0.2  # fraction of the strongest squared gradient above which a pixel belongs to the edge
 
 

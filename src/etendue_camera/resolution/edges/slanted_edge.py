@@ -94,8 +94,8 @@ def slanted_edge(
     knots_per_pixel : float
         Knots of the spline along the normal, 1 to 16. Fewer are used if the angle puts all pixels at few distances.
     half_width : float or None, pixels
-        Only pixels within this distance of the edge are used; None: as far as they differ from plateaus and tails. At
-        least 4.
+        Only pixels within this distance of the edge are used; None: up to where plateaus and tails describe the picture
+        equally well. At least 4.
     tails : bool
         Whether light beyond ``half_width`` is extrapolated from the outer halves of the areas, as 1/distance^2.
     highest : float, cycles/pixel
