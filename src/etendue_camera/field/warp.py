@@ -160,7 +160,7 @@ class DistortionCurve:
             high = min(2.0 * high, fold)
         if high == fold and self.distort(fold, wavelength_um) <= largest:
             raise ValueError(
-                f"distortion folds the image over {fold:.6g} um from the axis, a real height of "
+                f"distortion folds the image over {fold:.6g} um from the axis, at a real height of "
                 f"{float(self.distort(fold, wavelength_um)):.6g} um, but the image reaches {largest:.6g} um; use "
                 f"weaker coefficients"
             )
