@@ -113,7 +113,7 @@ def linearise(
     bits : int
         1 to 32.
     dtype : float32 or float64
-        Of the result.
+        Dtype of the result.
     white : float, DN above black
         Level at which pixels saturate: above 0, at most and by default the top code 2**bits - 1 minus black.
 

@@ -87,8 +87,8 @@ def collection(
     Returns
     -------
     (...) array, 1
-        In [0, 1], falling with the frequency towards 1 - exp(-alpha Ld). At zero it is the internal quantum
-        efficiency. 0 for alpha = 0.
+        In [0, 1], decreasing with frequency towards 1 - exp(-alpha Ld). At zero it is the internal quantum efficiency.
+        0 for alpha = 0.
 
     Raises
     ------
@@ -193,9 +193,9 @@ def collection_mtf_bands(
     -----
     Cubic Hermite polynomials on even nodes of v = ln(1 + s/s0), s = 1/L_f = hypot(1/Ln, 2 pi f), s0 the smallest of the
     rates 1/L (or alpha, for endless silicon) on which D depends: D is analytic in v within a strip of half-width 1.2
-    about the axis, whatever the lengths are. Error: falls with the fourth power of the nodes; with 4096 below 4e-14
-    for silicon from 0.38 to 0.78 um, below 1e-12 over the box of `collection` up to 10 cycles/um. The nodes have the
-    exact values, so that the result falls with the frequency to within that error.
+    about the axis for any lengths. Error: decreases with the fourth power of the number of nodes; with 4096 below 4e-14
+    for silicon from 0.38 to 0.78 um, below 1e-12 over the box of `collection` up to 10 cycles/um. Values at the nodes
+    are exact, so that the result decreases with frequency to within that error.
     """
     frequency = np.asarray(frequency, dtype=float)
     alphas = np.ravel(np.asarray(absorption, dtype=float))
