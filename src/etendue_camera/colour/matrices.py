@@ -148,7 +148,7 @@ def apply_matrix(matrix: ArrayLike, planes: NDArray) -> NDArray:
     weights = np.asarray(matrix).astype(planes.dtype)
     require.that(
         weights.ndim == 2 and planes.ndim >= 1 and planes.shape[0] == weights.shape[1],
-        f"matrix has shape {weights.shape} and planes {planes.shape}; allowed are (n, k) and (k, ...)",
+        f"matrix has shape {weights.shape} and planes {planes.shape}; allowed: (n, k) and (k, ...)",
     )
     result = np.empty((len(weights), *planes.shape[1:]), planes.dtype)
     for row, out in enumerate(weights):
@@ -219,13 +219,13 @@ def fit_matrix(
         and len(samples) == len(targets)
         and samples.shape[1] >= 1
         and targets.shape[1] == 3,
-        f"samples has shape {samples.shape} and targets {targets.shape}; allowed is (n, k) and (n, 3)",
+        f"samples has shape {samples.shape} and targets {targets.shape}; allowed: (n, k) and (n, 3)",
     )
     if (white_sample is None) != (white_target is None):
-        raise ValueError("white_sample and white_target: one is missing; allowed are both or neither")
+        raise ValueError("white_sample and white_target: one is missing; allowed: both or neither")
     require.that(
         np.isfinite(samples).all() and np.isfinite(targets).all(),
-        "samples or targets hold NaN or infinity; allowed are finite numbers",
+        "samples or targets hold NaN or infinity; allowed: finite numbers",
     )
     channels = samples.shape[1]
     fixed, free = np.zeros((channels, 3)), np.eye(channels)
@@ -239,7 +239,7 @@ def fit_matrix(
         )
         require.that(
             fit_in and white.any(),
-            f"white_sample is {white}, white_target {wanted}; allowed are finite triples, not black",
+            f"white_sample is {white}, white_target {wanted}; allowed: finite triples, not black",
         )
         fixed = np.outer(white, wanted) / (white @ white)
         free = np.linalg.svd(white[None, :])[2][1:].T
@@ -259,7 +259,7 @@ def fit_matrix(
     elif least:
         steps = right[known].T @ ((left[:, known].T @ wanted_rest) / sizes[known, None])
     else:
-        raise ValueError(f"samples span {rank} of {freedoms} free dimensions; allowed are patches that span them all")
+        raise ValueError(f"samples span {rank} of {freedoms} free dimensions; allowed: patches that span them all")
     transposed = fixed + free @ steps
     residual = np.sqrt(np.mean((samples @ transposed - targets) ** 2))
     return MatrixFit(transposed.T.copy(), float(residual), float(np.linalg.cond(transposed)), freedoms - rank)
@@ -271,7 +271,7 @@ def _cone_responses(name: str, white: ArrayLike, cones: Matrix) -> NDArray:
     responses = cones @ white
     if not (np.isfinite(responses).all() and responses.min() > 1e-9 * responses.max()):
         raise ValueError(
-            f"{name} is {white.tolist()}, with cone responses {responses.tolist()}; allowed are whites that "
+            f"{name} is {white.tolist()}, with cone responses {responses.tolist()}; allowed: whites that "
             "excite all three cones, each at least 1e-9 of the largest"
         )
     return responses

@@ -45,7 +45,7 @@ def carried_covariance(responses: ArrayLike, variance: ArrayLike, lag: tuple[int
     h, v = np.asarray(responses, np.float64), np.asarray(variance, np.float64)
     require.that(
         h.ndim == 4 and v.shape == h.shape[:1],
-        f"responses has shape {h.shape} and variance {v.shape}; allowed are (place, channel, y, x) and (place,)",
+        f"responses has shape {h.shape} and variance {v.shape}; allowed: (place, channel, y, x) and (place,)",
     )
     require.allowed(np.all(v >= 0), "variance", v.tolist(), "numbers at or above 0")
     first, second = h[_shifted(lag, 1, h.shape)], h[_shifted(lag, -1, h.shape)]
@@ -93,7 +93,7 @@ def found_covariance(noise: ArrayLike, lag: tuple[int, int] = (0, 0)) -> FloatAr
     """
     noise = np.asarray(noise, np.float64)
     require.that(
-        noise.ndim in (3, 4), f"noise has shape {noise.shape}; allowed are (channel, y, x) and (frame, channel, y, x)"
+        noise.ndim in (3, 4), f"noise has shape {noise.shape}; allowed: (channel, y, x) and (frame, channel, y, x)"
     )
     planes = noise if noise.ndim == 4 else noise[None]
     first, second = planes[_shifted(lag, 1, planes.shape)], planes[_shifted(lag, -1, planes.shape)]

@@ -85,8 +85,7 @@ def outliers(
     ):
         if not fine:
             raise ValueError(
-                f"{name} is {value!r}; allowed are numbers from 0"
-                + (" on, 0 excluded" if name == "electrons" else " on")
+                f"{name} is {value!r}; allowed: numbers from 0" + (" on, 0 excluded" if name == "electrons" else " on")
             )
     found = np.zeros(mosaic.shape, dtype=bool)
     if not mosaic.size:

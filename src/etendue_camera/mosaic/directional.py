@@ -60,7 +60,7 @@ def directional(mosaic: NDArray, pattern: str, floor: float = FLOOR) -> NDArray:
     """
     mosaic = checked(mosaic, pattern)
     if not 0 < floor < np.inf:
-        raise ValueError(f"floor is {floor}; allowed are numbers above 0, in the unit of the mosaic")
+        raise ValueError(f"floor is {floor}; allowed: numbers above 0, in the unit of the mosaic")
     if 1 in mosaic.shape:
         return one_line(mosaic, pattern, _line_directional)
     work = np.zeros((7, 0), mosaic.dtype)

@@ -275,7 +275,7 @@ def display_white(white: float, clipped: float, fixed: bool = False) -> float:
     """
     require.that(
         white > 0 and 0 < clipped < np.inf,
-        f"white is {white!r} and clipping begins at {clipped!r}; allowed are numbers above 0",
+        f"white is {white!r} and clipping begins at {clipped!r}; allowed: numbers above 0",
     )
     return clipped if fixed else min(white, clipped)
 
@@ -314,7 +314,7 @@ def balanced(
     mosaic, gains = np.asarray(mosaic), np.asarray(gains, np.float64)
     require.that(
         mosaic.ndim >= 2 and gains.shape == (len(mask.channels),),
-        f"mosaic has shape {mosaic.shape} and gains {gains.shape}; allowed are (..., y, x) and ({len(mask.channels)},)",
+        f"mosaic has shape {mosaic.shape} and gains {gains.shape}; allowed: (..., y, x) and ({len(mask.channels)},)",
     )
     found = np.empty_like(mosaic)
     for channel, gain in zip(mask.channels, gains, strict=True):

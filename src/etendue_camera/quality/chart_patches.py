@@ -106,7 +106,7 @@ def chart_patches(
             side = min(side, *(math.hypot(x[i] - x[i - 1], y[i] - y[i - 1]) for i in range(4)))
             if not side >= SMALLEST:
                 raise ValueError(
-                    f"its patches are {side / MIDDLE:.1f} pixels wide; allowed is at least {SMALLEST / MIDDLE:.0f}"
+                    f"its patches are {side / MIDDLE:.1f} pixels wide; allowed: at least {SMALLEST / MIDDLE:.0f}"
                 )
             top, left = max(math.ceil(y.min()), 0), max(math.ceil(x.min()), 0)
             cut = np.s_[top : math.floor(y.max()) + 1, left : math.floor(x.max()) + 1]

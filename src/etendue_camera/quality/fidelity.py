@@ -93,7 +93,7 @@ def ssim_map(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> NDA
     picture, reference = _pair(picture, reference)
     require.that(
         picture.ndim >= 2 and min(picture.shape[-2:]) >= WINDOW,
-        f"picture has shape {picture.shape}; allowed are at least {WINDOW} x {WINDOW} pixels, the window of SSIM",
+        f"picture has shape {picture.shape}; allowed: at least {WINDOW} x {WINDOW} pixels, the window of SSIM",
     )
     peak = _above_zero("peak", peak)
     x, y = picture.astype(np.float64), reference.astype(np.float64)

@@ -72,7 +72,7 @@ def patch_noise(
     values = np.asarray(plane, np.float64)
     if values.ndim != 2 or min(values.shape, default=0) < SMALLEST:
         raise ValueError(
-            f"the patch has {' x '.join(str(n) for n in values.shape)} pixels; allowed is at least {SMALLEST} x "
+            f"the patch has {' x '.join(str(n) for n in values.shape)} pixels; allowed: at least {SMALLEST} x "
             f"{SMALLEST}"
         )
     used = np.ones(values.shape, bool) if sites is None else np.asarray(sites, bool)

@@ -58,7 +58,7 @@ def visible_noise(xyz: ArrayLike, white_xyz: ArrayLike, samples_per_degree: floa
     planes = np.asarray(xyz, np.float64)
     luv = cieluv(scielab.seen(planes, samples_per_degree), white_xyz)
     if not planes[1].mean() > 0:
-        raise ValueError(f"xyz has the mean luminance {planes[1].mean()!r}; allowed is a patch brighter than black")
+        raise ValueError(f"xyz has the mean luminance {planes[1].mean()!r}; allowed: a patch brighter than black")
     spreads = [float(plane.std()) for plane in luv]
     return VisibleNoise(float(np.dot(WEIGHTS, spreads)), *spreads)
 

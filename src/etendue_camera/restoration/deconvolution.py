@@ -214,7 +214,7 @@ def richardson_lucy_periodic(
     seen = tuple(slice(size) for size in frame or data.shape)
     require.that(
         data.ndim == 2 and transfer.shape == (data.shape[0], data.shape[1] // 2 + 1),
-        f"data has shape {data.shape} and transfer {transfer.shape}; allowed are (ny, nx) and (ny, nx // 2 + 1)",
+        f"data has shape {data.shape} and transfer {transfer.shape}; allowed: (ny, nx) and (ny, nx // 2 + 1)",
     )
     if data.size and not data.min() >= 0:
         raise ValueError(
@@ -355,7 +355,7 @@ def richardson_lucy_response(transfer: ArrayLike, iterations: float, start: str 
     transfer = np.asarray(transfer)
     square = transfer.real.astype(float) ** 2 + transfer.imag.astype(float) ** 2
     if not np.all(square < 2):
-        raise ValueError(f"transfer has a size of {math.sqrt(square.max()):g}; allowed are sizes below sqrt 2")
+        raise ValueError(f"transfer has a size of {math.sqrt(square.max()):g}; allowed: sizes below sqrt 2")
     require.allowed(start in ("mean", "data"), "start", start, "'mean' and 'data'")
     whole = math.floor(iterations)
     share = iterations - whole

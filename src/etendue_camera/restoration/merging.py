@@ -142,7 +142,7 @@ def merged(
     elif method == "hdr":
         used = usable(frames, level, margin)[:, None]
     else:
-        raise ValueError(f"method is {method!r}; allowed are mean, sigma_clipped, hdr")
+        raise ValueError(f"method is {method!r}; allowed: mean, sigma_clipped, hdr")
     rate = pooled(frames, times, used)
     variance = variance_of(rate, times, noise)
     shortest = int(np.argmin(times))

@@ -81,7 +81,7 @@ def leaves(chart: LeafChart) -> Leaves:
     area = (width + 2 * largest) * (height + 2 * largest)
     count = math.ceil(LAYERS * area / (math.pi * _mean_power(smallest, largest, exponent, 2)))
     require.that(
-        count <= MOST, f"smallest is {smallest} um, for which the chart needs {count} discs; allowed are {MOST}"
+        count <= MOST, f"smallest is {smallest} um, for which the chart needs {count} discs; allowed: at most {MOST}"
     )
     rng = np.random.default_rng(int(seed))
     radius = _radii(rng.random(count), smallest, largest, exponent)

@@ -321,7 +321,7 @@ def _shape(what: str, image: Array, sites: Array | None) -> EdgeShape | None:
     except ValueError:
         return None
     if not LEAST <= abs(shape.angle) <= MOST:
-        raise RequestError(f"{what}: the edge is not slanted: it stands {_stands(shape)}; allowed is 2 to 43")
+        raise RequestError(f"{what}: the edge is not slanted: it stands {_stands(shape)}; allowed: 2 to 43")
     return shape
 
 
