@@ -62,8 +62,8 @@ def patch_noise(
     for less noise, the interval covers every noise that could have been there before rounding. The interval is a
     jackknife over 8 x 8 blocks of pixels: correlation between neighbours (as in demosaiced or compressed pictures)
     widens it correctly if it extends over less than a block. In 400 seeds it contained sigma in 94 to 95 % (white
-    noise, 32 x 32 to 128 x 128 pixels), and in 89 (32 x 32) to 94.5 % for noise averaged over 3 x 3 pixels, as printed by
-    ``python benchmarks/measure.py``.
+    noise, 32 x 32 to 128 x 128 pixels), and in 89 (32 x 32) to 94.5 % for noise averaged over 3 x 3 pixels;
+    ``python benchmarks/measure.py`` prints this.
     """
     values = np.asarray(plane, np.float64)
     if values.ndim != 2 or min(values.shape, default=0) < SMALLEST:
