@@ -70,7 +70,7 @@ class Inverse(KnownNoise):
 
 @dataclass(frozen=True, kw_only=True)
 class Wiener(Inverse):
-    """Wiener deconvolution with the pipeline's own transfer function: the linear filter with the smallest squared error.
+    """Wiener deconvolution with the pipeline's own transfer function: the linear filter with minimum squared error.
 
     The filter models the picture as a power law over frequency with a known contrast. The noise is the camera's at the
     white level plus what aliases from above the pixel's Nyquist frequency. Each channel has its own transfer function.
