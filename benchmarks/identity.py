@@ -190,7 +190,7 @@ def main() -> int:
         one += not others and len(agree) == len(ways)
         for digest, differ in others:
             print(f"{'':40s} {digest} by {'; '.join(map(str, differ))}")
-    print(f"{one} of {len(found)} arrays have one digest in {len(ways)} ways")
+    print(f"{one} of {len(found)} arrays have the same digest in all {len(ways)} ways")
     return 0 if one == len(found) else 1
 
 

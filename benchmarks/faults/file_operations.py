@@ -32,7 +32,7 @@ from pathlib import Path
 from forked import LIGHT, SWEEP, answer, code_of, differs, finished_in, import_all, left_over, misread, start
 from operations import KINDS, Watched
 
-COLUMNS = ("tried", "right", "wrong", "misread", "again", "tracebacks", "left over")
+COLUMNS = ("tried", "correct", "wrong", "misread", "recomputed", "tracebacks", "left over")
 
 
 class Runs:
@@ -84,7 +84,7 @@ class Runs:
         elif left := left_over(self.archive, self.whole):
             faults["left over"] = ", ".join(left[:3])
         if not again and (computed := json.loads(second.splitlines()[-1])["computed"]) > finished_in(self.whole) - done:
-            faults["again"] = f"{computed} computed, {done} were finished"
+            faults["recomputed"] = f"{computed} computed, {done} were finished"
         if "Traceback" in first + second:
             faults["tracebacks"] = (first + second)[-1000:]
         shutil.rmtree(self.archive, ignore_errors=True)
@@ -107,7 +107,7 @@ def measured(place: Path, kinds: list[str], every: int, most: int, seed: int) ->
         for at in range(1 + seed % every, min(len(names), most) + 1, every):
             code, faults = runs.disturbed(at, kind, seed)
             codes[code] += 1
-            seen.update(["tried", *faults, *([] if faults else ["right"])])
+            seen.update(["tried", *faults, *([] if faults else ["correct"])])
             for what, why in faults.items():
                 print(f"  {kind}, {names[at - 1]} {at}: {what}: {why}", flush=True)
         wrong += seen["tried"] - seen["right"]
@@ -121,7 +121,7 @@ def measured(place: Path, kinds: list[str], every: int, most: int, seed: int) ->
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--every", type=int, default=1, help="try every n-th operation")
-    parser.add_argument("--most", type=int, default=1_000_000, help="try so many of the first operations alone")
+    parser.add_argument("--most", type=int, default=1_000_000, help="try only the first so many operations")
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()

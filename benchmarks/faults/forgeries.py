@@ -49,7 +49,7 @@ def tried(sound: Path, kind: str, forge: Forge, place: Path, said: str = "") -> 
         seen = reproduce(place, Options("serial"))
     except EtendueError as error:
         found.named = str(error).split("\n")[0]
-        found.wrong = "not forged at all" if kind == "nothing" else ""
+        found.wrong = "nothing was forged" if kind == "nothing" else ""
         return found
     found.listed = next((one.what for one in seen.not_checked if said and one.what.startswith(said)), "")
     differs = [f"{one.file} {one.where}".strip() for one in seen.differences]
@@ -86,7 +86,7 @@ def main() -> None:
         state = "NOT FOUND" if one.wrong else "sound" if one.kind == "nothing" else "listed" if one.listed else "named"
         print(f"{one.kind:44} {state:10} {one.wrong or one.listed or one.named}"[:180])
     wrong = sum(bool(one.wrong) for one in rows)
-    print(f"{len(rows) - wrong} of {len(rows)} as they have to be")
+    print(f"{len(rows) - wrong} of {len(rows)} as required")
     sys.exit(bool(wrong))
 
 

@@ -87,31 +87,31 @@ UNKNOWN = {
 }
 
 WORDS: dict[str, Forge] = {
-    "a number of a cell that is outdated": several(
+    "a number in an outdated cell": several(
         chunk_edited, lines_more({"event": "outdated", "cells": ["adc f_number=2.0", "adc f_number=4.0"]})
     ),
-    "cells that are outdated": lines_more({"event": "outdated", "cells": ["adc f_number=2.0"]}),
-    "what the last run had to do": lines_more({"event": "run", "planned": {"adc": 9}, "todo": {"adc": 9}}),
+    "cells marked as outdated": lines_more({"event": "outdated", "cells": ["adc f_number=2.0"]}),
+    "the work of the last run": lines_more({"event": "run", "planned": {"adc": 9}, "todo": {"adc": 9}}),
     "an array in the journal": lines_more({"event": "arrays", "group": "adc", "names": ["trusted"]}),
     "a group in the journal": lines_more({"event": "axes", "group": "calibration", "axes": {"f_number": [2.0]}}),
     # files that are said to be ours
     "attributes of Zarr 2": ours("data.zarr/adc/raw/.zattrs", b'{"units": "ke"}'),
     "a file in a group": ours("data.zarr/adc/NOTE.txt", b"calibrated"),
-    "a group more": ours(
+    "an extra group": ours(
         "data.zarr/calibration/zarr.json", b'{"zarr_format": 3, "node_type": "group", "attributes": {}}'
     ),
     # documents
-    "a unit that stands twice": word_twice("data.zarr/adc/x_um/zarr.json", "units", '"mm"'),
-    "a seed that stands twice": word_twice("runs/0001.json", "seed", "9"),
-    "an option more": record(lambda found: found["options"].update(certified="yes")),
-    "a description less": no_crate,
-    "a run less": first_run_gone,
+    "a duplicate unit": word_twice("data.zarr/adc/x_um/zarr.json", "units", '"mm"'),
+    "a duplicate seed": word_twice("runs/0001.json", "seed", "9"),
+    "an extra option": record(lambda found: found["options"].update(certified="yes")),
+    "a missing description": no_crate,
+    "a missing run": first_run_gone,
 }
 
 SAID_WORDS: dict[str, tuple[Forge, str]] = {
-    "a cell that its pipeline does not have": (
+    "a cell not in its pipeline": (
         lines_more({"event": "failed", "status": "failed", **UNKNOWN}),
         "1 journal lines of cells",
     ),
-    "what the summary took": (values("summary/seconds", lambda found: found * 0), "seconds"),
+    "seconds in the summary": (values("summary/seconds", lambda found: found * 0), "seconds"),
 }

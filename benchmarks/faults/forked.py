@@ -1,8 +1,7 @@
-"""The command in a process split off from one that has imported all it needs: a disturbed run costs what it does, not
-its start-up.
+"""Run the command in a process forked from one that has imported all modules, so that start-up costs nothing.
 
-Also what is asked of an archive after a fault: whether it is that of an undisturbed run, whether anything else lies in
-it, and whether what a reader is given of one that was broken off is right.
+Also the checks of an archive after a fault: whether it equals that of an undisturbed run, whether it contains other
+files, and whether readers of an interrupted one get correct values.
 """
 
 from __future__ import annotations
@@ -160,7 +159,7 @@ def differs(archive: Path, whole: Path) -> str:
         )
         off = sorted(path for path in {**own, **was} if own.get(path) != was.get(path))
         if off or not own:
-            return f"another archive: {', '.join(off[:3])}"
+            return f"different archive: {', '.join(off[:3])}"
         damages = verify(archive).damages
         return f"verify: {damages[0].path} {damages[0].kind}" if damages else ""
 
@@ -197,7 +196,7 @@ def misread(archive: Path, whole: Path) -> str:
             cell, right = own.cell(name), sound.cell(name)
             for variable in cell.variables:
                 if cell.read(variable).tobytes() != right.read(variable).tobytes():
-                    return f"{name} {variable} is read wrongly"
+                    return f"{name} {variable} is misread"
         return ""
 
     return answer(read)
@@ -226,7 +225,7 @@ class Seen:
     tried: int = 0
     right: int = 0
     wrong: list[str] = field(default_factory=list)
-    HEAD: ClassVar = f"{'fault':62s} | {'expected':62s} | seen as expected"
+    HEAD: ClassVar = f"{'fault':62s} | {'expected':62s} | as expected"
 
     def count(self, wrong: str) -> None:
         """One more; '' is as expected."""

@@ -102,7 +102,7 @@ def faults_of(seen: Seen, command: str, base: Seen) -> list[str]:
         f"{seen.cpu - base.cpu:.1f} s CPU": seen.cpu - base.cpu > seconds,
         f"{seen.memory - base.memory:.0f} MB": seen.memory - base.memory > memory,
         f"{len(seen.err)} characters on stderr": len(seen.err) > MOST or len(seen.err.splitlines()) > 20,
-        "broke off itself": "Traceback" in seen.err or "internal error in etendue" in seen.err,
+        "internal error": "Traceback" in seen.err or "internal error in etendue" in seen.err,
         f"killed by signal {-seen.code}": seen.code < 0 and not seen.hangs,
     }
     return [text for text, wrong in found.items() if wrong]
@@ -111,7 +111,7 @@ def faults_of(seen: Seen, command: str, base: Seen) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", default=[])
-    parser.add_argument("--from", dest="first", default="", metavar="KIND", help="this kind and all that come after it")
+    parser.add_argument("--from", dest="first", default="", metavar="KIND", help="this kind and all after it")
     parser.add_argument("--commands", nargs="*", default=[])
     parser.add_argument("--wait", type=float, default=WAIT)
     parser.add_argument("--verbose", action="store_true")

@@ -217,7 +217,7 @@ ARCHIVES: dict[str, Act] = {
     "pipeline climbs out of a package": leads_to("package:numpy/../../../../../../../../../../etc/passwd"),
     "pipeline names a file of a package": leads_to("package:etendue_camera/data/silicon_absorption.csv"),
     "pipeline names /dev/zero": leads_to("/dev/zero"),
-    "pipeline lifts the bound of cells": pipeline_edited(lambda text: swept_beyond(text, r"^f_number = .*$")),
+    "pipeline raises the cell limit": pipeline_edited(lambda text: swept_beyond(text, r"^f_number = .*$")),
     "input is a link": replaced("inputs/*", link),
     "inputs is a link": replaced("inputs", folder_link),
     "runs is a link": replaced("runs", folder_link),
@@ -240,7 +240,7 @@ ARCHIVES: dict[str, Act] = {
     "fifo for the lock": lambda a, o: ((a / "lock").unlink(missing_ok=True), fifo(a / "lock", o)),
     "fifo for the crate": replaced("ro-crate-metadata.json", fifo),
     "fifo for the sheet": replaced("contact_sheet.png", fifo),
-    "fifo beside": added("more", fifo),
+    "fifo beside the store": added("more", fifo),
     "sparse manifest": replaced("manifest.json", sparse),
     "sparse journal": replaced("journal.jsonl", sparse),
     "sparse record": replaced("runs/0001.json", sparse),
@@ -256,12 +256,12 @@ ARCHIVES: dict[str, Act] = {
     "sparse sheet": replaced("contact_sheet.png", sparse),
     "sparse file beside": added("more.bin", sparse),
     "sparse file in the store": added("data.zarr/more.bin", sparse),
-    "sparse input that none asked for": added("inputs/more.bin", sparse),
-    "sparse record that none wrote": added("runs/0002.json", sparse),
+    "sparse input that nothing uses": added("inputs/more.bin", sparse),
+    "sparse record that no run wrote": added("runs/0002.json", sparse),
     "a shape of a billion": metadata_edited(RAW, shape_of(10**9)),
     "a shape of 10**18": metadata_edited(RAW, shape_of(10**18)),
     "a negative shape": metadata_edited(RAW, shape_of(-5)),
-    "a shape of words": metadata_edited(RAW, lambda d: d.update(shape=["many"])),
+    "a shape of texts": metadata_edited(RAW, lambda d: d.update(shape=["many"])),
     "an unknown data type": metadata_edited(RAW, lambda d: d.update(data_type="float9")),
     "an object's data type": metadata_edited(RAW, lambda d: d.update(data_type="object")),
     "a coordinate's shape": metadata_edited("data.zarr/adc/f_number/zarr.json", shape_of(10**12)),
@@ -292,7 +292,7 @@ ARCHIVES: dict[str, Act] = {
         }
     ),
     "a shard outside": line_added({"event": "shard", "path": "@OUTSIDE@/secret.txt", "size": 40, "kept": []}),
-    "records by the thousand": lambda a, o: [
+    "thousands of records": lambda a, o: [
         shutil.copy(a / "runs" / "0001.json", a / "runs" / f"{n:04}.json") for n in range(2, 4000)
     ],
 }
@@ -447,8 +447,8 @@ FILES: dict[str, tuple[Callable[[Path, Path], Path], tuple[str, ...]]] = {
     "a pipeline with /dev/zero": (lambda f, o: pipeline_with(f, "photograph", "/dev/zero"), ("plan",)),
     "a TIFF that points to itself": (lambda f, o: own_ifd(f / "p.tif"), ("measure", "import")),
     "a pipeline with such a TIFF": (lambda f, o: pipeline_with(f, "photograph", own_ifd(f / "p.tif").name), ("plan",)),
-    "a TIFF in a ring": (lambda f, o: ring_of_ifds(f / "p.tif"), ("measure", "import")),
-    "a pipeline with such a ring": (
+    "a TIFF with circular directories": (lambda f, o: ring_of_ifds(f / "p.tif"), ("measure", "import")),
+    "a pipeline with such circular directories": (
         lambda f, o: pipeline_with(f, "photograph", ring_of_ifds(f / "p.tif").name),
         ("plan",),
     ),
@@ -469,7 +469,7 @@ FILES: dict[str, tuple[Callable[[Path, Path], Path], tuple[str, ...]]] = {
     "HDF5 with a link to another file": (lambda f, o: hdf5_link(f / "p.h5", o), ("import",)),
     "HDF5 of 1.2 TB of fill values": (lambda f, o: hdf5_sparse(f / "p.h5"), ("import",)),
     "a MATLAB file with external storage": (lambda f, o: hdf5_external(f / "p.mat", o), ("import",)),
-    "an ENVI header that leads out": (lambda f, o: envi(f, o, str(o / "secret.txt")), ("import",)),
+    "an ENVI header that names a file outside": (lambda f, o: envi(f, o, str(o / "secret.txt")), ("import",)),
     "an ENVI header that climbs out": (lambda f, o: envi(f, o, "../outside/secret.txt"), ("import",)),
     "most_cells of 10**18": (lambda f, o: sweep_beyond(f), ("plan", "run")),
     "a name of a million characters": (

@@ -39,7 +39,7 @@ from processes import of_session, still, workers_below
 SCHEDULERS = ("threads", "processes", "distributed")
 VICTIMS = {"threads": ("all",), "processes": ("all", "owner", "worker"), "distributed": ("owner", "worker")}
 PATIENCE = 240.0  # seconds until a run that has not ended hangs
-COLUMNS = ("kills", "archives", "wrong", "misread", "again", "tracebacks", "left over", "hung")
+COLUMNS = ("kills", "archives", "wrong", "misread", "recomputed", "tracebacks", "left over", "hung")
 
 
 @dataclass
@@ -155,7 +155,7 @@ class Runs:
     def compare(self, tried: Tried, archive: Path, done: int) -> None:
         computed, total = json.loads(self.said.read_text().splitlines()[-1])["computed"], finished_in(self.whole)
         if computed > total - done:
-            tried.faults["again"] = f"{computed} computed, {done} of {total} were finished"
+            tried.faults["recomputed"] = f"{computed} computed, {done} of {total} were finished"
         if why := differs(archive, self.whole):
             tried.faults["wrong"] = why
         elif left := left_over(archive, self.whole):

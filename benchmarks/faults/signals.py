@@ -49,10 +49,10 @@ class Ended:
     @property
     def kind(self) -> str:
         if self.code == 0:
-            return "was over"
+            return "already over"
         if self.code == 128 + self.sent and len(self.lines) == 1 and "Traceback" not in self.lines[0]:
-            return "in order"
-        return "before the program" if self.code == -self.sent and not self.lines else "raw"
+            return "orderly"
+        return "before start-up" if self.code == -self.sent and not self.lines else "raw"
 
 
 def command(pipeline: Path, archive: Path, scheduler: str) -> list[str]:
@@ -143,7 +143,7 @@ def main() -> None:
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         found = measure(given.pipeline, given.kills, given.scheduler, given.seed, given.again, Path(place))
-    print(f"{'signal':8s} {'ended':20s} {'runs':>5s} {'mended':>7s} {'left':>5s} {'slowest':>9s}")
+    print(f"{'signal':8s} {'ended':20s} {'runs':>5s} {'resumed':>7s} {'left':>5s} {'slowest':>9s}")
     for (sent, kind), count in sorted(Counter((e.sent.name, e.kind) for e in found).items()):
         own = [e for e in found if (e.sent.name, e.kind) == (sent, kind)]
         print(
@@ -152,7 +152,7 @@ def main() -> None:
         )
     for ended in found:
         if ended.kind == "raw" or ended.left or not ended.mended:
-            print(f"{ended.sent.name} at {ended.at:.2f}: code {ended.code}, left {ended.left}, mended {ended.mended}")
+            print(f"{ended.sent.name} at {ended.at:.2f}: code {ended.code}, left {ended.left}, resumed {ended.mended}")
             print("\n".join(f"    {line}" for line in ended.lines[-6:]))
 
 
