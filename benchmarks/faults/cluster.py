@@ -1,7 +1,6 @@
-"""Faults of a Dask cluster: killed workers; cells that kill, hang or need too much memory; differing workers; lost
-schedulers.
+"""Faults of a Dask cluster: killed workers, misbehaving cells, differing workers, lost schedulers.
 
-    python benchmarks/faults/cluster.py --count 60            # all of it, 60 kills of workers and 60 of owners
+    python benchmarks/faults/cluster.py --count 60            # everything, 60 kills of workers and 60 of owners
     python benchmarks/faults/cluster.py --only killed poison
 
 In:  processes on loopback that act as machines; a plugin with slow cells (`toil.py`).
