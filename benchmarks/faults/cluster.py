@@ -4,9 +4,9 @@
     python benchmarks/faults/cluster.py --only killed poison
 
 In:  processes on loopback that act as machines; a plugin with slow cells (`toil.py`).
-Out: a table: fault | expected | as expected, with counts; exit code 1 if they differ. After every fault the same command
-     runs again on a sound cluster: the archive must then hold the arrays of an undisturbed run (`mended`) and no
-     half-written file, and no process may be left.
+Out: a table: fault | expected | as expected, with counts; exit code 1 if they differ. After every fault the same
+     command runs again on a sound cluster: the archive must then hold the arrays of an undisturbed run (`mended`) and
+     no half-written file, and no process may be left.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""Every camera quantity and every parameter of every stage at the ends of its range, one at a time, in a tiny camera
-that runs.
+"""Run a tiny camera with each quantity and each stage parameter at the ends of its range, one at a time.
 
-In:  `camera`, names of stages, or nothing: all (some ten minutes).
-Out: a line for each corner that is not planned and run, nor refused by the plan: failed cells, tracebacks, warnings,
-     more than 10 s; then the counts.
+In:  `camera`, names of stages, or nothing: all (about ten minutes).
+Out: a line for each corner that neither runs nor is refused by the plan: failed cells, tracebacks, warnings, more than
+     10 s; then the counts.
 
     python benchmarks/faults/corners.py camera
 """

@@ -1,7 +1,7 @@
-"""Kinds of damage to an archive: what may happen to its files, by accident or on purpose.
+"""Kinds of damage to an archive: changes of its files, accidental or deliberate.
 
-In:  a sound archive, a copy of it, a source of chance.
-Out: the copy is damaged; the paths that have to be named.
+In:  a sound archive, a copy of it, a random generator.
+Out: the copy is damaged; the paths that must be named.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
-"""Every kind of damage to an archive, many times: is it found, named, and repaired with only what is damaged computed?
+"""Damage an archive in every way, many times: is the damage found, named and repaired?
 
 In:  how many of each kind (default 20), a seed; kinds by name.
-Out: a row a kind: how often it was found, named and repaired, cells that were lost and cells that were computed. What
-     failed stands behind the table; the exit code is then 1.
+Out: a row per kind: how often it was found, named and repaired, the cells lost and the cells computed. Failures are
+     listed below the table; the exit code is then 1.
 
     python benchmarks/faults/damages.py --count 20
 
-What is lost is known without etendue: cells of which a stored byte, or the line that vouches for it, is no longer the
-one of the sound archive. Repaired means: ``verify`` finds nothing, every array of every cell has the bits it had, and
-every file of the store that holds no measured time and no chunk of a cell has the bytes it had.
+What is lost is determined without etendue: cells of which a stored byte, or the journal line that confirms it, differs
+from the sound archive. Repaired means: ``verify`` finds nothing, every array of every cell has its original bits, and
+so has every file of the store that holds neither measured times nor chunks of cells. Only lost cells may be computed.
 """
 
 from __future__ import annotations

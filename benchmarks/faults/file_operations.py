@@ -1,20 +1,20 @@
-"""Every file operation of a run made to fail, or to be the last: what the same command makes of what is left.
+"""Let every file operation of a run fail, or be its last, and check what the same command makes of the rest.
 
     python benchmarks/faults/file_operations.py [--every 1] [--kinds KIND ...] [--seed 0]
 
 A small sweep is run once to number the operations below its archive (open, write, rename, remove, fsync, ...). Then,
-for every one of them, in a process of its own:
+for each of them, in a process of its own:
 
 killed before, killed after : the process ends there, at once
 disk full, quota used up, input/output error, too many open files : the operation is refused
-power lost (``--durable``) : the process ends there, and of what it wrote only what had been made safe is left: the
-content of a
-    file as of its last fsync, the names in a folder as of the folder's. Of content that was not made safe nothing, a
-    part, or all of it is there, by lot.
+power lost (``--durable``) : the process ends there, and only what had been synced is kept: the content of a file as of
+    its last fsync, the names in a folder as of the folder's last fsync. Of other content nothing, a part or all is
+    kept, at random.
 
-Behind each the same command runs again. Printed by kind of fault: how many ended in the archive of an undisturbed run,
-how many did not (a byte of the store, or what `verify` finds), were read wrongly as they were left, computed a finished
-cell again; tracebacks, and files left over; every one that is wrong is named. Exit code 1 if there is any.
+After each fault the same command runs again. The table has for each kind of fault: how many archives equal that of an
+undisturbed run (correct), how many do not (wrong: a byte of the store differs, or `verify` finds something), were
+misread in between, or recomputed a finished cell; tracebacks, and files left over. Every fault is named. Exit code 1 if
+there is any.
 """
 
 from __future__ import annotations

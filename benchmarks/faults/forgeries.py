@@ -1,7 +1,7 @@
-"""Does ``etendue reproduce`` find an archive that says something else, with every digest computed anew?
+"""Check that ``etendue reproduce`` detects archives with changed content and recomputed digests.
 
-Each kind is done to a copy of one small archive; ``verify`` must find nothing of it (else it were no consistent
-forgery), ``reproduce`` has to name it with exit 1, or to have it in the list of what it does not check.
+Each kind is applied to a copy of one small archive. ``verify`` must find nothing (otherwise the forgery would not be
+consistent); ``reproduce`` must name it and exit with 1, or list it among what it does not check.
 
     python benchmarks/faults/forgeries.py [--only WORD ...]
 """

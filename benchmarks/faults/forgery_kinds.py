@@ -1,5 +1,4 @@
-"""Consistent forgeries: an archive that says something else, with every digest computed anew, so that no file
-contradicts another.
+"""Consistent forgeries: changed archives with all digests recomputed, so that no file contradicts another.
 
 In:  an archive (a copy).
 Out: it is changed in place; ``verify`` finds nothing.

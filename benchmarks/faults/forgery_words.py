@@ -1,5 +1,4 @@
-"""Further consistent forgeries: of what stands beside cells and metadata, in lines of the journal, names of the
-manifest, documents.
+"""More consistent forgeries: in journal lines, names in the manifest, and other documents.
 
 In:  an archive (a copy).
 Out: it is changed in place; ``verify`` finds nothing.

@@ -1,14 +1,14 @@
-"""Archives and files made to do harm: what a reader's machine opens, waits for, holds and prints because of them.
+"""Open malicious archives and files: what does etendue open, wait for, hold in memory and print?
 
     python benchmarks/faults/hostile.py [--only fifo bomb] [--from KIND] [--commands verify show] [--verbose]
 
-In:  a small archive with an input, and files of the kinds that pipelines name; each is spoiled in a copy.
-Out: kind | command | exit code | CPU s and MB above those of a sound archive | what went wrong; exit code 1 where
-     something did.
+In:  a small archive with an input, and files of the kinds that pipelines name; each is manipulated in a copy.
+Out: kind | command | exit code | CPU s and MB above those of a sound archive | what went wrong; exit code 1 if anything
+     did.
 
-A command goes wrong when it opens what lies outside (seen by strace), does not end, is slower or larger than its bound,
-says more than 20 lines of 200 characters on stderr, shows a traceback, or says that it broke off itself. Linux, with
-strace.
+A command goes wrong if it opens anything outside (seen by strace), does not end, exceeds its limit of time or memory,
+prints more than 20 lines of 200 characters on stderr, shows a traceback, or reports an internal error. Requires Linux
+and strace.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Kinds of harm that files may be made to do: archives whose words lead out or have no end, files that unfold or point
-to themselves.
+"""Kinds of malicious files: archives that point outside or never end, files that expand or point to themselves.
 
-In:  an archive (a copy, digests made anew by ``reseal``) or an empty folder; a folder outside.
-Out: the archive is changed in place; of a file, its path.
+In:  an archive (a copy, digests recomputed by ``reseal``) or an empty folder; a folder outside.
+Out: the archive is changed in place; for a file, its path.
 """
 
 from __future__ import annotations

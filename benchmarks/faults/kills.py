@@ -1,18 +1,17 @@
-"""Runs killed -9 at random instants, on threads, on processes and on two workers of a Dask cluster; the same command
-ends them.
+"""Kill runs at random instants with kill -9, on threads, processes and a Dask cluster, and run them again.
 
     python benchmarks/faults/kills.py 500 [--schedulers threads processes distributed] [--seed 1]
 
-In:  how many kills, shared out evenly. What is killed: the process with all that it started; its owner alone, so that
-     workers are orphans; a worker alone. Half of the instants are spread over the length of a run, half follow a random
-     cell by a random while. An archive is killed once, twice or three times before it is ended, half of them with a
-     batch for every cell.
-Out: by scheduler and by what was killed: kills, archives, and of these how many ended wrong (another byte than that of
-     an undisturbed run, or `verify` finds something), were read wrongly as they were left, computed a finished cell
-     again, said a traceback, or left a file or a process behind. Every one is named; exit code 1 if there is any.
+In:  the number of kills, divided evenly. Killed are: the process with all its children; its owner alone, which makes
+     orphans of its workers; or a single worker. Half of the kills are spread over the length of a run, half follow a
+     random cell after a random delay. An archive is killed one to three times before it is completed; half of the archives have a
+     batch per cell.
+Out: by scheduler and killed process: kills, archives, and how many of these ended wrong (a byte differs from that of an
+     undisturbed run, or `verify` finds something), were misread in between, recomputed a finished cell, printed a
+     traceback, or left a file or process behind. Each is named; exit code 1 if there is any.
 
-A run is a process split off from one that has imported all it needs. The workers of the cluster stand for all of its
-runs, under nannies.
+A run is a process forked from one that has imported all modules. All runs on the cluster share its workers, which run
+under nannies.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Processes of this machine that stand for others: a Dask scheduler, workers under nannies, and what is installed on
-each.
+"""Processes of this machine that act as other machines: a Dask scheduler, workers under nannies, and their packages.
 
 In:  a folder to work in, an environment.
-Out: clusters that end with everything below them.
+Out: clusters that end with all their processes.
 """
 
 from __future__ import annotations

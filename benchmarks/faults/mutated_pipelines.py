@@ -1,13 +1,13 @@
-"""Shipped pipelines with mistakes in them, planned: what becomes of each.
+"""Plan shipped pipelines into which mistakes were put, and count the outcomes.
 
 In:  how many (default 3000), and a seed.
-Out: counts of exit codes 0 and 2, of tracebacks, warnings, hangs (10 s of CPU, or 600 s of waiting) and messages that
-     are not lines a person can act on; each of the last four with the text that does it, in ``mutants/``; CPU seconds.
+Out: counts of exit codes 0 and 2, of tracebacks, warnings, hangs (10 s of CPU, or 600 s of waiting) and of messages
+     that are not lines a person can act on; each of the last four with its pipeline in ``mutants/``; CPU seconds.
 
     python benchmarks/faults/mutated_pipelines.py 3000
 
-A mutant is a shipped file with one to three mistakes: a value, a key, a line or a character is lost, doubled, swapped
-or replaced. Axes are made short first, so that what is fine is planned in 50 ms.
+A mutant is a shipped file with one to three mistakes: a value, key, line or character is removed, duplicated, swapped
+or replaced. Axes are shortened first, so that a valid mutant is planned in 50 ms.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""The operations of a process on the files of one folder, numbered, so that one of them can be made to fail, or to be
-the last.
+"""Number the file operations of a process in one folder, so that one of them can fail or be the last.
 
-In:  a folder, the number of an operation, what is to happen to it.
-Out: a process that meets this fault; of a loss of power, a folder that holds only what had been made safe.
+In:  a folder, the number of an operation, the fault.
+Out: a process that meets this fault; for a power loss, a folder that holds only what had been synced.
 """
 
 from __future__ import annotations

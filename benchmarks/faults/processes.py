@@ -1,4 +1,4 @@
-"""The processes of this machine, as /proc shows them: who started whom, who is left, who listens.
+"""Processes of this machine, from /proc: parents, sessions, survivors, listening sockets.
 
 In:  the number of a process, or of a session.
 Out: numbers of processes that have not ended; addresses.

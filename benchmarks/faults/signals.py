@@ -1,11 +1,10 @@
-"""Ctrl-C and SIGTERM at any instant of a run: what is said, with which exit code, what is left, and whether the next
-run mends it.
+"""Send Ctrl-C or SIGTERM at any instant of a run: output, exit code, leftovers, and whether the next run resumes.
 
     python benchmarks/faults/signals.py 60 --scheduler threads
 
 sends one signal to each of 60 runs of ``pipelines/smallest.toml``, at instants spread from the start of the process to
-its end. A signal before the program's first instruction (Python itself is starting) ends the process by the signal, as
-it does any other.
+its end. A signal before the program's first instruction (while Python itself starts) ends the process by the signal, as
+with any other program.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""More files made to do harm, of every format that pipelines and commands name: sizes that are only said, parts that
-unfold, code in data.
+"""More malicious files, of every format that pipelines and commands name: false sizes, expanding parts, code in data.
 
 In:  an empty folder, a folder outside.
-Out: the path of the file; by kind, with the commands that are to be tried on it (``FILES``).
+Out: the path of the file; by kind, with the commands to try on it (``FILES``).
 """
 
 from __future__ import annotations

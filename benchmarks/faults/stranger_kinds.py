@@ -1,8 +1,7 @@
-"""More kinds of harm: numbers and texts beyond all bounds, chunks that unfold, names that speak to a terminal, metadata
-that disagrees.
+"""More malicious archives: huge numbers and texts, expanding chunks, terminal escapes in names, conflicting metadata.
 
 In:  an archive (a copy) or an empty folder; a folder outside, as for ``hostile_kinds``.
-Out: the archive is changed in place, its digests made anew; of a file, its path.
+Out: the archive is changed in place, its digests recomputed; for a file, its path.
 """
 
 from __future__ import annotations

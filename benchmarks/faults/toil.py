@@ -1,4 +1,4 @@
-"""A plugin whose cells take a while, and misbehave in the way they are told to: what `cluster.py` runs on a cluster."""
+"""A plugin with slow cells that misbehave as told; `cluster.py` runs it on a cluster."""
 
 import os
 import signal
