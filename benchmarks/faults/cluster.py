@@ -64,9 +64,7 @@ class Place:
         return [*program, "run", "file.toml", "--sweep", sweep, "--json", "--quiet", "--archive", archive, *words]
 
     def start(self, hows: tuple[str, ...], archive: str, *words: str) -> subprocess.Popen[str]:
-        heard = partial(
-            signal.signal, signal.SIGINT, signal.SIG_DFL
-        )  # a shell ignores it for what it runs in the background
+        heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # shells ignore it for background processes
         pipes = {
             "stdout": subprocess.PIPE,
             "stderr": subprocess.PIPE,
@@ -173,7 +171,7 @@ def killed_owners(place: Place, chance: random.Random, count: int) -> Iterator[S
     shutil.rmtree(place.folder / "o")
     for number in range(count):
         process = place.start(NUMBERS, "o", *words)
-        if number % 2:  # the start of a cluster is the longer part of a short run
+        if number % 2:  # starting a cluster takes most of a short run
             place.begun("o", chance.randrange(1, 2 * len(NUMBERS)))
         else:
             time.sleep(whole * (number + chance.random()) / count)
@@ -203,7 +201,7 @@ def bad_cells(place: Place, *_: object) -> Iterator[Seen]:
                 address = stack.enter_context(cluster(place.folder, place.env, 2, "--memory-limit", "400MB")).address
             for fault, how, words, more in cases:
                 if where == "own" and how in ("grows", "leaves"):
-                    # its workers may hold a share of the machine's memory, which others use; a guard is alike anywhere
+                    # its workers may use a share of the memory that others use too; the limit works alike everywhere
                     continue
                 seen = Seen(
                     f"{fault}, {address if where == 'own' else 'tcp://'}",

@@ -31,7 +31,7 @@ SHARD, SCALAR = "data.zarr/irradiance/irradiance/c.0.0.0.0", "data.zarr/lens_num
 # --------------------------------------------------------------------------------------------------
 
 Draw = random.Random
-Act = Callable[["Sound", Path, Draw], list[str]]  # gives the paths that have to be named
+Act = Callable[["Sound", Path, Draw], list[str]]  # returns the paths that must be named
 
 
 def flip(path: Path, draw: Draw, start: int = 0, end: int | None = None) -> None:
@@ -110,7 +110,7 @@ def edited_chunk(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 
 def swapped_chunks(sound: Sound, archive: Path, draw: Draw) -> list[str]:
-    """Two chunks of one shard, of the same size, in each other's place."""
+    """Swap two chunks of one shard that have the same size."""
     pairs = []
     for path in sound.shards():
         own = sound.in_file(path)
@@ -129,7 +129,7 @@ def swapped_chunks(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 
 def swapped_shards(sound: Sound, archive: Path, draw: Draw) -> list[str]:
-    """Two files of chunks in each other's place."""
+    """Swap two chunk files."""
     files = [path for path in sorted(sound.slots) if "/mosaic/" in path or "/exposure/" in path or path == SHARD]
     one, other = draw.sample(files, 2)
     a, b = (archive / one).read_bytes(), (archive / other).read_bytes()
@@ -139,7 +139,7 @@ def swapped_shards(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 
 def foreign_shard(sound: Sound, archive: Path, draw: Draw) -> list[str]:
-    """The shard of another archive of the same pipeline, with other numbers."""
+    """Put in the shard of another archive of the same pipeline, with other numbers."""
     there = [
         p
         for p in sound.shards()
@@ -167,7 +167,7 @@ def flipped_index(own: bytearray, slots: int, draw: Draw) -> bytes:
 
 
 def swapped_index(own: bytearray, slots: int, draw: Draw) -> bytes:
-    """Two chunks exchanged, under a right checksum."""
+    """Swap two chunks in the index, with a valid checksum."""
     table = np.frombuffer(bytes(own[:-4]), "<u8").reshape(-1, 2).copy()
     there = [n for n in range(len(table)) if table[n, 0] != 2**64 - 1]
     a, b = draw.sample(there, 2)
@@ -176,7 +176,7 @@ def swapped_index(own: bytearray, slots: int, draw: Draw) -> bytes:
 
 
 def forgotten_index(own: bytearray, slots: int, draw: Draw) -> bytes:
-    """A chunk said to be missing, under a right checksum: plain Zarr reads fill values."""
+    """Mark a chunk as missing, with a valid checksum: plain Zarr reads fill values."""
     table = np.frombuffer(bytes(own[:-4]), "<u8").reshape(-1, 2)
     there = [n for n in range(len(table)) if table[n, 0] != 2**64 - 1]
     gone = draw.choice(there)
@@ -197,9 +197,7 @@ def lengthened(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 
 def in_its_place(put: Callable[[Path, Path], object]) -> Act:
-    """Something else in the place of a file of chunks; ``put`` is told where, and of the same file of another
-    archive.
-    """
+    """Put something else in place of a chunk file; ``put`` gets its path, and that of the same file of another archive."""
 
     def act(sound: Sound, archive: Path, draw: Draw) -> list[str]:
         path = draw.choice(sorted(sound.slots))
@@ -224,7 +222,7 @@ def lost_array(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 
 def small_array(path: str, change: Callable[[np.ndarray], object], dtype: str) -> Act:
-    """Other numbers of a coordinate, status or table, under a right checksum."""
+    """Change numbers of a coordinate, status or table, with a valid checksum."""
 
     def act(sound: Sound, archive: Path, draw: Draw) -> list[str]:
         file = archive / path
@@ -278,14 +276,14 @@ def flip_line(lines: list[bytes], at: int, draw: Draw) -> None:
 
 
 def swap_keys(lines: list[bytes], at: int, draw: Draw) -> None:
-    """A line with another key, under a right checksum."""
+    """Change the key in a line, with a valid checksum."""
     line = re.sub(rb'"key":"(.)', lambda m: b'"key":"' + (b"0" if m[1] != b"0" else b"1"), lines[at])
     body = re.sub(rb',"sum":"[0-9a-f]{8}"\}\n$', b"}", line)
     lines[at] = body[:-1] + b',"sum":"%08x"}\n' % zlib.crc32(body)
 
 
 def early(lines: list[bytes], at: int, draw: Draw) -> None:
-    """A line moved in front of the one that said that its cell was begun."""
+    """Move a line before the one that says that its cell was begun."""
     lines.insert(0, lines.pop(at))
 
 
@@ -327,7 +325,7 @@ def added(*paths: str) -> Act:
 
 
 def added_array(sound: Sound, archive: Path, draw: Draw) -> list[str]:
-    """An array of somebody else in one of our groups."""
+    """Add a foreign array to one of our groups."""
     source, target = "data.zarr/irradiance/irradiance", "data.zarr/irradiance/mine"
     shutil.copytree(archive / source, archive / target)
     return [f"{target}/zarr.json"]

@@ -36,7 +36,7 @@ COLUMNS = ("tried", "correct", "wrong", "misread", "recomputed", "tracebacks", "
 
 
 class Runs:
-    """Runs of the pipeline, one operation of each disturbed."""
+    """Runs of the pipeline, each with one disturbed operation."""
 
     def __init__(self, place: Path) -> None:
         self.place, self.said, self.names = place, place / "said", place / "names"
@@ -57,20 +57,20 @@ class Runs:
         return [*words, *(["--durable"] if durable else [])]
 
     def run(self, archive: Path, durable: bool, watched: Watched | None = None) -> tuple[int, str]:
-        """The exit code of a run, and what it said."""
+        """Return the exit code and output of a run."""
         before = watched.install if watched else None
         after = (lambda: self.names.write_text(" ".join(watched.names))) if watched else None
         code = code_of(start(self.words(archive, durable), self.said, before, after))
         return code, self.said.read_text(errors="replace")
 
     def numbered(self, durable: bool) -> list[str]:
-        """The operations of an undisturbed run by name."""
+        """Return the operations of an undisturbed run by name."""
         archive = self.place / f"counted{durable}"
         self.run(archive, durable, Watched(archive, 0, "", random.Random(0)))
         return self.names.read_text().split()
 
     def disturbed(self, at: int, kind: str, seed: int) -> tuple[int, dict[str, str]]:
-        """The exit code of a run with a fault, and what was wrong of it or of the one after it."""
+        """Return the exit code of a run with a fault, and the faults found after it and after the next run."""
         durable, faults = kind == "power lost", dict[str, str]()
         code, first = self.run(self.archive, durable, Watched(self.archive, at, kind, random.Random(f"{seed} {at}")))
         if why := misread(self.archive, self.whole):
@@ -92,7 +92,7 @@ class Runs:
 
 
 def measured(place: Path, kinds: list[str], every: int, most: int, seed: int) -> str:
-    """Every n-th operation of every kind: a row a kind as it is done; how many were wrong."""
+    """Disturb every n-th operation in every way; print a row per kind, and return how many results were wrong."""
     runs, wrong = Runs(place), 0
     import_all(runs.words(runs.whole, False), runs.said)
     totals = {durable: runs.numbered(durable) for durable in (False, True)}

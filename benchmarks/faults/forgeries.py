@@ -30,7 +30,7 @@ SAID = SAID | SAID_WORDS
 
 @dataclass
 class Found:
-    """What was found of one forgery. ``wrong``: what should have been otherwise."""
+    """The result for one forgery. ``wrong``: what differs from the expected result."""
 
     kind: str
     named: str = ""
@@ -39,7 +39,7 @@ class Found:
 
 
 def tried(sound: Path, kind: str, forge: Forge, place: Path, said: str = "") -> Found:
-    """One forgery; ``said``: where it has to be listed instead of being found."""
+    """Try one forgery; ``said``: the entry under which it must be listed instead of being found."""
     shutil.rmtree(place, ignore_errors=True)
     shutil.copytree(sound, place)
     forge(place)
@@ -67,7 +67,7 @@ def tried(sound: Path, kind: str, forge: Forge, place: Path, said: str = "") -> 
 
 
 def every(only: list[str] | None = None) -> list[Found]:
-    """Every kind, behind an archive to which nothing was done, but the sealing."""
+    """Try every kind, preceded by an archive that was only resealed."""
     kinds = [("nothing", sealed, ""), *((kind, forge, "") for kind, forge in FORGERIES.items())]
     kinds += [(kind, forge, said) for kind, (forge, said) in SAID.items()]
     with tempfile.TemporaryDirectory() as text:

@@ -24,8 +24,8 @@ Forge = Callable[[Path], object]
 
 
 def sealed(archive: Path) -> None:
-    """The metadata of all nodes in the root, the digest of the pictures, the records in the journal, and a manifest
-    of all that.
+    """Recompute the metadata of all nodes in the root, the digest of the pictures, the records in the journal, and the
+    manifest.
     """
     store = archive / "data.zarr"
     root = json.loads((store / "zarr.json").read_text())
@@ -65,7 +65,7 @@ def sealed(archive: Path) -> None:
 
 
 def document(path: str, change: Callable[[Any], object]) -> Forge:
-    """A JSON file."""
+    """Change a JSON file."""
 
     def act(archive: Path) -> None:
         place = archive / path
@@ -82,7 +82,7 @@ def node(path: str, change: Callable[[Any], object]) -> Forge:
 
 
 def values(path: str, change: Callable[[Any], Any]) -> Forge:
-    """The numbers or texts of a coordinate, a status or a column; ``change`` gives others of the same shape."""
+    """Change the numbers or texts of a coordinate, status or column; ``change`` returns others of the same shape."""
 
     def act(archive: Path) -> None:
         place = archive / "data.zarr" / path
@@ -100,7 +100,7 @@ def values(path: str, change: Callable[[Any], Any]) -> Forge:
 
 
 def lines(event: str, change: Callable[[dict[str, Any]], object]) -> Forge:
-    """Every line of a kind in the journal."""
+    """Change every line of a kind in the journal."""
 
     def act(archive: Path) -> None:
         place = archive / "journal.jsonl"
@@ -119,7 +119,7 @@ def record(change: Callable[[dict[str, Any]], object]) -> Forge:
 
 
 def toml(change: Callable[[str], str], also: bool = False) -> Forge:
-    """The pipeline that readers are told to run; ``also`` that of the record."""
+    """Change the pipeline that readers are told to run; with ``also`` that of the record too."""
 
     def act(archive: Path) -> None:
         place = archive / "runs" / "0001.toml"
@@ -138,7 +138,7 @@ def several(*acts: Forge) -> Forge:
 
 
 def first(value: object) -> Callable[[Any], Any]:
-    """The first of some numbers or texts is another."""
+    """Replace the first of some numbers or texts."""
 
     def change(found: Any) -> Any:
         found[(0,) * np.ndim(found) if isinstance(found, np.ndarray) else 0] = value
@@ -156,7 +156,7 @@ def of_cell(text: str, **more: object) -> Callable[[dict[str, Any]], object]:
 
 
 def chunk_edited(archive: Path) -> None:
-    """A number of a stored cell, its checksum in the shard, its digest in the journal."""
+    """Change a number of a stored cell, its checksum in the shard, and its digest in the journal."""
     import google_crc32c
 
     place = archive / "data.zarr" / "adc" / "raw" / "c.0.0.0"
@@ -175,7 +175,7 @@ def chunk_edited(archive: Path) -> None:
 
 
 def renamed_cells(archive: Path) -> None:
-    """An axis value is another, in coordinates, names of cells, records and pipelines, and not in the keys."""
+    """Change an axis value in coordinates, names of cells, records and pipelines, but not in the keys."""
     for path in [archive / "journal.jsonl", *(archive / "runs").glob("*.json")]:
         text = path.read_text()
         path.write_text(
@@ -213,7 +213,7 @@ def lost_array(path: str) -> Forge:
 
 
 def _known(archive: Path, array: str) -> None:
-    """An array that somebody has added, named where ours are."""
+    """Name an added array where ours are named."""
     manifest = json.loads((archive / "manifest.json").read_text())
     place = archive / "data.zarr" / array
     own = {path.relative_to(archive).as_posix(): "" for path in place.rglob("*") if path.is_file()}
@@ -249,7 +249,7 @@ def stage_of(name: str, **more: object) -> Callable[[dict[str, Any]], object]:
 RAW, RATE = "adc/raw", "pixel/photon_rate"
 
 FORGERIES: dict[str, Forge] = {
-    # that were not found before
+    # not detected by earlier versions
     "a coordinate reversed": values("adc/f_number", lambda found: found[::-1]),
     "positions times ten": values("pixel/x_um", lambda found: found * 10),
     "wavelengths plus 100": several(
@@ -342,7 +342,7 @@ FORGERIES: dict[str, Forge] = {
     "the name of the sensor": record(lambda found: found.update(sensor="sony-imx174")),
     "a precision": record(stage_of("adc", precision="float64")),
     "a seed in record and pipeline": toml(lambda text: text.replace("seed = 0", "seed = 1"), also=True),
-    # what strangers read
+    # read by other programs
     "the input of a run": entity("#run-0001", lambda one: one.update(object={"@id": "inputs/other"})),
     "a tool": entity("#stage-adc", lambda one: one.update(identifier="blake2b:0")),
     "the digest of an input": document(
@@ -351,7 +351,7 @@ FORGERIES: dict[str, Forge] = {
     ),
 }
 
-# what no computing can tell: the words with which it stands in the list of what is not checked
+# what cannot be recomputed: its entry in the list of what is not checked
 SAID: dict[str, tuple[Forge, str]] = {
     "when a run began": (
         several(

@@ -16,7 +16,7 @@ from etendue.archive.journaling.journal import summed
 
 
 def lines_more(*events: dict[str, Any]) -> Forge:
-    """Lines at the end of the journal."""
+    """Append lines to the journal."""
 
     def act(archive: Path) -> None:
         with (archive / "journal.jsonl").open("ab") as file:
@@ -27,7 +27,7 @@ def lines_more(*events: dict[str, Any]) -> Forge:
 
 
 def ours(path: str, data: bytes) -> Forge:
-    """A file that no run writes, for which the manifest vouches."""
+    """Add a file that no run writes, with its digest in the manifest."""
 
     def act(archive: Path) -> None:
         place = archive / path
@@ -42,7 +42,7 @@ def ours(path: str, data: bytes) -> Forge:
 
 
 def word_twice(path: str, word: str, other: str) -> Forge:
-    """A word of a document stands twice, first with another value: readers take one or the other."""
+    """Duplicate a key of a document, first with another value: readers may take either."""
 
     def act(archive: Path) -> None:
         place = archive / path
@@ -61,7 +61,7 @@ def no_crate(archive: Path) -> None:
 
 
 def first_run_gone(archive: Path) -> None:
-    """Of two runs, the second of which asked for the same, the first has never been."""
+    """Remove the first of two runs with the same request."""
     for name in ("0001.json", "0001.toml"):
         (archive / "runs" / name).rename(archive / "runs" / name.replace("1", "2"))
     for path in ("manifest.json", "ro-crate-metadata.json", "journal.jsonl"):
@@ -93,7 +93,7 @@ WORDS: dict[str, Forge] = {
     "the work of the last run": lines_more({"event": "run", "planned": {"adc": 9}, "todo": {"adc": 9}}),
     "an array in the journal": lines_more({"event": "arrays", "group": "adc", "names": ["trusted"]}),
     "a group in the journal": lines_more({"event": "axes", "group": "calibration", "axes": {"f_number": [2.0]}}),
-    # files that are said to be ours
+    # files named as ours
     "attributes of Zarr 2": ours("data.zarr/adc/raw/.zattrs", b'{"units": "ke"}'),
     "a file in a group": ours("data.zarr/adc/NOTE.txt", b"calibrated"),
     "an extra group": ours(

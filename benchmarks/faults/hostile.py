@@ -36,7 +36,7 @@ QUICK, SLOW = (2.0, 200.0), (10.0, 400.0)  # CPU s, MB, above a sound archive's
 BOUNDS = {"verify": QUICK, "show": QUICK, "plan": QUICK, "measure": QUICK}
 READERS = ("verify", "show", "report", "reproduce", "rerun", "plot", "export")
 WORDS = {"plot": ["plot", "tiny", "--list"], "export": ["export", "tiny", "--tiff", "--variable", "raw"]}
-WAIT = 15.0  # s, after which a command hangs; more with --wait, on a machine that does other things too
+WAIT = 15.0  # s, after which a command counts as hanging; raise it with --wait on a busy machine
 MOST = 20 * 200  # characters on stderr
 OUTSIDE = ("/etc/passwd", "/dev/zero")
 OPENED = re.compile(r" = \d+<([^>]*)>$")
@@ -44,7 +44,7 @@ OPENED = re.compile(r" = \d+<([^>]*)>$")
 
 @dataclass
 class Seen:
-    """What became of one command."""
+    """The result of one command."""
 
     code: int
     cpu: float
@@ -89,12 +89,12 @@ def watched(words: list[str], folder: Path, canary: Path, wait: float = WAIT) ->
 
 
 def remove(folder: Path) -> None:
-    """However deep it is: ``shutil.rmtree`` calls itself for every folder in a folder."""
+    """Remove a folder of any depth: ``shutil.rmtree`` recurses for every level."""
     subprocess.run(["rm", "-rf", str(folder)], check=True)
 
 
 def faults_of(seen: Seen, command: str, base: Seen) -> list[str]:
-    """What went wrong with a command, in words."""
+    """Return what went wrong with a command, in words."""
     seconds, memory = BOUNDS.get(command, SLOW)
     found = {
         "hangs": seen.hangs,
@@ -133,7 +133,7 @@ def main() -> None:
             for command in [one for one in commands if not asked.commands or one in asked.commands]:
                 folder = place / "case"
                 words = WORDS.get(command, [command, "tiny"])
-                if command not in bases:  # of a sound archive; of a file the least that Python takes
+                if command not in bases:  # from a sound archive; for a file, what Python takes at least
                     remove(folder)
                     shutil.copytree(sound, folder / "tiny")
                     bases[command] = watched(

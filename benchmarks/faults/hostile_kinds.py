@@ -25,7 +25,7 @@ LIGHT = "wavelength_nm,power\n300,1\n900,1\n"
 
 
 def sound_archive(folder: Path) -> Path:
-    """A small archive with an input: a flat grey of which the light is a table."""
+    """Make a small archive with an input: a uniform grey whose light is a table."""
     import etendue
     from etendue import stages as s
 
@@ -44,7 +44,7 @@ def sound_archive(folder: Path) -> Path:
     return folder
 
 
-# -- digests made anew
+# -- recomputed digests
 # ------------------------------------------------------------------------------------------------------
 
 
@@ -53,7 +53,7 @@ def sha(path: Path) -> str:
 
 
 def reseal(archive: Path, also: dict[str, str] | None = None) -> None:
-    """A manifest that vouches for the files as they are now; ``also``: digests by path, whatever they lead to."""
+    """Write a manifest for the files as they are now; ``also``: digests by path, wherever they lead."""
     manifest = json.loads((archive / "manifest.json").read_text())
     for part in ("metadata", "files"):
         manifest[part] = {path: sha(archive / path) or known for path, known in manifest[part].items()}
@@ -65,7 +65,7 @@ def reseal(archive: Path, also: dict[str, str] | None = None) -> None:
 
 
 def pipeline_edited(change: Callable[[str], str]) -> Act:
-    """The pipeline of the last run, in its record, its file and the journal."""
+    """Change the pipeline of the last run in its record, its file and the journal."""
 
     def act(archive: Path, outside: Path) -> None:
         record = archive / "runs" / "0001.json"
@@ -112,7 +112,7 @@ def named_in_manifest(path: str) -> Act:
     )
 
 
-# -- files that never end, or never answer
+# -- files that never end or never answer
 # ---------------------------------------------------------------------------------
 
 
@@ -191,7 +191,7 @@ def through_a_link(archive: Path, outside: Path) -> None:
 
 
 def swept_beyond(text: str, axis: str) -> str:
-    """A pipeline of a million million cells, which it allows itself."""
+    """Return a pipeline of 10^12 cells, whose own limit allows them."""
     steps = (
         "f_number = { from = 1, to = 9, steps = 100000 }\nintegration_time = { from = 0.001, to = 0.1, steps = 100000 }"
     )
@@ -314,7 +314,7 @@ def pipeline_with(folder: Path, use: str, file: Path | str, more: str = "") -> P
 
 
 def bank(folder: Path, file: str) -> Path:
-    """A lens whose point spread functions stand in a file."""
+    """Return a pipeline with a lens whose point spread functions are in a file."""
     text = (Path(__file__).parents[2] / "pipelines" / "smallest.toml").read_text()
     stage = f'[[stages]]\nuse = "lens_psf_field"\nfile = "{file}"\n\n'
     first, then = re.split(r'(?=\[\[stages\]\]\nuse = "pixel")', text, maxsplit=1)
@@ -322,20 +322,20 @@ def bank(folder: Path, file: str) -> Path:
 
 
 def own_ifd(path: Path) -> Path:
-    """26 bytes: a directory of one entry, behind which stands itself."""
+    """Write 26 bytes: a directory of one entry that is followed by itself."""
     path.write_bytes(struct.pack("<2sHI", b"II", 42, 8) + struct.pack("<HHHII", 1, 256, 3, 1, 8) + struct.pack("<I", 8))
     return path
 
 
 def ring_of_ifds(path: Path) -> Path:
-    """Two directories, each behind the other."""
+    """Write two directories, each followed by the other."""
     entry = struct.pack("<HHHII", 1, 256, 3, 1, 8)
     path.write_bytes(struct.pack("<2sHI", b"II", 42, 8) + entry + struct.pack("<I", 26) + entry + struct.pack("<I", 8))
     return path
 
 
 def large_picture(path: Path, side: int = 400_000) -> Path:
-    """A PNG of a few bytes that says it has 1.6e11 pixels."""
+    """Write a PNG of a few bytes that claims 1.6e11 pixels."""
     import zlib
 
     def part(kind: bytes, data: bytes) -> bytes:
@@ -429,7 +429,7 @@ def toml_of(folder: Path, text: str) -> Path:
 
 
 def sweep_beyond(folder: Path) -> Path:
-    """A million million cells, which the file itself allows."""
+    """Write a pipeline of 10^12 cells, whose own limit allows them."""
     text = (Path(__file__).parents[2] / "pipelines" / "smallest.toml").read_text()
     return toml_of(
         folder, swept_beyond(re.sub(r"^integration_time = \[.*$", "", text, flags=re.M), r"^f_number = \[.*$")

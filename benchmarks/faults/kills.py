@@ -4,8 +4,8 @@
 
 In:  the number of kills, divided evenly. Killed are: the process with all its children; its owner alone, which makes
      orphans of its workers; or a single worker. Half of the kills are spread over the length of a run, half follow a
-     random cell after a random delay. An archive is killed one to three times before it is completed; half of the archives have a
-     batch per cell.
+     random cell after a random delay. An archive is killed one to three times before it is completed; half of the
+     archives have a batch per cell.
 Out: by scheduler and killed process: kills, archives, and how many of these ended wrong (a byte differs from that of an
      undisturbed run, or `verify` finds something), were misread in between, recomputed a finished cell, printed a
      traceback, or left a file or process behind. Each is named; exit code 1 if there is any.
@@ -43,7 +43,7 @@ COLUMNS = ("kills", "archives", "wrong", "misread", "recomputed", "tracebacks", 
 
 @dataclass
 class Tried:
-    """What became of one archive."""
+    """The results for one archive."""
 
     victim: str
     kills: int = 0
@@ -51,7 +51,7 @@ class Tried:
 
 
 class Runs:
-    """Runs of the pipeline with one scheduler, each to its end or to where it is killed."""
+    """Runs of the pipeline with one scheduler, each to its end or until it is killed."""
 
     def __init__(self, place: Path, scheduler: str, address: str, chance: random.Random) -> None:
         self.place, self.scheduler, self.address, self.chance = place, scheduler, address, chance
@@ -66,7 +66,7 @@ class Runs:
         return start(self.words(archive), self.said, cell_by_cell if finely else None)
 
     def ended(self, child: int) -> int | None:
-        """The exit code of a run; None: it hangs."""
+        """Return the exit code of a run; None if it hangs."""
         until = time.monotonic() + PATIENCE
         while time.monotonic() < until:
             pid, status = os.waitpid(child, os.WNOHANG)
@@ -85,7 +85,7 @@ class Runs:
         self.length = time.monotonic() - began
 
     def wait(self, child: int, archive: Path) -> bool:
-        """Until a random instant of a run; whether it is still under way then."""
+        """Wait until a random instant of a run; return whether it is still running."""
         if self.chance.random() < 0.5:
             until = time.monotonic() + self.chance.uniform(0.0, 1.1) * self.length
         else:
@@ -99,7 +99,7 @@ class Runs:
         return under_way(child)
 
     def kill(self, child: int, victim: str, workers: list[int]) -> bool:
-        """Kill what is to be killed; whether it was there."""
+        """Kill the chosen process; return whether it was there."""
         if victim == "worker":
             own = workers or workers_below(child)
             if not own:
@@ -111,12 +111,12 @@ class Runs:
             return True
         try:
             (os.killpg if victim == "all" else os.kill)(child, signal.SIGKILL)
-        except ProcessLookupError:  # it has not yet a session of its own
+        except ProcessLookupError:  # it has no session of its own yet
             os.kill(child, signal.SIGKILL)
         return True
 
     def once(self, number: int, victim: str, standing: list[int]) -> Tried:
-        """One archive: killed some times, looked at, ended, looked at."""
+        """Kill runs of one archive, check it, complete it, and check it again."""
         archive, tried = self.place / f"{number}", Tried(victim)
         sessions, finely = [], self.chance.random() < 0.5
         for _ in range(self.chance.choice((1, 1, 2, 3))):
@@ -162,7 +162,7 @@ class Runs:
 
 
 def cell_by_cell() -> None:
-    """A batch, and so a line of the journal, for every cell."""
+    """Use a batch, and thus a line of the journal, for every cell."""
     from etendue import session
 
     whole = session.partition
@@ -170,7 +170,7 @@ def cell_by_cell() -> None:
 
 
 def under_way(child: int) -> bool:
-    """Whether a child has not ended; it is not waited for."""
+    """Return whether a child is still running, without waiting for it."""
     try:
         return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None
     except ChildProcessError:
@@ -178,7 +178,7 @@ def under_way(child: int) -> bool:
 
 
 def measure(place: Path, scheduler: str, kills: int, seed: int) -> list[Tried]:
-    """So many kills with one scheduler."""
+    """Kill runs this many times with one scheduler."""
     chance, found = random.Random(f"{seed} {scheduler}"), list[Tried]()
     with ExitStack() as stack:
         address, standing = scheduler, list[int]()
@@ -205,7 +205,7 @@ def measure(place: Path, scheduler: str, kills: int, seed: int) -> list[Tried]:
 
 
 def measured(place: Path, scheduler: str, kills: int, seed: int) -> str:
-    """The same in a process that has imported what its runs need, as JSON."""
+    """Return the same as JSON, from a process that has imported everything its runs need."""
     place.mkdir()
     (place / "faults.toml").write_text(PIPELINE.replace("[2, 4]", "[2, 4, 8]").replace("[4, 5]", "[4, 5, 6]"))
     return json.dumps([(tried.victim, tried.kills, tried.faults) for tried in measure(place, scheduler, kills, seed)])

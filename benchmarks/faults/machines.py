@@ -34,7 +34,7 @@ def environment(*folders: Path) -> dict[str, str]:
 
 
 def brought(site: Path, version: str) -> Path:
-    """The plugin as pip would leave it."""
+    """Install the plugin as pip would."""
     info = site / f"toil-{version}.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: toil\nVersion: {version}\n")
@@ -45,7 +45,7 @@ def brought(site: Path, version: str) -> Path:
 
 
 def fake(folder: Path, distribution: str, version: str) -> Path:
-    """Metadata that say that another version of a distribution is installed."""
+    """Write metadata that claim that another version of a distribution is installed."""
     info = folder / f"{distribution}-{version}.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: {version}\n")

@@ -85,16 +85,18 @@ WORDS = (
     "pattern",
     "a" * 300,
 )
-SLOWEST = 10  # seconds of CPU: how loaded the machine is does not count
-LONGEST = 600  # seconds: what waits for something that never comes
+SLOWEST = 10  # seconds of CPU, independent of the machine's load
+LONGEST = 600  # seconds: waiting for something that never comes
 
 
 class Hang(BaseException):
-    """Told by the alarm."""
+    """Raised by the alarm."""
 
 
 def small(text: str) -> str:
-    """The same pipeline with few steps on every axis: planning takes the time of its cells, whatever their sizes."""
+    """Return the same pipeline with few steps on every axis: planning takes time per cell, whatever the size of the
+    cells.
+    """
     head, sweep, axes = text.partition("[sweep]")
     axes = re.sub(r"steps = \d+", "steps = 2", axes)
     return head + sweep + re.sub(r"= \[([^,\]]*, [^,\]]*), [^\]]*\]", r"= [\1]", axes)
@@ -141,7 +143,7 @@ def mutants(count: int, seed: int) -> Iterator[str]:
 
 
 def outcome(text: str) -> tuple[str, str]:
-    """What planning a text ends in, and what it says."""
+    """Return the outcome of planning a text, and its message."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")

@@ -72,22 +72,20 @@ def command(pipeline: Path, archive: Path, scheduler: str) -> list[str]:
 def interrupted(
     pipeline: Path, archive: Path, scheduler: str, sent: signal.Signals, wait: float, whole: float, again: int = 0
 ) -> Ended:
-    """Start a run, send it a signal after ``wait`` seconds (and ``again`` more soon after), see how it ends."""
+    """Start a run, send it a signal after ``wait`` seconds (and ``again`` more soon after), and return how it ends."""
     process = subprocess.Popen(
         command(pipeline, archive, scheduler),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(
-            signal.SIGINT, signal.SIG_DFL
-        ),  # a shell ignores it for what runs in the background
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # shells ignore it for background processes
     )
     time.sleep(wait)
     began = time.monotonic()
     for _ in range(1 + again):
         try:
-            os.killpg(process.pid, sent)  # as a terminal does: the workers too
+            os.killpg(process.pid, sent)  # to the workers too, as a terminal does
         except ProcessLookupError:
             break
         time.sleep(0.01 if again else 0)
@@ -95,15 +93,13 @@ def interrupted(
     seconds = time.monotonic() - began
     left = [str(path.name) for path in archive.rglob("*.partial")]
     left += [f"process {pid}" for pid in still(of_session(process.pid), 5.0)]
-    lines = [
-        line for line in said.splitlines() if not line.startswith("note: ")
-    ]  # what stages have to say stands there before
+    lines = [line for line in said.splitlines() if not line.startswith("note: ")]  # messages of stages may precede it
     return Ended(sent, wait / whole, process.returncode, lines, seconds, left)
 
 
 def same(first: Path, second: Path) -> bool:
-    """Whether every chunk of every stage of two archives is the same; times differ, and the order in which chunks
-    lie in a shard.
+    """Return whether every chunk of every stage of two archives is the same; times and the order of chunks in a shard
+    may differ.
     """
     files = [{path: data for path, data in store_of(folder).items() if _of_a_stage(path)} for folder in (first, second)]
     return bool(files[0]) and files[0] == files[1]
@@ -114,7 +110,7 @@ def _of_a_stage(path: str) -> bool:
 
 
 def measure(pipeline: Path, kills: int, scheduler: str, seed: int, again: int, place: Path) -> list[Ended]:
-    """So many interrupted runs, each followed by one that finishes it."""
+    """Interrupt this many runs, each followed by one that finishes it."""
     began = time.monotonic()
     subprocess.run(
         command(pipeline, place / "whole", scheduler), check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

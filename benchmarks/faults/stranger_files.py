@@ -19,7 +19,7 @@ import numpy as np
 from hostile_kinds import bank, pipeline_with, toml_of
 
 Make = Callable[[Path, Path], Path]
-OWNED = "owned.txt"  # in the folder outside: what a pickle would write
+OWNED = "owned.txt"  # in the folder outside: the file that a pickle would write
 SMALLEST = (Path(__file__).parents[2] / "pipelines" / "smallest.toml").read_text()
 
 
@@ -51,7 +51,7 @@ def jpeg(path: Path, exif: bytes = b"", size: tuple[int, int] = (8, 8), more: by
 
 
 def exif_loop() -> bytes:
-    """Directories of EXIF that name themselves as the one of the camera, of GPS, and as the next."""
+    """Return EXIF directories that name themselves as camera directory, GPS directory and next directory."""
     entries = (
         struct.pack("<HHII", 0x8769, 4, 1, 8)
         + struct.pack("<HHII", 0x8825, 4, 1, 8)
@@ -61,7 +61,7 @@ def exif_loop() -> bytes:
 
 
 def tiff(path: Path, tags: list[tuple[int, int, int, int]], more: bytes = b"") -> Path:
-    """Tags (number, type, count, value) in one directory."""
+    """Write tags (number, type, count, value) in one directory."""
     body = b"".join(struct.pack("<HHII", *tag) for tag in sorted(tags))
     path.write_bytes(struct.pack("<2sHIH", b"II", 42, 8, len(tags)) + body + struct.pack("<I", 0) + more)
     return path
@@ -78,14 +78,14 @@ def big_tiff(path: Path) -> Path:
 
 
 def deflated_tiff(path: Path) -> Path:
-    """A strip that unfolds to 1.5 GB, of a picture of 8 x 8."""
+    """Write a strip that expands to 1.5 GB, for a picture of 8 x 8."""
     data = unfolding_text()
     tags = [one for one in usual(8, 200, len(data)) if one[0] != 259]
     return tiff(path, [*tags, (259, 3, 1, 8)], bytes(200 - 10 - 12 * 9 - 4) + data)
 
 
 class Owns:
-    """A pickle that writes a file where it is read."""
+    """A pickle that writes a file when it is loaded."""
 
     def __init__(self, outside: Path) -> None:
         self.outside = outside
@@ -117,7 +117,7 @@ def npz_of(path: Path, parts: dict[str, bytes]) -> Path:
 
 
 def npz_of_many(path: Path) -> Path:
-    """Thirty arrays of 160 MB, each less than one that is refused."""
+    """Write thirty arrays of 160 MB, each below the size that is refused."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
         for number in range(30):
             with file.open(f"a{number}.npy", "w") as member:
@@ -130,7 +130,7 @@ def npz_of_many(path: Path) -> Path:
 
 
 def npz_that_lies(path: Path) -> Path:
-    """An entry that says it has 800 bytes in the directory, and unfolds to far more."""
+    """Write an entry that claims 800 bytes in the directory and expands to far more."""
     npz_of(
         path,
         {
@@ -173,7 +173,7 @@ def deep_groups(file: object) -> None:
 
 
 def mat5(path: Path, dims: tuple[int, int, int], deflated: bool = False) -> Path:
-    """MATLAB 5: an array that says its size."""
+    """Write a MATLAB 5 array that states its size."""
     name = b"cube\0\0\0\0"
     flags = struct.pack("<IIII", 6, 8, 6, 0)
     shape = struct.pack("<II", 5, 12) + struct.pack("<iii", *dims) + bytes(4)
@@ -231,7 +231,7 @@ def exr(path: Path, window: tuple[int, int, int, int], channels: int = 3) -> Pat
 
 
 def zarr_cube(folder: Path, **more: object) -> Path:
-    """A store for the stage radiance_cube, whose metadata may say anything."""
+    """Write a store for the stage radiance_cube with arbitrary metadata."""
     store = folder / "cube.zarr"
     (store / "radiance" / "c" / "0" / "0").mkdir(parents=True)
     (store / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group", "attributes": {}}')
@@ -306,7 +306,7 @@ def zarr_fifo(folder: Path, outside: Path) -> Path:
 
 
 def camera(**more: str) -> Make:
-    """The smallest pipeline with another value of the camera."""
+    """Return the smallest pipeline with another value of the camera."""
 
     def make(folder: Path, outside: Path) -> Path:
         text = SMALLEST
@@ -326,7 +326,7 @@ def swept(value: str) -> Make:
 
 
 def light(text: bytes | str) -> Make:
-    """A pipeline whose illuminant is a table."""
+    """Return a pipeline whose illuminant is a table."""
 
     def make(folder: Path, outside: Path) -> Path:
         written(folder / "light.csv", text)
@@ -345,7 +345,7 @@ def _lit(folder: Path) -> Path:
 
 
 def both(make: Callable[[Path], Path], name: str) -> Make:
-    """A pipeline with a picture, which is measured too."""
+    """Return a pipeline with a picture that is also measured."""
     return lambda folder, outside: pipeline_with(folder, "photograph", make(folder / name).name)
 
 

@@ -43,7 +43,7 @@ def text_edited(path: str, change: Callable[[str], str]) -> Act:
 
 
 def raw_line(*lines: str, times: int = 1) -> Act:
-    """Lines at the end of the journal, with the checksum they need."""
+    """Append lines to the journal, with valid checksums."""
 
     def act(archive: Path, outside: Path) -> None:
         with (archive / JOURNAL).open("ab") as file:
@@ -70,7 +70,7 @@ def manifest_text(change: Callable[[str], str]) -> Act:
 
 
 def before_the_end(more: str) -> Callable[[str], str]:
-    """A JSON document with a member more."""
+    """Add a member to a JSON document."""
     return lambda text: f"{text.rstrip()[:-1]},{more}}}"
 
 
@@ -82,7 +82,7 @@ DEEP = '"deep":' + '{"a":' * 100_000 + "1" + "}" * 100_000
 
 
 def chunk_of(name: str, body: Callable[[bytes], bytes]) -> Act:
-    """The one chunk of an array of the tables or coordinates, its checksum right."""
+    """Change the only chunk of an array of tables or coordinates, with a valid checksum."""
 
     def act(archive: Path, outside: Path) -> None:
         array = next(iter(sorted((archive / "data.zarr").glob(name))))
@@ -122,7 +122,7 @@ def one_long_text(body: bytes) -> bytes:
 
 
 def in_a_shard(change: Callable[[bytes], bytes]) -> Act:
-    """A chunk of a cell, with its checksums in shard and journal; it is put behind all others, the index says so."""
+    """Change a chunk of a cell, its checksums in shard and journal; it is put after all others, as the index says."""
 
     def act(archive: Path, outside: Path) -> None:
         journal = archive / JOURNAL
@@ -152,7 +152,7 @@ def in_a_shard(change: Callable[[bytes], bytes]) -> Act:
 
 
 def index_of(change: Callable[[np.ndarray], object]) -> Act:
-    """The index of a shard, its checksum right."""
+    """Change the index of a shard, with a valid checksum."""
 
     def act(archive: Path, outside: Path) -> None:
         place = sorted(archive.glob("data.zarr/adc/raw/c.*"))[0]
@@ -206,7 +206,7 @@ def links_in_a_ring(archive: Path, outside: Path) -> None:
 
 
 def hard_link(path: str) -> Act:
-    """A second name of a file outside: what is written to the archive must not be written there."""
+    """Give a file outside a second name in the archive: writing to the archive must not write to it."""
 
     def act(archive: Path, outside: Path) -> None:
         place = sorted(archive.glob(path))[0]
@@ -240,7 +240,7 @@ def bomb_for_the_sheet(archive: Path, outside: Path) -> None:
 
 
 def record_edited(change: Callable[[dict], object]) -> Act:
-    """The record of the last run, in the journal too."""
+    """Change the record of the last run, in the journal too."""
 
     def act(archive: Path, outside: Path) -> None:
         place = archive / "runs" / "0001.json"

@@ -29,11 +29,11 @@ class Lamp(Source):
 
 @dataclass(frozen=True, kw_only=True)
 class Toil(Stage):
-    """Light times a number, after a while; or not."""
+    """Light times a number, after a while; or misbehaviour."""
 
     reads: ClassVar = {"irradiance": LIGHT}
     writes: ClassVar = {"irradiance": LIGHT}
-    nanoseconds: ClassVar = 4e4  # 0.04 s a cell: about two in a batch
+    nanoseconds: ClassVar = 4e4  # 0.04 s per cell: about two per batch
     how: str = param("1", doc="a number, or in which way it misbehaves")
     pause: float = param(0.05, at_least=0, doc="seconds")
 
