@@ -197,7 +197,7 @@ def lengthened(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 
 def in_its_place(put: Callable[[Path, Path], object]) -> Act:
-    """Put something else in place of a chunk file; ``put`` gets its path, and that of the same file of another archive."""
+    """Put something else in place of a chunk file; ``put`` gets its path and that of the file in another archive."""
 
     def act(sound: Sound, archive: Path, draw: Draw) -> list[str]:
         path = draw.choice(sorted(sound.slots))
