@@ -86,7 +86,7 @@ def chart_patches(
     Raises
     ------
     ValueError
-        If the corners do not form a convex quadrilateral, or a patch has fewer than 5 x 5 pixels in its central part.
+        If three corners are collinear, or the central part of a patch is less than 5 pixels wide or high.
 
     Notes
     -----
