@@ -346,7 +346,7 @@ def simulate(
 
 
 def opened(outcome: Outcome, archive: str | Path | None) -> Any:
-    """The tree of a run, in memory or of its archive, lazily; with ``tree.etendue``."""
+    """Return the tree of a run, from memory or lazily from its archive; registers the accessor ``tree.etendue``."""
     from etendue.present.plots import accessor  # noqa: F401  # tree.etendue.plot
 
     if archive is None:

@@ -38,8 +38,8 @@ def silicon_band_gap(temperature_K: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Source: Varshni's form with Janesick's constants, 1.1557 - 7.021e-4 T^2 / (1108 + T). It gives 1.1109 eV at 300 K;
-    the textbook value is 1.12 eV.
+    Source: Varshni's form with Janesick's constants, 1.1557 - 7.021e-4 T^2 / (1108 + T); 1.1109 eV at 300 K, where
+    1.12 eV is the textbook value.
     """
     temperature = require.at_least_zero("temperature_K", np.asarray(temperature_K, dtype=float))
     return 1.1557 - 7.021e-4 * temperature**2 / (1108.0 + temperature)
@@ -64,7 +64,7 @@ def dark_current_factor(temperature_K: float, reference_K: float, doubling_K: fl
     Raises
     ------
     ValueError
-        If a temperature or the doubling is outside the range given above.
+        If a temperature or the doubling is outside the range named above.
 
     Notes
     -----
@@ -103,7 +103,7 @@ def read_noise_at_gain(before_gain: ArrayLike, after_gain: ArrayLike, analogue_g
     Raises
     ------
     ValueError
-        If an argument is outside the range given above.
+        If an argument is outside the range named above.
 
     Notes
     -----
@@ -236,7 +236,7 @@ def saturation_charge(full_well: float, gain_dn_per_electron: float, black_level
     """
     require.allowed(gain_dn_per_electron > 0, "gain_dn_per_electron", gain_dn_per_electron, "numbers above 0")
     if not 0 <= black_level < 2**bits - 1:
-        raise ValueError(f"black_level is {black_level!r} DN; it must be from 0 to below the top code {2**bits - 1}")
+        raise ValueError(f"black_level is {black_level!r} DN; allowed: 0 to below the top code {2**bits - 1}")
     return min(full_well, (2**bits - 1 - black_level) / gain_dn_per_electron)
 
 
@@ -264,12 +264,13 @@ def lowest_clipped_code(
     Raises
     ------
     ValueError
-        As for `saturation_charge`.
+        As `saturation_charge`.
 
     Notes
     -----
     A full well is rounded to a code like any charge; where it lies within 2**-8 DN below a step, the code below the
-    step is returned, since single precision may give it.
+    step
+    is returned, since single precision may give it.
     """
     filled = gain_dn_per_electron * saturation_charge(full_well, gain_dn_per_electron, black_level, bits)
     noisy = gain_dn_per_electron * max(full_well - 4 * sigma, 0.0)
