@@ -1,15 +1,15 @@
-"""One digest per array, whoever computes it: schedulers, workers, batches, hash seeds, killed and resumed, grown,
-compacted, in strips.
+"""Check that every array has the same digest, however it is computed and stored.
 
     python benchmarks/identity.py [--pipeline pipelines/smallest.toml] [--only threads]
 
-In:  a pipeline, run in every way of the table, each in a process of its own and an archive of its own.
-Out: the ways and their CPU seconds; then every array of the stages with its one digest, or the digests that differ and
-     by which ways. Exit code 1 if any do.
+In:  a pipeline, run in every way of the table, each in its own process and archive: schedulers, workers, batches, hash
+     seeds, killed and resumed, grown, compacted, in strips, in bands.
+Out: the ways and their CPU seconds; then every array of the stages with its digest, or the digests that differ and the
+     ways that give them. Exit code 1 if any differ.
 
-Compacted: the archive is written anew by `compact` and looked at there. Grown: a run of the value in the middle of
-every axis, then of all. Strips: frames of any size are worked in strips of eight rows behind the sensor, as frames
-above 2 Mpixel are. Bands: cells of any size are stored in bands of rows, as those above 64 MB are.
+Compacted: the archive is rewritten by `compact` and read there. Grown: a run of the middle value of every axis, then of
+all values. Strips: frames of any size are processed in strips of eight rows after the sensor, as frames above 2 Mpixel
+are. Bands: cells of any size are stored in bands of rows, as those above 64 MB are.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ TABLES = ("ledger", "summary", "frames")
 
 @dataclass(frozen=True)
 class Way:
-    """How a run is done."""
+    """One way to run the pipeline."""
 
     scheduler: str = "serial"
     workers: int = 1
     batch_seconds: float = 0.1
     hash_seed: int = 0
-    killed: bool = False  # killed -9 under way, and run again
+    killed: bool = False  # killed with kill -9 during the run, then run again
     grown: bool = False
     compacted: bool = False
     strips: bool = False
@@ -109,7 +109,7 @@ def once(pipeline: Path, archive: Path, way: Way, overrides: dict[str, Any]) -> 
 
 
 def run(pipeline: Path, archive: Path, way: Way) -> Path:
-    """One way, to its end: where the archive is. One that is killed has finished some cells by then and not all.
+    """Run the pipeline in one way and return its archive. A run is killed once it has finished some of its cells.
 
     Raises
     ------
@@ -153,8 +153,8 @@ def ended(process: subprocess.Popen[bytes], way: Way) -> None:
 
 
 def digests(archive: Path) -> Iterator[tuple[str, str]]:
-    """Every array of the stages and its digest; the only shape of a stage has no name, since what has grown stands
-    in the stage's group.
+    """Yield every array of the stages with its digest; the only shape of a stage is not named, because grown archives
+    store it in the stage's own group.
     """
     import xarray
 
@@ -173,7 +173,7 @@ def digests(archive: Path) -> Iterator[tuple[str, str]]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pipeline", type=Path, default=ROOT / "pipelines" / "smallest.toml")
-    parser.add_argument("--only", nargs="*", help="schedulers, held against one serial run")
+    parser.add_argument("--only", nargs="*", help="schedulers to compare with one serial run")
     given = parser.parse_args()
     found: dict[str, dict[str, list[Way]]] = {}
     ways = [way for way in WAYS if not given.only or way == Way() or way.scheduler in given.only]
@@ -190,7 +190,7 @@ def main() -> int:
         one += not others and len(agree) == len(ways)
         for digest, differ in others:
             print(f"{'':40s} {digest} by {'; '.join(map(str, differ))}")
-    print(f"{one} of {len(found)} arrays have one digest in {len(ways)} ways")
+    print(f"{one} of {len(found)} arrays have the same digest in all {len(ways)} ways")
     return 0 if one == len(found) else 1
 
 

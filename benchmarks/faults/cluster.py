@@ -1,14 +1,12 @@
-"""What can go wrong on a Dask cluster: workers killed, cells that kill, hang or take too much, workers that differ,
-lost schedulers.
+"""Faults of a Dask cluster: killed workers, misbehaving cells, differing workers, lost schedulers.
 
-    python benchmarks/faults/cluster.py --count 60            # all of it, 60 kills of workers and 60 of owners
+    python benchmarks/faults/cluster.py --count 60            # everything, 60 kills of workers and 60 of owners
     python benchmarks/faults/cluster.py --only killed poison
 
-In:  processes on loopback that stand for machines; a plugin whose cells take a while (`toil.py`).
-Out: a table fault | expected | seen, with counts; exit code 1 where they differ. Every fault is followed by the same
-     command on a sound
-cluster: the archive must hold the arrays of an undisturbed run (`mended`), no half-written file, and no process may be
-left.
+In:  processes on loopback that act as machines; a plugin with slow cells (`toil.py`).
+Out: a table: fault | expected | as expected, with counts; exit code 1 if they differ. After every fault the same
+     command runs again on a sound cluster: the archive must then hold the arrays of an undisturbed run (`mended`) and
+     no half-written file, and no process may be left.
 """
 
 from __future__ import annotations
@@ -43,12 +41,12 @@ PROGRAM = (
 IMPATIENT, PATIENT = (
     6.0,
     60.0,
-)  # seconds without a worker until a run is given up: where none will come, and where one is started anew
+)  # seconds without a worker until a run gives up: if none will come, and if one is restarted
 NUMBERS = tuple(str(n) for n in range(1, 41))
 
 
 class Place:
-    """A folder with the pipeline and the plugin, and what an undisturbed run gives."""
+    """A folder with the pipeline and the plugin, and the results of an undisturbed run."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -66,9 +64,7 @@ class Place:
         return [*program, "run", "file.toml", "--sweep", sweep, "--json", "--quiet", "--archive", archive, *words]
 
     def start(self, hows: tuple[str, ...], archive: str, *words: str) -> subprocess.Popen[str]:
-        heard = partial(
-            signal.signal, signal.SIGINT, signal.SIG_DFL
-        )  # a shell ignores it for what it runs in the background
+        heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # shells ignore it for background processes
         pipes = {
             "stdout": subprocess.PIPE,
             "stderr": subprocess.PIPE,
@@ -85,7 +81,7 @@ class Place:
         )
 
     def begun(self, archive: str, cells: int = 6) -> bool:
-        """Wait until so many cells are finished."""
+        """Wait until this many cells are finished."""
         journal, until = self.folder / archive / "journal.jsonl", time.monotonic() + 60
         while time.monotonic() < until:
             if journal.exists() and journal.read_text(errors="replace").count('"done"') >= cells:
@@ -94,12 +90,12 @@ class Place:
         return False
 
     def same(self, archive: str) -> bool:
-        """Whether an archive holds the arrays of the undisturbed run, and nothing half-written."""
+        """Return whether an archive holds the arrays of the undisturbed run, and no half-written file."""
         return arrays(self.folder / archive) == self.whole and not list((self.folder / archive).rglob("*.partial"))
 
 
 def arrays(archive: Path) -> dict[str, str]:
-    """A digest of every array of the stages, by number: what the sweep holds beside them does not count."""
+    """Return a digest of every array of the stages; other contents of the archive are ignored."""
     import xarray
 
     found = {}
@@ -112,12 +108,12 @@ def arrays(archive: Path) -> dict[str, str]:
 
 
 def unless(what: str, right: bool) -> str:
-    """What was seen, unless it is as expected."""
+    """Return what happened, or '' if it is as expected."""
     return "" if right else what
 
 
 def ended(process: subprocess.CompletedProcess[str], code: int, *words: str) -> tuple[str, bool]:
-    """The exit code and the one line that was said; whether both are as expected."""
+    """Return the exit code with the single line of output, and whether both are as expected."""
     lines = [line for line in process.stderr.splitlines() if not line.startswith("note: ")]
     right = (
         process.returncode == code
@@ -128,7 +124,7 @@ def ended(process: subprocess.CompletedProcess[str], code: int, *words: str) -> 
 
 
 def failed(process: subprocess.CompletedProcess[str], how: str, *words: str) -> tuple[str, bool]:
-    """Whether the cell that misbehaves has failed, in these words, and no other."""
+    """Return whether the misbehaving cell, and no other, has failed with this message."""
     try:
         told = {f["cell"][1]["toil_how"]: f["message"] for f in json.loads(process.stdout)["failures"]}
     except (ValueError, KeyError):
@@ -143,8 +139,8 @@ def in_time(process: subprocess.Popen[str]) -> subprocess.CompletedProcess[str]:
 
 
 def killed_workers(place: Place, chance: random.Random, count: int) -> Iterator[Seen]:
-    """Workers killed at random instants of runs, until the count is reached."""
-    seen = Seen("worker killed at a random instant", "exit 0, the same arrays")
+    """Kill workers at random instants of runs, until the count is reached."""
+    seen = Seen("worker killed at a random instant", "exit 0, identical arrays")
     kills = 0
     with cluster(place.folder, place.env) as there:
         while kills < count:
@@ -164,8 +160,10 @@ def killed_workers(place: Place, chance: random.Random, count: int) -> Iterator[
 
 
 def killed_owners(place: Place, chance: random.Random, count: int) -> Iterator[Seen]:
-    """The owner of a run killed at random instants, with two workers of its own; the same command again."""
-    seen = Seen("owner of --scheduler distributed killed -9, run again", "exit 0, the same arrays, nothing left")
+    """Kill the owner of a run with two workers of its own at random instants, then run the same command again."""
+    seen = Seen(
+        "owner of --scheduler distributed killed -9, then rerun", "exit 0, identical arrays, nothing left behind"
+    )
     words = ("--scheduler", "distributed", "--workers", "2")
     began = time.monotonic()
     place.run(NUMBERS, "o", *words)
@@ -173,7 +171,7 @@ def killed_owners(place: Place, chance: random.Random, count: int) -> Iterator[S
     shutil.rmtree(place.folder / "o")
     for number in range(count):
         process = place.start(NUMBERS, "o", *words)
-        if number % 2:  # the start of a cluster is the longer part of a short run
+        if number % 2:  # starting a cluster takes most of a short run
             place.begun("o", chance.randrange(1, 2 * len(NUMBERS)))
         else:
             time.sleep(whole * (number + chance.random()) / count)
@@ -189,11 +187,11 @@ def killed_owners(place: Place, chance: random.Random, count: int) -> Iterator[S
 
 
 def bad_cells(place: Place, *_: object) -> Iterator[Seen]:
-    """Cells that kill their worker, take more memory than it may hold, or hang: each fails alone, in words."""
+    """Run cells that kill their worker, exceed its memory, or hang: each fails alone, with a message."""
     cases: tuple[tuple[str, str, str, tuple[str, ...]], ...] = (
         ("cell that calls os._exit", "leaves", "os._exit(7)", ()),
-        ("poison cell (ends its worker)", "is killed", "every worker that computed it died", ()),
-        ("cell beyond the worker's memory", "grows", "more memory than a worker may hold (0.40 GB)", ()),
+        ("cell that kills its worker", "is killed", "every worker that computed it died", ()),
+        ("cell that exceeds its worker's memory", "grows", "more memory than a worker may hold (0.40 GB)", ()),
         ("cell that hangs", "hangs", "no answer within 2 s", ("--cell-timeout", "2")),
     )
     for where in ("tcp", "own"):
@@ -203,11 +201,11 @@ def bad_cells(place: Place, *_: object) -> Iterator[Seen]:
                 address = stack.enter_context(cluster(place.folder, place.env, 2, "--memory-limit", "400MB")).address
             for fault, how, words, more in cases:
                 if where == "own" and how in ("grows", "leaves"):
-                    # its workers may hold a share of the machine's memory, which others use; a guard is alike anywhere
+                    # its workers may use a share of the memory that others use too; the limit works alike everywhere
                     continue
                 seen = Seen(
                     f"{fault}, {address if where == 'own' else 'tcp://'}",
-                    "exit 3, that cell alone, the same other arrays",
+                    "exit 3, only that cell fails, other arrays identical",
                 )
                 done = place.run(
                     (*NUMBERS[:20], how, *NUMBERS[20:]), "b", "--scheduler", address, "--workers", "2", *more
@@ -219,7 +217,7 @@ def bad_cells(place: Place, *_: object) -> Iterator[Seen]:
 
 
 def lost_schedulers(place: Place, *_: object) -> Iterator[Seen]:
-    """A scheduler that is not there, has no workers, loses them all, or dies."""
+    """Use a scheduler that is missing, has no workers, loses them all, or dies."""
     address = f"tcp://127.0.0.1:{free_port()}"
     seen = Seen("no scheduler", "exit 5, one line")
     seen.count(unless(*ended(place.run(NUMBERS, "s", "--scheduler", address), 5, "no Dask scheduler answers there")))
@@ -247,7 +245,7 @@ def lost_schedulers(place: Place, *_: object) -> Iterator[Seen]:
         there.add()
         there.wait_for(2)
         yield mended(place, seen, there.address)
-        seen = Seen("scheduler killed -9, started again", "exit 5, one line; then exit 0")
+        seen = Seen("scheduler killed -9, restarted", "exit 5, one line; then exit 0")
         process = place.start(NUMBERS, "s", "--scheduler", there.address)
         place.begun("s")
         there.scheduler.kill()
@@ -258,7 +256,7 @@ def lost_schedulers(place: Place, *_: object) -> Iterator[Seen]:
         there.add()
         there.wait_for(2)
         yield mended(place, seen, there.address)
-    seen = Seen("scheduler killed -9, on with threads", "exit 5, one line; then exit 0")
+    seen = Seen("scheduler killed -9, continued with threads", "exit 5, one line; then exit 0")
     with cluster(place.folder, place.env) as there:
         process = place.start(NUMBERS, "s", "--scheduler", there.address)
         place.begun("s")
@@ -269,7 +267,7 @@ def lost_schedulers(place: Place, *_: object) -> Iterator[Seen]:
 
 
 def mended(place: Place, seen: Seen, scheduler: str) -> Seen:
-    """The same command again ends with the archive of an undisturbed run."""
+    """Run the same command again; it must complete the archive of an undisturbed run."""
     done = place.run(NUMBERS, "s", "--scheduler", scheduler)
     what, right = ended(done, 0)
     if not (right and place.same("s")):
@@ -279,7 +277,7 @@ def mended(place: Place, seen: Seen, scheduler: str) -> Seen:
 
 
 def strangers(place: Place, *_: object) -> Iterator[Seen]:
-    """Workers that would give other bits, or do not see the archive: refused by name, early and late."""
+    """Use workers that would give other bits, or do not see the archive: they are refused by name, early and late."""
     without = place.folder / "without"
     without.mkdir()
     (without / "sitecustomize.py").write_text("import sys\nsys.modules['etendue'] = None\n")
@@ -288,19 +286,19 @@ def strangers(place: Place, *_: object) -> Iterator[Seen]:
     (place.folder / "x").mkdir()
     cases = [
         (
-            "worker with another numpy",
+            "worker with a different numpy",
             environment(fake(place.folder / "n", "numpy", "1.0"), place.site),
             (),
             "numpy 1.0 (here",
         ),
         (
-            "worker with another etendue",
+            "worker with a different etendue",
             environment(fake(place.folder / "e", "etendue", "9.0"), place.site),
             (),
             "etendue 9.0 (here",
         ),
         (
-            "worker with another plugin",
+            "worker with a different plugin",
             environment(other),
             (),
             "different code of the stage Toil in toil 1.1 (here toil 1.0)",
@@ -310,7 +308,7 @@ def strangers(place: Place, *_: object) -> Iterator[Seen]:
         ("worker that does not see the archive", place.env, hidden, "no archive at"),
     ]
     for fault, env, before, words in cases:
-        seen = Seen(fault, "exit 5, named; without it exit 0")
+        seen = Seen(fault, "exit 5, worker named; without it exit 0")
         with cluster(place.folder, place.env, 1) as there:
             there.add(env=env, before=before)
             there.wait_for(2)
@@ -326,7 +324,7 @@ def strangers(place: Place, *_: object) -> Iterator[Seen]:
             seen.count(unless(f"then {ended(done, 0)[0]}", ended(done, 0)[1] and place.same("x/s")))
         shutil.rmtree(place.folder / "x" / "s", ignore_errors=True)
         yield seen
-    seen = Seen("such a worker joins a run under way", "exit 5, named; without it exit 0")
+    seen = Seen("such a worker joins during a run", "exit 5, worker named; without it exit 0")
     with cluster(place.folder, place.env, 1) as there:
         process = place.start(
             NUMBERS, "s", "--scheduler", there.address, "--set", "toil.pause=0.8"
@@ -340,9 +338,11 @@ def strangers(place: Place, *_: object) -> Iterator[Seen]:
 
 
 def signalled(place: Place, chance: random.Random, count: int) -> Iterator[Seen]:
-    """Ctrl-C and SIGTERM to the whole session of a run with workers of its own."""
+    """Send Ctrl-C and SIGTERM to the whole session of a run with workers of its own."""
     for sent, code in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
-        seen = Seen(f"{sent.name} with --scheduler distributed", f"exit {code}, one line, nothing left; then exit 0")
+        seen = Seen(
+            f"{sent.name} with --scheduler distributed", f"exit {code}, one line, nothing left behind; then exit 0"
+        )
         for _ in range(max(1, count // 20)):
             process = place.start(NUMBERS, "s", "--scheduler", "distributed", "--workers", "2")
             place.begun("s", chance.randint(0, 30))
@@ -367,7 +367,7 @@ FAULTS: dict[str, Callable[[Place, random.Random, int], Iterator[Seen]]] = {
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=20, help="kills of workers, and of owners")
+    parser.add_argument("--count", type=int, default=20, help="number of kills, of workers and of owners each")
     parser.add_argument("--only", nargs="*", choices=FAULTS, default=list(FAULTS))
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()

@@ -1,9 +1,8 @@
-"""Every camera quantity and every parameter of every stage at the ends of its range, one at a time, in a tiny camera
-that runs.
+"""Run a tiny camera with each quantity and each stage parameter at the ends of its range, one at a time.
 
-In:  `camera`, names of stages, or nothing: all (some ten minutes).
-Out: a line for each corner that is not planned and run, nor refused by the plan: failed cells, tracebacks, warnings,
-     more than 10 s; then the counts.
+In:  `camera`, names of stages, or nothing: all (about ten minutes).
+Out: a line for each corner that neither runs nor is refused by the plan: failed cells, tracebacks, warnings, more than
+     10 s; then the counts.
 
     python benchmarks/faults/corners.py camera
 """
@@ -47,11 +46,11 @@ SLOWEST = 10  # seconds
 
 
 class Slow(BaseException):
-    """Told by the alarm."""
+    """Raised by the alarm."""
 
 
 def tiny() -> dict[str, Any]:
-    """The smallest pipeline on 16 x 16 pixels, without a sweep."""
+    """Return the smallest pipeline on 16 x 16 pixels, without a sweep."""
     document = tomllib.loads(SMALLEST.read_text(encoding="utf-8"))
     document["sweep"] = {}
     document["camera"] |= {"pixel_pitch": 5.4, "integration_time": 0.004, "f_number": 2.8}
@@ -61,7 +60,7 @@ def tiny() -> dict[str, Any]:
 
 
 def holding(use: str, extra: dict[str, Any]) -> dict[str, Any]:
-    """The tiny camera with a stage in its place, or behind everything."""
+    """Return the tiny camera with a stage in its place, or after all others."""
     document = tiny()
     stages, kind = document["stages"], installed_stages().load(use)
     uses = [stage["use"] for stage in stages]
@@ -103,7 +102,7 @@ def holding(use: str, extra: dict[str, Any]) -> dict[str, Any]:
 
 
 def corners(parameter: Parameter, kind: Any) -> list[Any]:
-    """Values at the ends of what a parameter allows; where it has no end, numbers that no camera has."""
+    """Return values at the ends of what a parameter allows; if it has no end, numbers that no camera has."""
     if kind is bool:
         return [True, False]
     several = get_origin(kind) is tuple
@@ -133,7 +132,9 @@ def corners(parameter: Parameter, kind: Any) -> list[Any]:
 
 
 def outcome(document: dict[str, Any]) -> tuple[str, str]:
-    """What becomes of a pipeline: ran, refused, machine (too large), failed (a cell, in words), or a fault of ours."""
+    """Return the outcome of a pipeline: ran, refused, machine (too large), failed (a cell, with a message), or a fault
+    of ours.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -157,7 +158,7 @@ def outcome(document: dict[str, Any]) -> tuple[str, str]:
 
 
 def cases(names: list[str]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Every corner of the camera and of some stages: its name and the pipeline."""
+    """Yield every corner of the camera and of some stages: its name and the pipeline."""
     registry = installed_stages()
     if "camera" in names:
         kinds = {

@@ -1,7 +1,7 @@
-"""Kinds of damage to an archive: what may happen to its files, by accident or on purpose.
+"""Kinds of damage to an archive: changes of its files, accidental or deliberate.
 
-In:  a sound archive, a copy of it, a source of chance.
-Out: the copy is damaged; the paths that have to be named.
+In:  a sound archive, a copy of it, a random generator.
+Out: the copy is damaged; the paths that must be named.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SHARD, SCALAR = "data.zarr/irradiance/irradiance/c.0.0.0.0", "data.zarr/lens_num
 # --------------------------------------------------------------------------------------------------
 
 Draw = random.Random
-Act = Callable[["Sound", Path, Draw], list[str]]  # gives the paths that have to be named
+Act = Callable[["Sound", Path, Draw], list[str]]  # returns the paths that must be named
 
 
 def flip(path: Path, draw: Draw, start: int = 0, end: int | None = None) -> None:
@@ -110,7 +110,7 @@ def edited_chunk(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 
 def swapped_chunks(sound: Sound, archive: Path, draw: Draw) -> list[str]:
-    """Two chunks of one shard, of the same size, in each other's place."""
+    """Swap two chunks of one shard that have the same size."""
     pairs = []
     for path in sound.shards():
         own = sound.in_file(path)
@@ -129,7 +129,7 @@ def swapped_chunks(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 
 def swapped_shards(sound: Sound, archive: Path, draw: Draw) -> list[str]:
-    """Two files of chunks in each other's place."""
+    """Swap two chunk files."""
     files = [path for path in sorted(sound.slots) if "/mosaic/" in path or "/exposure/" in path or path == SHARD]
     one, other = draw.sample(files, 2)
     a, b = (archive / one).read_bytes(), (archive / other).read_bytes()
@@ -139,7 +139,7 @@ def swapped_shards(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 
 def foreign_shard(sound: Sound, archive: Path, draw: Draw) -> list[str]:
-    """The shard of another archive of the same pipeline, with other numbers."""
+    """Put in the shard of another archive of the same pipeline, with other numbers."""
     there = [
         p
         for p in sound.shards()
@@ -167,7 +167,7 @@ def flipped_index(own: bytearray, slots: int, draw: Draw) -> bytes:
 
 
 def swapped_index(own: bytearray, slots: int, draw: Draw) -> bytes:
-    """Two chunks exchanged, under a right checksum."""
+    """Swap two chunks in the index, with a valid checksum."""
     table = np.frombuffer(bytes(own[:-4]), "<u8").reshape(-1, 2).copy()
     there = [n for n in range(len(table)) if table[n, 0] != 2**64 - 1]
     a, b = draw.sample(there, 2)
@@ -176,7 +176,7 @@ def swapped_index(own: bytearray, slots: int, draw: Draw) -> bytes:
 
 
 def forgotten_index(own: bytearray, slots: int, draw: Draw) -> bytes:
-    """A chunk said to be missing, under a right checksum: plain Zarr reads fill values."""
+    """Mark a chunk as missing, with a valid checksum: plain Zarr reads fill values."""
     table = np.frombuffer(bytes(own[:-4]), "<u8").reshape(-1, 2)
     there = [n for n in range(len(table)) if table[n, 0] != 2**64 - 1]
     gone = draw.choice(there)
@@ -197,9 +197,7 @@ def lengthened(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 
 def in_its_place(put: Callable[[Path, Path], object]) -> Act:
-    """Something else in the place of a file of chunks; ``put`` is told where, and of the same file of another
-    archive.
-    """
+    """Put something else in place of a chunk file; ``put`` gets its path and that of the file in another archive."""
 
     def act(sound: Sound, archive: Path, draw: Draw) -> list[str]:
         path = draw.choice(sorted(sound.slots))
@@ -224,7 +222,7 @@ def lost_array(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 
 def small_array(path: str, change: Callable[[np.ndarray], object], dtype: str) -> Act:
-    """Other numbers of a coordinate, status or table, under a right checksum."""
+    """Change numbers of a coordinate, status or table, with a valid checksum."""
 
     def act(sound: Sound, archive: Path, draw: Draw) -> list[str]:
         file = archive / path
@@ -278,14 +276,14 @@ def flip_line(lines: list[bytes], at: int, draw: Draw) -> None:
 
 
 def swap_keys(lines: list[bytes], at: int, draw: Draw) -> None:
-    """A line with another key, under a right checksum."""
+    """Change the key in a line, with a valid checksum."""
     line = re.sub(rb'"key":"(.)', lambda m: b'"key":"' + (b"0" if m[1] != b"0" else b"1"), lines[at])
     body = re.sub(rb',"sum":"[0-9a-f]{8}"\}\n$', b"}", line)
     lines[at] = body[:-1] + b',"sum":"%08x"}\n' % zlib.crc32(body)
 
 
 def early(lines: list[bytes], at: int, draw: Draw) -> None:
-    """A line moved in front of the one that said that its cell was begun."""
+    """Move a line before the one that says that its cell was begun."""
     lines.insert(0, lines.pop(at))
 
 
@@ -327,7 +325,7 @@ def added(*paths: str) -> Act:
 
 
 def added_array(sound: Sound, archive: Path, draw: Draw) -> list[str]:
-    """An array of somebody else in one of our groups."""
+    """Add a foreign array to one of our groups."""
     source, target = "data.zarr/irradiance/irradiance", "data.zarr/irradiance/mine"
     shutil.copytree(archive / source, archive / target)
     return [f"{target}/zarr.json"]
@@ -348,80 +346,80 @@ def two_shards(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 META, RECORD = "data.zarr/irradiance/irradiance/zarr.json", "runs/0002.json"
 KINDS: dict[str, Act] = {
-    "a bit of a chunk": bit_in_chunk,
-    "a bit of its checksum": bit_in_checksum,
-    "every byte of a chunk": random_bytes,
-    "a chunk edited, checksum right": edited_chunk,
-    "a bit of a single number": a_bit_of(SCALAR),
+    "bit flipped in a chunk": bit_in_chunk,
+    "bit flipped in a chunk's checksum": bit_in_checksum,
+    "chunk overwritten at random": random_bytes,
+    "chunk edited, checksum valid": edited_chunk,
+    "bit flipped in a single number": a_bit_of(SCALAR),
     "two chunks swapped": swapped_chunks,
     "two shards swapped": swapped_shards,
-    "a shard of another archive": foreign_shard,
-    "a bit of an index": index(flipped_index),
-    "two places of an index swapped": index(swapped_index),
-    "an index that forgets a chunk": index(forgotten_index),
-    "a shard cut": cut_shard,
-    "a file of chunks emptied": in_its_place(lambda path, other: path.touch()),
-    "a shard lengthened": lengthened,
-    "a file of chunks lost": lost_file,
-    "an array lost": lost_array,
-    "a folder for a file of chunks": in_its_place(lambda path, other: path.mkdir()),
-    "a link for a file of chunks": in_its_place(Path.symlink_to),
-    "a bit of an array's metadata": a_bit_of(META, "data.zarr/lens_numbers/hyperfocal_distance/zarr.json"),
-    "an array's metadata lost": removed(META, "data.zarr/scene/wavelength/zarr.json"),
-    "a unit edited": edited(META, lambda d: d["attributes"].update(units="lux")),
-    "a shape edited": edited(META, lambda d: d["shape"].__setitem__(0, 1)),
-    "dims exchanged": edited(META, lambda d: d.update(dimension_names=d["dimension_names"][::-1])),
-    "a fill value edited": edited(META, lambda d: d.update(fill_value=0.0)),
-    "a group's metadata lost": removed(
+    "shard of another archive": foreign_shard,
+    "bit flipped in an index": index(flipped_index),
+    "two index entries swapped": index(swapped_index),
+    "chunk missing from an index": index(forgotten_index),
+    "shard truncated": cut_shard,
+    "chunk file emptied": in_its_place(lambda path, other: path.touch()),
+    "shard lengthened": lengthened,
+    "chunk file deleted": lost_file,
+    "array deleted": lost_array,
+    "folder in place of a chunk file": in_its_place(lambda path, other: path.mkdir()),
+    "link in place of a chunk file": in_its_place(Path.symlink_to),
+    "bit flipped in array metadata": a_bit_of(META, "data.zarr/lens_numbers/hyperfocal_distance/zarr.json"),
+    "array metadata deleted": removed(META, "data.zarr/scene/wavelength/zarr.json"),
+    "unit edited": edited(META, lambda d: d["attributes"].update(units="lux")),
+    "shape edited": edited(META, lambda d: d["shape"].__setitem__(0, 1)),
+    "dims swapped": edited(META, lambda d: d.update(dimension_names=d["dimension_names"][::-1])),
+    "fill value edited": edited(META, lambda d: d.update(fill_value=0.0)),
+    "group metadata deleted": removed(
         "data.zarr/scene/zarr.json", "data.zarr/pixel/zarr.json", "data.zarr/ledger/zarr.json"
     ),
-    "a bit of the root's metadata": a_bit_of("data.zarr/zarr.json"),
-    "an array gone from the root": edited(
+    "bit flipped in root metadata": a_bit_of("data.zarr/zarr.json"),
+    "array missing from root metadata": edited(
         "data.zarr/zarr.json", lambda d: d["consolidated_metadata"]["metadata"].pop("irradiance/irradiance")
     ),
-    "a bit of a coordinate": a_bit_of("data.zarr/irradiance/f_number/c/0", "data.zarr/scene/wavelength/c/0"),
-    "a coordinate lost": removed("data.zarr/irradiance/f_number/c/0", "data.zarr/scene/wavelength/c/0"),
-    "a coordinate edited, checksum right": small_array("data.zarr/irradiance/f_number/c/0", first(3.0), "<f8"),
-    "a bit of a text coordinate": a_bit_of("data.zarr/pixel/4x4/back/c/0"),
-    "a status edited, checksum right": small_array("data.zarr/irradiance/status/c/0", first(4), "|u1"),
-    "a bit of a table": a_bit_of(
+    "bit flipped in a coordinate": a_bit_of("data.zarr/irradiance/f_number/c/0", "data.zarr/scene/wavelength/c/0"),
+    "coordinate deleted": removed("data.zarr/irradiance/f_number/c/0", "data.zarr/scene/wavelength/c/0"),
+    "coordinate edited, checksum valid": small_array("data.zarr/irradiance/f_number/c/0", first(3.0), "<f8"),
+    "bit flipped in a text coordinate": a_bit_of("data.zarr/pixel/4x4/back/c/0"),
+    "status edited, checksum valid": small_array("data.zarr/irradiance/status/c/0", first(4), "|u1"),
+    "bit flipped in a table": a_bit_of(
         "data.zarr/ledger/key/c/0", "data.zarr/ledger/error/c/0", "data.zarr/summary/stage/c/0"
     ),
-    "a time edited, checksum right": small_array("data.zarr/ledger/seconds/c/0", first(9.0), "<f8"),
+    "time edited, checksum valid": small_array("data.zarr/ledger/seconds/c/0", first(9.0), "<f8"),
     "two columns swapped": swapped_columns,
-    "a bit of the pictures": a_bit_of("data.zarr/frames/preview/c/0/0/0/0", "contact_sheet.png"),
-    "a bit of a cell's line": of_event("done", flip_line),
-    "a cell's line lost": of_event("done", drop),
-    "a line edited, checksum right": of_event("done", swap_keys),
-    "a line moved": of_event("done", early),
-    "a line of a shard lost": of_event("shard", drop),
-    "a line of an axis lost": of_event("axes", drop),
-    "a line of blocks lost": of_event("blocks", drop),
-    "a bit of any other line": of_event("arrays", flip_line),
-    "a journal cut": torn,
-    "the journal lost": no_journal,
-    "a bit of the manifest": a_bit_of("manifest.json"),
-    "the manifest lost": removed("manifest.json"),
-    "a bit of a record": a_bit_of(RECORD, "runs/0001.json", "runs/0001.toml", "runs/0002.toml"),
-    "a record lost": removed(RECORD, "runs/0001.json", "runs/0001.toml", "runs/0002.toml"),
-    "a record edited": edited(RECORD, lambda d: d["platform"].update(numpy="0.0.1")),
-    "a bit of an input": input_changed,
-    "an input lost": input_lost,
-    "an input added": added("inputs/mine.csv", "inputs/" + "0" * 64 + ".csv"),
-    "the crate, the citation": a_bit_of("ro-crate-metadata.json", "CITATION.cff"),
-    "the crate or citation lost": removed("ro-crate-metadata.json", "CITATION.cff"),
+    "bit flipped in the pictures": a_bit_of("data.zarr/frames/preview/c/0/0/0/0", "contact_sheet.png"),
+    "bit flipped in a cell's line": of_event("done", flip_line),
+    "cell's line deleted": of_event("done", drop),
+    "line edited, checksum valid": of_event("done", swap_keys),
+    "line moved": of_event("done", early),
+    "line of a shard deleted": of_event("shard", drop),
+    "line of an axis deleted": of_event("axes", drop),
+    "line of blocks deleted": of_event("blocks", drop),
+    "bit flipped in any other line": of_event("arrays", flip_line),
+    "journal truncated": torn,
+    "journal deleted": no_journal,
+    "bit flipped in the manifest": a_bit_of("manifest.json"),
+    "manifest deleted": removed("manifest.json"),
+    "bit flipped in a record": a_bit_of(RECORD, "runs/0001.json", "runs/0001.toml", "runs/0002.toml"),
+    "record deleted": removed(RECORD, "runs/0001.json", "runs/0001.toml", "runs/0002.toml"),
+    "record edited": edited(RECORD, lambda d: d["platform"].update(numpy="0.0.1")),
+    "bit flipped in an input": input_changed,
+    "input deleted": input_lost,
+    "input added": added("inputs/mine.csv", "inputs/" + "0" * 64 + ".csv"),
+    "bit flipped in crate or citation": a_bit_of("ro-crate-metadata.json", "CITATION.cff"),
+    "crate or citation deleted": removed("ro-crate-metadata.json", "CITATION.cff"),
     "measured errors edited": edited("measured.json", lambda d: d["key"].update(error=0.5)),
-    "the owner's name": a_bit_of("run.id"),
-    "a lock with content": filled_lock,
-    "a chunk added": added(
+    "bit flipped in the owner's name": a_bit_of("run.id"),
+    "content written to the lock": filled_lock,
+    "chunk added": added(
         "data.zarr/irradiance/irradiance/c.9.0.0.0", "data.zarr/mosaic/4x4/raw_charge/c.7", "data.zarr/scene/c"
     ),
-    "a file added to a group": added(
+    "file added to a group": added(
         "data.zarr/irradiance/notes.txt", "data.zarr/ledger/x", "data.zarr/x", "runs/0009.json"
     ),
-    "an array added to a group": added_array,
-    "left half written": added(
+    "array added to a group": added_array,
+    "half-written files left": added(
         "data.zarr/scene/.zarr.json.1.2.partial", "data.zarr/irradiance/irradiance/.c.0.0.0.0.0123456789ab.part"
     ),
-    "three at once": two_shards,
+    "three damages at once": two_shards,
 }

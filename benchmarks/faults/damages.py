@@ -1,14 +1,14 @@
-"""Every kind of damage to an archive, many times: is it found, named, and repaired with only what is damaged computed?
+"""Damage an archive in every way, many times: is the damage found, named and repaired?
 
 In:  how many of each kind (default 20), a seed; kinds by name.
-Out: a row a kind: how often it was found, named and repaired, cells that were lost and cells that were computed. What
-     failed stands behind the table; the exit code is then 1.
+Out: a row per kind: how often it was found, named and repaired, the cells lost and the cells computed. Failures are
+     listed below the table; the exit code is then 1.
 
     python benchmarks/faults/damages.py --count 20
 
-What is lost is known without etendue: cells of which a stored byte, or the line that vouches for it, is no longer the
-one of the sound archive. Repaired means: ``verify`` finds nothing, every array of every cell has the bits it had, and
-every file of the store that holds no measured time and no chunk of a cell has the bytes it had.
+What is lost is determined without etendue: cells of which a stored byte, or the journal line that confirms it, differs
+from the sound archive. Repaired means: ``verify`` finds nothing, every array of every cell has its original bits, and
+so has every file of the store that holds neither measured times nor chunks of cells. Only lost cells may be computed.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ TIMES = ("data.zarr/ledger/seconds/", "data.zarr/summary/seconds/")
 
 @dataclass
 class Sound:
-    """An undamaged archive, and what stands where in it."""
+    """An undamaged archive, and the places of its contents."""
 
     folder: Path
     source: Path
@@ -88,11 +88,11 @@ class Sound:
     slots: dict[str, int]
 
     def shards(self) -> list[str]:
-        """Files of several chunks."""
+        """Return the files of several chunks."""
         return sorted(path for path in self.slots if len(self.in_file(path)) > 1)
 
     def in_file(self, path: str) -> list[tuple[int, int, int]]:
-        """(slot, offset, size) of the chunks of a file, in the order in which they lie."""
+        """Return (slot, offset, size) of the chunks of a file, in the order in which they lie."""
         return sorted(
             ((slot, at, size) for (_, _, slot), (file, at, size) in self.places.items() if file == path),
             key=lambda one: one[1],
@@ -100,7 +100,7 @@ class Sound:
 
 
 def made(place: Path) -> Sound:
-    """Three runs: two values of an axis, then a third one, then other numbers elsewhere."""
+    """Make an archive by three runs: two values of an axis, then a third one, then other numbers elsewhere."""
     (place / "camera.csv").write_text(TABLE)
     (place / "small.toml").write_text(TEXT)
     folder, other = place / "sound", place / "other"
@@ -125,7 +125,7 @@ def made(place: Path) -> Sound:
 
 
 def arrays_of(folder: Path) -> dict[tuple[str, str], bytes]:
-    """The bits of every array of every cell."""
+    """Return the bits of every array of every cell."""
     stored = Stored(folder)
     cells = {name: stored.cell(name) for name in stored.finished}
     return {
@@ -134,8 +134,8 @@ def arrays_of(folder: Path) -> dict[tuple[str, str], bytes]:
 
 
 def last_words(lines: list[bytes], sound: set[bytes]) -> dict[str, bool]:
-    """By cell whether the last line that says something of it is ``done``; lines that are not those of the sound
-    archive say nothing.
+    """Return, by cell, whether the last line about it is ``done``; lines that the sound archive does not have are
+    ignored.
     """
     found: dict[str, bool] = {}
     for line in lines:
@@ -147,7 +147,7 @@ def last_words(lines: list[bytes], sound: set[bytes]) -> dict[str, bool]:
 
 
 def lost_cells(sound: Sound, archive: Path) -> set[str]:
-    """Cells of which a byte, or the line that vouches for it, is no longer as it was."""
+    """Return the cells of which a byte, or the journal line that confirms it, has changed."""
     lost, files = set(), dict[str, tuple[bytes, bytes]]()
     for (cell, _, _), (file, at, size) in sound.places.items():
         if file not in files:
@@ -168,7 +168,7 @@ def lost_cells(sound: Sound, archive: Path) -> set[str]:
 
 @dataclass
 class Row:
-    """What became of one kind of damage."""
+    """The results for one kind of damage."""
 
     count: int = 0
     found: int = 0
@@ -176,12 +176,12 @@ class Row:
     repaired: int = 0
     lost: int = 0
     computed: int = 0
-    more: int = 0  # times that more was computed than was lost
+    more: int = 0  # how often more was computed than was lost
     wrong: list[str] = field(default_factory=list)
 
 
 def trial(sound: Sound, archive: Path, kind: str, draw: random.Random, row: Row, where: str) -> None:
-    """One damage: looked for, repaired, looked at."""
+    """Damage an archive once, look for the damage, repair it, and check the result."""
     paths = KINDS[kind](sound, archive, draw)
     lost = lost_cells(sound, archive)
     row.count += 1
@@ -208,7 +208,7 @@ def trial(sound: Sound, archive: Path, kind: str, draw: random.Random, row: Row,
 
 
 def difference(sound: Sound, archive: Path) -> str:
-    """What of a repaired archive is not as it was; '' where all is."""
+    """Return what differs between a repaired archive and the original; '' if nothing does."""
     arrays = arrays_of(archive)
     if arrays != sound.arrays:
         off = [key for key in {**arrays, **sound.arrays} if arrays.get(key) != sound.arrays.get(key)]
@@ -228,9 +228,7 @@ def difference(sound: Sound, archive: Path) -> str:
 def damaged(
     count: int, seed: int = 0, kinds: tuple[str, ...] = (), told: Callable[[str, Row], None] = lambda kind, row: None
 ) -> dict[str, Row]:
-    """Every kind of damage so many times, each in a fresh copy of the same archive; ``told`` of each kind when it is
-    done.
-    """
+    """Apply every kind of damage this many times, each to a fresh copy; call ``told`` after each kind."""
     rows: dict[str, Row] = {}
     with tempfile.TemporaryDirectory() as place:
         sound = made(Path(place))
@@ -259,7 +257,7 @@ def main() -> None:
     words.add_argument("--count", type=int, default=20)
     words.add_argument("--seed", type=int, default=0)
     words.add_argument("--kind", action="append", default=[], choices=list(KINDS))
-    words.add_argument("--first", type=int, default=len(KINDS), help="so many kinds, from the first on")
+    words.add_argument("--first", type=int, default=len(KINDS), help="only the first so many kinds")
     asked = words.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     print(

@@ -1,20 +1,20 @@
-"""Every file operation of a run made to fail, or to be the last: what the same command makes of what is left.
+"""Let every file operation of a run fail, or be its last, and check what the same command makes of the rest.
 
     python benchmarks/faults/file_operations.py [--every 1] [--kinds KIND ...] [--seed 0]
 
 A small sweep is run once to number the operations below its archive (open, write, rename, remove, fsync, ...). Then,
-for every one of them, in a process of its own:
+for each of them, in a process of its own:
 
 killed before, killed after : the process ends there, at once
 disk full, quota used up, input/output error, too many open files : the operation is refused
-power lost (``--durable``) : the process ends there, and of what it wrote only what had been made safe is left: the
-content of a
-    file as of its last fsync, the names in a folder as of the folder's. Of content that was not made safe nothing, a
-    part, or all of it is there, by lot.
+power lost (``--durable``) : the process ends there, and only what had been synced is kept: the content of a file as of
+    its last fsync, the names in a folder as of the folder's last fsync. Of other content nothing, a part or all is
+    kept, at random.
 
-Behind each the same command runs again. Printed by kind of fault: how many ended in the archive of an undisturbed run,
-how many did not (a byte of the store, or what `verify` finds), were read wrongly as they were left, computed a finished
-cell again; tracebacks, and files left over; every one that is wrong is named. Exit code 1 if there is any.
+After each fault the same command runs again. The table has for each kind of fault: how many archives equal that of an
+undisturbed run (correct), how many do not (wrong: a byte of the store differs, or `verify` finds something), were
+misread in between, or recomputed a finished cell; tracebacks, and files left over. Every fault is named. Exit code 1 if
+there is any.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from pathlib import Path
 from forked import LIGHT, SWEEP, answer, code_of, differs, finished_in, import_all, left_over, misread, start
 from operations import KINDS, Watched
 
-COLUMNS = ("tried", "right", "wrong", "misread", "again", "tracebacks", "left over")
+COLUMNS = ("tried", "correct", "wrong", "misread", "recomputed", "tracebacks", "left over")
 
 
 class Runs:
-    """Runs of the pipeline, one operation of each disturbed."""
+    """Runs of the pipeline, each with one disturbed operation."""
 
     def __init__(self, place: Path) -> None:
         self.place, self.said, self.names = place, place / "said", place / "names"
@@ -57,20 +57,20 @@ class Runs:
         return [*words, *(["--durable"] if durable else [])]
 
     def run(self, archive: Path, durable: bool, watched: Watched | None = None) -> tuple[int, str]:
-        """The exit code of a run, and what it said."""
+        """Return the exit code and output of a run."""
         before = watched.install if watched else None
         after = (lambda: self.names.write_text(" ".join(watched.names))) if watched else None
         code = code_of(start(self.words(archive, durable), self.said, before, after))
         return code, self.said.read_text(errors="replace")
 
     def numbered(self, durable: bool) -> list[str]:
-        """The operations of an undisturbed run by name."""
+        """Return the operations of an undisturbed run by name."""
         archive = self.place / f"counted{durable}"
         self.run(archive, durable, Watched(archive, 0, "", random.Random(0)))
         return self.names.read_text().split()
 
     def disturbed(self, at: int, kind: str, seed: int) -> tuple[int, dict[str, str]]:
-        """The exit code of a run with a fault, and what was wrong of it or of the one after it."""
+        """Return the exit code of a run with a fault, and the faults found after it and after the next run."""
         durable, faults = kind == "power lost", dict[str, str]()
         code, first = self.run(self.archive, durable, Watched(self.archive, at, kind, random.Random(f"{seed} {at}")))
         if why := misread(self.archive, self.whole):
@@ -84,7 +84,7 @@ class Runs:
         elif left := left_over(self.archive, self.whole):
             faults["left over"] = ", ".join(left[:3])
         if not again and (computed := json.loads(second.splitlines()[-1])["computed"]) > finished_in(self.whole) - done:
-            faults["again"] = f"{computed} computed, {done} were finished"
+            faults["recomputed"] = f"{computed} computed, {done} were finished"
         if "Traceback" in first + second:
             faults["tracebacks"] = (first + second)[-1000:]
         shutil.rmtree(self.archive, ignore_errors=True)
@@ -92,7 +92,7 @@ class Runs:
 
 
 def measured(place: Path, kinds: list[str], every: int, most: int, seed: int) -> str:
-    """Every n-th operation of every kind: a row a kind as it is done; how many were wrong."""
+    """Disturb every n-th operation in every way; print a row per kind, and return how many results were wrong."""
     runs, wrong = Runs(place), 0
     import_all(runs.words(runs.whole, False), runs.said)
     totals = {durable: runs.numbered(durable) for durable in (False, True)}
@@ -107,7 +107,7 @@ def measured(place: Path, kinds: list[str], every: int, most: int, seed: int) ->
         for at in range(1 + seed % every, min(len(names), most) + 1, every):
             code, faults = runs.disturbed(at, kind, seed)
             codes[code] += 1
-            seen.update(["tried", *faults, *([] if faults else ["right"])])
+            seen.update(["tried", *faults, *([] if faults else ["correct"])])
             for what, why in faults.items():
                 print(f"  {kind}, {names[at - 1]} {at}: {what}: {why}", flush=True)
         wrong += seen["tried"] - seen["right"]
@@ -121,7 +121,7 @@ def measured(place: Path, kinds: list[str], every: int, most: int, seed: int) ->
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--every", type=int, default=1, help="try every n-th operation")
-    parser.add_argument("--most", type=int, default=1_000_000, help="try so many of the first operations alone")
+    parser.add_argument("--most", type=int, default=1_000_000, help="try only the first so many operations")
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()

@@ -1,7 +1,7 @@
-"""Does ``etendue reproduce`` find an archive that says something else, with every digest computed anew?
+"""Check that ``etendue reproduce`` detects archives with changed content and recomputed digests.
 
-Each kind is done to a copy of one small archive; ``verify`` must find nothing of it (else it were no consistent
-forgery), ``reproduce`` has to name it with exit 1, or to have it in the list of what it does not check.
+Each kind is applied to a copy of one small archive. ``verify`` must find nothing (otherwise the forgery would not be
+consistent); ``reproduce`` must name it and exit with 1, or list it among what it does not check.
 
     python benchmarks/faults/forgeries.py [--only WORD ...]
 """
@@ -30,7 +30,7 @@ SAID = SAID | SAID_WORDS
 
 @dataclass
 class Found:
-    """What was found of one forgery. ``wrong``: what should have been otherwise."""
+    """The result for one forgery. ``wrong``: what differs from the expected result."""
 
     kind: str
     named: str = ""
@@ -39,7 +39,7 @@ class Found:
 
 
 def tried(sound: Path, kind: str, forge: Forge, place: Path, said: str = "") -> Found:
-    """One forgery; ``said``: where it has to be listed instead of being found."""
+    """Try one forgery; ``said``: the entry under which it must be listed instead of being found."""
     shutil.rmtree(place, ignore_errors=True)
     shutil.copytree(sound, place)
     forge(place)
@@ -49,7 +49,7 @@ def tried(sound: Path, kind: str, forge: Forge, place: Path, said: str = "") -> 
         seen = reproduce(place, Options("serial"))
     except EtendueError as error:
         found.named = str(error).split("\n")[0]
-        found.wrong = "not forged at all" if kind == "nothing" else ""
+        found.wrong = "nothing was forged" if kind == "nothing" else ""
         return found
     found.listed = next((one.what for one in seen.not_checked if said and one.what.startswith(said)), "")
     differs = [f"{one.file} {one.where}".strip() for one in seen.differences]
@@ -67,7 +67,7 @@ def tried(sound: Path, kind: str, forge: Forge, place: Path, said: str = "") -> 
 
 
 def every(only: list[str] | None = None) -> list[Found]:
-    """Every kind, behind an archive to which nothing was done, but the sealing."""
+    """Try every kind, preceded by an archive that was only resealed."""
     kinds = [("nothing", sealed, ""), *((kind, forge, "") for kind, forge in FORGERIES.items())]
     kinds += [(kind, forge, said) for kind, (forge, said) in SAID.items()]
     with tempfile.TemporaryDirectory() as text:
@@ -86,7 +86,7 @@ def main() -> None:
         state = "NOT FOUND" if one.wrong else "sound" if one.kind == "nothing" else "listed" if one.listed else "named"
         print(f"{one.kind:44} {state:10} {one.wrong or one.listed or one.named}"[:180])
     wrong = sum(bool(one.wrong) for one in rows)
-    print(f"{len(rows) - wrong} of {len(rows)} as they have to be")
+    print(f"{len(rows) - wrong} of {len(rows)} as required")
     sys.exit(bool(wrong))
 
 

@@ -1,5 +1,4 @@
-"""Consistent forgeries: an archive that says something else, with every digest computed anew, so that no file
-contradicts another.
+"""Consistent forgeries: changed archives with all digests recomputed, so that no file contradicts another.
 
 In:  an archive (a copy).
 Out: it is changed in place; ``verify`` finds nothing.
@@ -25,8 +24,8 @@ Forge = Callable[[Path], object]
 
 
 def sealed(archive: Path) -> None:
-    """The metadata of all nodes in the root, the digest of the pictures, the records in the journal, and a manifest
-    of all that.
+    """Recompute the metadata of all nodes in the root, the digest of the pictures, the records in the journal, and the
+    manifest.
     """
     store = archive / "data.zarr"
     root = json.loads((store / "zarr.json").read_text())
@@ -66,7 +65,7 @@ def sealed(archive: Path) -> None:
 
 
 def document(path: str, change: Callable[[Any], object]) -> Forge:
-    """A JSON file."""
+    """Change a JSON file."""
 
     def act(archive: Path) -> None:
         place = archive / path
@@ -83,7 +82,7 @@ def node(path: str, change: Callable[[Any], object]) -> Forge:
 
 
 def values(path: str, change: Callable[[Any], Any]) -> Forge:
-    """The numbers or texts of a coordinate, a status or a column; ``change`` gives others of the same shape."""
+    """Change the numbers or texts of a coordinate, status or column; ``change`` returns others of the same shape."""
 
     def act(archive: Path) -> None:
         place = archive / "data.zarr" / path
@@ -101,7 +100,7 @@ def values(path: str, change: Callable[[Any], Any]) -> Forge:
 
 
 def lines(event: str, change: Callable[[dict[str, Any]], object]) -> Forge:
-    """Every line of a kind in the journal."""
+    """Change every line of a kind in the journal."""
 
     def act(archive: Path) -> None:
         place = archive / "journal.jsonl"
@@ -120,7 +119,7 @@ def record(change: Callable[[dict[str, Any]], object]) -> Forge:
 
 
 def toml(change: Callable[[str], str], also: bool = False) -> Forge:
-    """The pipeline that readers are told to run; ``also`` that of the record."""
+    """Change the pipeline that readers are told to run; with ``also`` that of the record too."""
 
     def act(archive: Path) -> None:
         place = archive / "runs" / "0001.toml"
@@ -139,7 +138,7 @@ def several(*acts: Forge) -> Forge:
 
 
 def first(value: object) -> Callable[[Any], Any]:
-    """The first of some numbers or texts is another."""
+    """Replace the first of some numbers or texts."""
 
     def change(found: Any) -> Any:
         found[(0,) * np.ndim(found) if isinstance(found, np.ndarray) else 0] = value
@@ -157,7 +156,7 @@ def of_cell(text: str, **more: object) -> Callable[[dict[str, Any]], object]:
 
 
 def chunk_edited(archive: Path) -> None:
-    """A number of a stored cell, its checksum in the shard, its digest in the journal."""
+    """Change a number of a stored cell, its checksum in the shard, and its digest in the journal."""
     import google_crc32c
 
     place = archive / "data.zarr" / "adc" / "raw" / "c.0.0.0"
@@ -176,7 +175,7 @@ def chunk_edited(archive: Path) -> None:
 
 
 def renamed_cells(archive: Path) -> None:
-    """An axis value is another, in coordinates, names of cells, records and pipelines, and not in the keys."""
+    """Change an axis value in coordinates, names of cells, records and pipelines, but not in the keys."""
     for path in [archive / "journal.jsonl", *(archive / "runs").glob("*.json")]:
         text = path.read_text()
         path.write_text(
@@ -214,7 +213,7 @@ def lost_array(path: str) -> Forge:
 
 
 def _known(archive: Path, array: str) -> None:
-    """An array that somebody has added, named where ours are."""
+    """Name an added array where ours are named."""
     manifest = json.loads((archive / "manifest.json").read_text())
     place = archive / "data.zarr" / array
     own = {path.relative_to(archive).as_posix(): "" for path in place.rglob("*") if path.is_file()}
@@ -250,10 +249,10 @@ def stage_of(name: str, **more: object) -> Callable[[dict[str, Any]], object]:
 RAW, RATE = "adc/raw", "pixel/photon_rate"
 
 FORGERIES: dict[str, Forge] = {
-    # that were not found before
+    # not detected by earlier versions
     "a coordinate reversed": values("adc/f_number", lambda found: found[::-1]),
     "positions times ten": values("pixel/x_um", lambda found: found * 10),
-    "wavelengths and 100": several(
+    "wavelengths plus 100": several(
         values("irradiance/wavelength", lambda found: found + 100),
         values("irradiance/wavelength_bounds", lambda found: found + 100),
     ),
@@ -262,29 +261,31 @@ FORGERIES: dict[str, Forge] = {
     "a data type": node(RAW, lambda found: found.update(data_type="int16")),
     "a byte order": node(RATE, big_endian),
     "a status": values("adc/status", first(2)),
-    "an error of the ledger": values("ledger/error", lambda found: found / 100),
-    "a parameter of the record": record(lambda found: found["shared"].update(pixel_pitch=5.0)),
+    "an error in the ledger": values("ledger/error", lambda found: found / 100),
+    "a parameter in the record": record(lambda found: found["shared"].update(pixel_pitch=5.0)),
     "another seed in the pipeline to be run": toml(lambda text: text.replace("seed = 0", "seed = 1")),
     "another f-number in the pipeline to be run": toml(
         lambda text: text.replace("f_number = [2, 4]", "f_number = [2.8, 4]")
     ),
-    "a stage more in the pipeline to be run": toml(lambda text: text + '\n[[stages]]\nuse = "white"\nname = "w"\n'),
+    "an extra stage in the pipeline to be run": toml(lambda text: text + '\n[[stages]]\nuse = "white"\nname = "w"\n'),
     "a comment in the pipeline to be run": toml(lambda text: f"# published with the paper\n{text}"),
     # arrays
     "a long name": node(RATE, attribute("long_name", "photons on the sensor")),
-    "an attribute more": node(RATE, attribute("calibrated", "yes")),
-    "an attribute less": node("exposure/expected_charge", lambda found: found["attributes"].pop("units")),
-    "coordinates that are named": node(RATE, attribute("coordinates", "y_um")),
+    "an extra attribute": node(RATE, attribute("calibrated", "yes")),
+    "a missing attribute": node("exposure/expected_charge", lambda found: found["attributes"].pop("units")),
+    "named coordinates": node(RATE, attribute("coordinates", "y_um")),
     "a unit of a coordinate": node("pixel/x_um", attribute("units", "mm")),
     "a fill value": node(RATE, lambda found: found.update(fill_value=0.0)),
     "dims renamed": node(
         RATE, lambda found: found.update(dimension_names=["pixel_pitch", *found["dimension_names"][1:]])
     ),
-    "channels exchanged": values("pixel/channel", lambda found: [*found[1:], found[0]]),
+    "channels swapped": values("pixel/channel", lambda found: [*found[1:], found[0]]),
     "one position": values("adc/y", first(7)),
     "one edge of a bin": values("scene/wavelength_bounds", first(1.0)),
-    "what a status means": node("adc/status", attribute("flag_meanings", "not_computed left_out failed skipped done")),
-    "what a group is of": node("adc", attribute("stage", "adc_ideal")),
+    "the meaning of a status": node(
+        "adc/status", attribute("flag_meanings", "not_computed left_out failed skipped done")
+    ),
+    "the stage of a group": node("adc", attribute("stage", "adc_ideal")),
     "the order of stages": node("adc", attribute("order", 1)),
     "the format of the archive": document(
         "data.zarr/zarr.json", lambda found: found["attributes"]["etendue"].update(format=1)
@@ -292,56 +293,56 @@ FORGERIES: dict[str, Forge] = {
     "the axes of a stage": document(
         "data.zarr/zarr.json", lambda found: found["attributes"]["etendue"]["axes"].update(adc=[])
     ),
-    "an array more": added_array,
-    "a coordinate less": lost_array("adc/x_um"),
+    "an extra array": added_array,
+    "a missing coordinate": lost_array("adc/x_um"),
     "a codec": node(RATE, lambda found: found["codecs"][0]["configuration"].update(index_location="start")),
     "a shape": node("adc/y", lambda found: found.update(shape=[4])),
     # tables
     "a status in the ledger": values("ledger/status", first("left_out")),
-    "how an error is known": values("ledger/how", first("proved")),
+    "the basis of an error": values("ledger/how", first("proved")),
     "a bound": values("ledger/bound", first(1e-9)),
-    "a share that was clipped": values("ledger/clipped", first(0.5)),
+    "a clipped fraction": values("ledger/clipped", first(0.5)),
     "a key in the ledger": values("ledger/key", first("0" * 32)),
     "an axis value in the ledger": values("ledger/at_f_number", lambda found: found + 1),
     "a message": values("ledger/message", first("verified by a laboratory")),
-    "a stage of the ledger": values("ledger/use", first("uniform_calibrated")),
+    "a stage in the ledger": values("ledger/use", first("uniform_calibrated")),
     "seconds in the ledger": values("ledger/seconds", lambda found: found / 10),
     "a title": node("ledger", attribute("title", "measured errors")),
-    "cells of a summary": values("summary/cells", lambda found: found + 1),
+    "cells in the summary": values("summary/cells", lambda found: found + 1),
     "the worst error": values("summary/worst_error", lambda found: found * 0),
-    "bytes of a summary": values("summary/bytes", lambda found: found + 8),
+    "bytes in the summary": values("summary/bytes", lambda found: found + 8),
     # pictures
     "a picture": values("frames/preview", lambda found: 255 - found),
-    "where a picture is": node("frames", attribute("at", " at f_number 22")),
+    "the position of a picture": node("frames", attribute("at", " at f_number 22")),
     "the true size of a picture": values("frames/true_width", lambda found: found * 2),
     # the journal
     "a key in the journal": lines("done", of_cell("adc ", key="0" * 32)),
     "a status in the journal": lines("done", of_cell("adc f_number=2", status="left_out")),
-    "a share clipped in the journal": lines("done", of_cell("adc f_number=2", clipped=0.5)),
-    "what was floored": lines("done", of_cell("adc f_number=2", floored=3.0)),
+    "a clipped fraction in the journal": lines("done", of_cell("adc f_number=2", clipped=0.5)),
+    "a count of floored values": lines("done", of_cell("adc f_number=2", floored=3.0)),
     "a number of a cell": chunk_edited,
     "an axis value throughout": renamed_cells,
-    "an axis value that nobody asked for": lines(
+    "an axis value that no run requested": lines(
         "axes", lambda one: one["axes"].update(f_number=[2.0, 4.0, 9.0]) if one["axes"] else None
     ),
     # records
     "a digest of code": record(stage_of("adc", code=["0" * 32])),
     "a source": record(lambda found: found["sources"].update({next(iter(found["sources"])): "0" * 32})),
-    "a source less": record(lambda found: found["sources"].pop(next(iter(found["sources"])))),
+    "a missing source": record(lambda found: found["sources"].pop(next(iter(found["sources"])))),
     "a parameter of a stage": record(lambda found: found["nodes"]["adc"]["shown"].update(bits=16)),
-    "what a stage reads": record(stage_of("adc", inputs=["scene"])),
+    "the inputs of a stage": record(stage_of("adc", inputs=["scene"])),
     "a seed in the record": record(stage_of("shot_noise", seed=7)),
-    "a stage of the record": record(stage_of("adc", role=["scene"])),
-    "axes of the record": record(lambda found: found["axes"].update(f_number=[2.0, 4.0, 5.6])),
-    "the order of the record": record(lambda found: found["order"].reverse()),
-    "the file as it was given": record(lambda found: found.update(text=found["text"].replace("300 cd", "900 cd"))),
+    "a stage in the record": record(stage_of("adc", role=["scene"])),
+    "axes in the record": record(lambda found: found["axes"].update(f_number=[2.0, 4.0, 5.6])),
+    "the order in the record": record(lambda found: found["order"].reverse()),
+    "the text of the original file": record(lambda found: found.update(text=found["text"].replace("300 cd", "900 cd"))),
     "overrides": record(lambda found: found.update(overrides={"camera.focal_length": '"9 mm"'})),
     "a tolerance": record(lambda found: found["options"].update(tolerance=1e-9)),
-    "a field more": record(lambda found: found.update(certified="yes")),
+    "an extra field": record(lambda found: found.update(certified="yes")),
     "the name of the sensor": record(lambda found: found.update(sensor="sony-imx174")),
     "a precision": record(stage_of("adc", precision="float64")),
-    "a seed of the whole recipe": toml(lambda text: text.replace("seed = 0", "seed = 1"), also=True),
-    # what strangers read
+    "a seed in record and pipeline": toml(lambda text: text.replace("seed = 0", "seed = 1"), also=True),
+    # read by other programs
     "the input of a run": entity("#run-0001", lambda one: one.update(object={"@id": "inputs/other"})),
     "a tool": entity("#stage-adc", lambda one: one.update(identifier="blake2b:0")),
     "the digest of an input": document(
@@ -350,7 +351,7 @@ FORGERIES: dict[str, Forge] = {
     ),
 }
 
-# what no computing can tell: the words with which it stands in the list of what is not checked
+# what cannot be recomputed: its entry in the list of what is not checked
 SAID: dict[str, tuple[Forge, str]] = {
     "when a run began": (
         several(
@@ -389,5 +390,5 @@ SAID: dict[str, tuple[Forge, str]] = {
         "contact_sheet.png",
     ),
     "how a run was done": (record(lambda found: found["options"].update(scheduler="dask")), "how a run was done"),
-    "a file beside": (lambda archive: (archive / "README").write_text("calibrated"), "foreign files"),
+    "a foreign file": (lambda archive: (archive / "README").write_text("calibrated"), "foreign files"),
 }

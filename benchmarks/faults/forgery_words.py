@@ -1,5 +1,4 @@
-"""Further consistent forgeries: of what stands beside cells and metadata, in lines of the journal, names of the
-manifest, documents.
+"""More consistent forgeries: in journal lines, names in the manifest, and other documents.
 
 In:  an archive (a copy).
 Out: it is changed in place; ``verify`` finds nothing.
@@ -17,7 +16,7 @@ from etendue.archive.journaling.journal import summed
 
 
 def lines_more(*events: dict[str, Any]) -> Forge:
-    """Lines at the end of the journal."""
+    """Append lines to the journal."""
 
     def act(archive: Path) -> None:
         with (archive / "journal.jsonl").open("ab") as file:
@@ -28,7 +27,7 @@ def lines_more(*events: dict[str, Any]) -> Forge:
 
 
 def ours(path: str, data: bytes) -> Forge:
-    """A file that no run writes, for which the manifest vouches."""
+    """Add a file that no run writes, with its digest in the manifest."""
 
     def act(archive: Path) -> None:
         place = archive / path
@@ -43,7 +42,7 @@ def ours(path: str, data: bytes) -> Forge:
 
 
 def word_twice(path: str, word: str, other: str) -> Forge:
-    """A word of a document stands twice, first with another value: readers take one or the other."""
+    """Duplicate a key of a document, first with another value: readers may take either."""
 
     def act(archive: Path) -> None:
         place = archive / path
@@ -62,7 +61,7 @@ def no_crate(archive: Path) -> None:
 
 
 def first_run_gone(archive: Path) -> None:
-    """Of two runs, the second of which asked for the same, the first has never been."""
+    """Remove the first of two runs with the same request."""
     for name in ("0001.json", "0001.toml"):
         (archive / "runs" / name).rename(archive / "runs" / name.replace("1", "2"))
     for path in ("manifest.json", "ro-crate-metadata.json", "journal.jsonl"):
@@ -87,31 +86,31 @@ UNKNOWN = {
 }
 
 WORDS: dict[str, Forge] = {
-    "a number of a cell that is outdated": several(
+    "a number in an outdated cell": several(
         chunk_edited, lines_more({"event": "outdated", "cells": ["adc f_number=2.0", "adc f_number=4.0"]})
     ),
-    "cells that are outdated": lines_more({"event": "outdated", "cells": ["adc f_number=2.0"]}),
-    "what the last run had to do": lines_more({"event": "run", "planned": {"adc": 9}, "todo": {"adc": 9}}),
+    "cells marked as outdated": lines_more({"event": "outdated", "cells": ["adc f_number=2.0"]}),
+    "the work of the last run": lines_more({"event": "run", "planned": {"adc": 9}, "todo": {"adc": 9}}),
     "an array in the journal": lines_more({"event": "arrays", "group": "adc", "names": ["trusted"]}),
     "a group in the journal": lines_more({"event": "axes", "group": "calibration", "axes": {"f_number": [2.0]}}),
-    # files that are said to be ours
+    # files named as ours
     "attributes of Zarr 2": ours("data.zarr/adc/raw/.zattrs", b'{"units": "ke"}'),
     "a file in a group": ours("data.zarr/adc/NOTE.txt", b"calibrated"),
-    "a group more": ours(
+    "an extra group": ours(
         "data.zarr/calibration/zarr.json", b'{"zarr_format": 3, "node_type": "group", "attributes": {}}'
     ),
     # documents
-    "a unit that stands twice": word_twice("data.zarr/adc/x_um/zarr.json", "units", '"mm"'),
-    "a seed that stands twice": word_twice("runs/0001.json", "seed", "9"),
-    "an option more": record(lambda found: found["options"].update(certified="yes")),
-    "a description less": no_crate,
-    "a run less": first_run_gone,
+    "a duplicate unit": word_twice("data.zarr/adc/x_um/zarr.json", "units", '"mm"'),
+    "a duplicate seed": word_twice("runs/0001.json", "seed", "9"),
+    "an extra option": record(lambda found: found["options"].update(certified="yes")),
+    "a missing description": no_crate,
+    "a missing run": first_run_gone,
 }
 
 SAID_WORDS: dict[str, tuple[Forge, str]] = {
-    "a cell that its pipeline does not have": (
+    "a cell not in its pipeline": (
         lines_more({"event": "failed", "status": "failed", **UNKNOWN}),
         "1 journal lines of cells",
     ),
-    "what the summary took": (values("summary/seconds", lambda found: found * 0), "seconds"),
+    "seconds in the summary": (values("summary/seconds", lambda found: found * 0), "seconds"),
 }

@@ -1,8 +1,7 @@
-"""The command in a process split off from one that has imported all it needs: a disturbed run costs what it does, not
-its start-up.
+"""Run the command in a process forked from one that has imported all modules, so that start-up costs nothing.
 
-Also what is asked of an archive after a fault: whether it is that of an undisturbed run, whether anything else lies in
-it, and whether what a reader is given of one that was broken off is right.
+Also the checks of an archive after a fault: whether it equals that of an undisturbed run, whether it contains other
+files, and whether readers of an interrupted one get correct values.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ TRACEBACK = 99  # the exit code of a command that raised
 
 
 def import_all(words: list[str], said: Path) -> None:
-    """Import what a run of this command imports, once and for all of its children; no thread is started.
+    """Import everything that a run of this command imports, once for all of its children; no thread is started.
 
     Raises
     ------
@@ -76,9 +75,9 @@ def import_all(words: list[str], said: Path) -> None:
 def start(
     words: list[str], said: Path, before: Callable[[], Any] | None = None, after: Callable[[], Any] | None = None
 ) -> int:
-    """The process of a command, the leader of a session of its own; ``before`` is called in it first, ``after`` last.
+    """Return the process of a command, the leader of its own session; it calls ``before`` first and ``after`` last.
 
-    What it says goes to a file.
+    Its output goes to a file.
     """
     child = os.fork()
     if child:
@@ -118,13 +117,13 @@ def _code(work: Callable[[], Any]) -> int:
 
 
 def code_of(child: int) -> int:
-    """The exit code of a child, waited for."""
+    """Wait for a child and return its exit code."""
     _, status = os.waitpid(child, 0)
     return os.waitstatus_to_exitcode(status)
 
 
 def answer(work: Callable[[], str | None]) -> str:
-    """What a function says, called in a process of its own: threads that it starts are not there in the next child."""
+    """Return the output of a function called in a process of its own, so that its threads are not in the next child."""
     reader, writer = os.pipe()
     child = os.fork()
     if not child:
@@ -144,10 +143,9 @@ def answer(work: Callable[[], str | None]) -> str:
 
 
 def differs(archive: Path, whole: Path) -> str:
-    """What of an archive is not, byte for byte, as in that of an undisturbed run, or `verify` finds; '' where all is
-    well.
+    """Return what differs from the archive of an undisturbed run, or is found by `verify`; '' if nothing.
 
-    Measured times do not count, nor the order of chunks in a shard, nor pictures of stages that are not kept.
+    Ignored are measured times, the order of chunks in a shard, and pictures of stages that are not kept.
     """
 
     def compared() -> str:
@@ -160,7 +158,7 @@ def differs(archive: Path, whole: Path) -> str:
         )
         off = sorted(path for path in {**own, **was} if own.get(path) != was.get(path))
         if off or not own:
-            return f"another archive: {', '.join(off[:3])}"
+            return f"different archive: {', '.join(off[:3])}"
         damages = verify(archive).damages
         return f"verify: {damages[0].path} {damages[0].kind}" if damages else ""
 
@@ -168,7 +166,7 @@ def differs(archive: Path, whole: Path) -> str:
 
 
 def left_over(archive: Path, whole: Path) -> list[str]:
-    """Files that only one of two archives has; every run leaves a record."""
+    """Return the files that only one of two archives has; every run leaves a record."""
 
     def names(folder: Path) -> set[str]:
         found = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
@@ -178,9 +176,7 @@ def left_over(archive: Path, whole: Path) -> list[str]:
 
 
 def misread(archive: Path, whole: Path) -> str:
-    """Whether a reader of an archive that was broken off is given anything but what an undisturbed run computes; ''
-    where not.
-    """
+    """Return what a reader of an interrupted archive gets that an undisturbed run does not compute; '' if nothing."""
 
     def read() -> str:
         from etendue.archive.read.stored import Stored
@@ -190,21 +186,21 @@ def misread(archive: Path, whole: Path) -> str:
             return ""
         try:
             own = Stored(archive)
-        except EtendueError:  # there is nothing yet
+        except EtendueError:  # nothing is stored yet
             return ""
         sound = Stored(whole)
         for name in own.finished:
             cell, right = own.cell(name), sound.cell(name)
             for variable in cell.variables:
                 if cell.read(variable).tobytes() != right.read(variable).tobytes():
-                    return f"{name} {variable} is read wrongly"
+                    return f"{name} {variable} is misread"
         return ""
 
     return answer(read)
 
 
 def finished_in(archive: Path) -> int:
-    """Cells that the journal says are done."""
+    """Return the number of cells that are done according to the journal."""
     try:
         return len(
             {
@@ -219,23 +215,23 @@ def finished_in(archive: Path) -> int:
 
 @dataclass
 class Seen:
-    """What was seen of a fault: how often it was as expected, and what was not."""
+    """The results for a fault: how often it was as expected, and the other cases."""
 
     fault: str
     expected: str
     tried: int = 0
     right: int = 0
     wrong: list[str] = field(default_factory=list)
-    HEAD: ClassVar = f"{'fault':62s} | {'expected':62s} | seen as expected"
+    HEAD: ClassVar = f"{'fault':62s} | {'expected':62s} | as expected"
 
     def count(self, wrong: str) -> None:
-        """One more; '' is as expected."""
+        """Add one result; '' means as expected."""
         self.tried += 1
         self.right += not wrong
         self.wrong += [wrong] if wrong else []
 
     def print(self) -> int:
-        """The row, and what was wrong; how many were."""
+        """Print the row and what was wrong; return how many were."""
         print(
             f"{self.fault:62s} | {self.expected:62s} | {self.right} of {self.tried}",
             *(f"    {text}" for text in self.wrong[:5]),

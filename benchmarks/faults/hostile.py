@@ -1,14 +1,14 @@
-"""Archives and files made to do harm: what a reader's machine opens, waits for, holds and prints because of them.
+"""Open malicious archives and files: what does etendue open, wait for, hold in memory and print?
 
     python benchmarks/faults/hostile.py [--only fifo bomb] [--from KIND] [--commands verify show] [--verbose]
 
-In:  a small archive with an input, and files of the kinds that pipelines name; each is spoiled in a copy.
-Out: kind | command | exit code | CPU s and MB above those of a sound archive | what went wrong; exit code 1 where
-     something did.
+In:  a small archive with an input, and files of the kinds that pipelines name; each is manipulated in a copy.
+Out: kind | command | exit code | CPU s and MB above those of a sound archive | what went wrong; exit code 1 if anything
+     did.
 
-A command goes wrong when it opens what lies outside (seen by strace), does not end, is slower or larger than its bound,
-says more than 20 lines of 200 characters on stderr, shows a traceback, or says that it broke off itself. Linux, with
-strace.
+A command goes wrong if it opens anything outside (seen by strace), does not end, exceeds its limit of time or memory,
+prints more than 20 lines of 200 characters on stderr, shows a traceback, or reports an internal error. Requires Linux
+and strace.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ QUICK, SLOW = (2.0, 200.0), (10.0, 400.0)  # CPU s, MB, above a sound archive's
 BOUNDS = {"verify": QUICK, "show": QUICK, "plan": QUICK, "measure": QUICK}
 READERS = ("verify", "show", "report", "reproduce", "rerun", "plot", "export")
 WORDS = {"plot": ["plot", "tiny", "--list"], "export": ["export", "tiny", "--tiff", "--variable", "raw"]}
-WAIT = 15.0  # s, after which a command hangs; more with --wait, on a machine that does other things too
+WAIT = 15.0  # s, after which a command counts as hanging; raise it with --wait on a busy machine
 MOST = 20 * 200  # characters on stderr
 OUTSIDE = ("/etc/passwd", "/dev/zero")
 OPENED = re.compile(r" = \d+<([^>]*)>$")
@@ -44,7 +44,7 @@ OPENED = re.compile(r" = \d+<([^>]*)>$")
 
 @dataclass
 class Seen:
-    """What became of one command."""
+    """The result of one command."""
 
     code: int
     cpu: float
@@ -89,12 +89,12 @@ def watched(words: list[str], folder: Path, canary: Path, wait: float = WAIT) ->
 
 
 def remove(folder: Path) -> None:
-    """However deep it is: ``shutil.rmtree`` calls itself for every folder in a folder."""
+    """Remove a folder of any depth: ``shutil.rmtree`` recurses for every level."""
     subprocess.run(["rm", "-rf", str(folder)], check=True)
 
 
 def faults_of(seen: Seen, command: str, base: Seen) -> list[str]:
-    """What went wrong with a command, in words."""
+    """Return what went wrong with a command, in words."""
     seconds, memory = BOUNDS.get(command, SLOW)
     found = {
         "hangs": seen.hangs,
@@ -102,7 +102,7 @@ def faults_of(seen: Seen, command: str, base: Seen) -> list[str]:
         f"{seen.cpu - base.cpu:.1f} s CPU": seen.cpu - base.cpu > seconds,
         f"{seen.memory - base.memory:.0f} MB": seen.memory - base.memory > memory,
         f"{len(seen.err)} characters on stderr": len(seen.err) > MOST or len(seen.err.splitlines()) > 20,
-        "broke off itself": "Traceback" in seen.err or "internal error in etendue" in seen.err,
+        "internal error": "Traceback" in seen.err or "internal error in etendue" in seen.err,
         f"killed by signal {-seen.code}": seen.code < 0 and not seen.hangs,
     }
     return [text for text, wrong in found.items() if wrong]
@@ -111,7 +111,7 @@ def faults_of(seen: Seen, command: str, base: Seen) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", default=[])
-    parser.add_argument("--from", dest="first", default="", metavar="KIND", help="this kind and all that come after it")
+    parser.add_argument("--from", dest="first", default="", metavar="KIND", help="this kind and all after it")
     parser.add_argument("--commands", nargs="*", default=[])
     parser.add_argument("--wait", type=float, default=WAIT)
     parser.add_argument("--verbose", action="store_true")
@@ -133,7 +133,7 @@ def main() -> None:
             for command in [one for one in commands if not asked.commands or one in asked.commands]:
                 folder = place / "case"
                 words = WORDS.get(command, [command, "tiny"])
-                if command not in bases:  # of a sound archive; of a file the least that Python takes
+                if command not in bases:  # from a sound archive; for a file, what Python takes at least
                     remove(folder)
                     shutil.copytree(sound, folder / "tiny")
                     bases[command] = watched(

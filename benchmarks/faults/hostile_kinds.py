@@ -1,8 +1,7 @@
-"""Kinds of harm that files may be made to do: archives whose words lead out or have no end, files that unfold or point
-to themselves.
+"""Kinds of malicious files: archives that point outside or never end, files that expand or point to themselves.
 
-In:  an archive (a copy, digests made anew by ``reseal``) or an empty folder; a folder outside.
-Out: the archive is changed in place; of a file, its path.
+In:  an archive (a copy, digests recomputed by ``reseal``) or an empty folder; a folder outside.
+Out: the archive is changed in place; for a file, its path.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ LIGHT = "wavelength_nm,power\n300,1\n900,1\n"
 
 
 def sound_archive(folder: Path) -> Path:
-    """A small archive with an input: a flat grey of which the light is a table."""
+    """Make a small archive with an input: a uniform grey whose light is a table."""
     import etendue
     from etendue import stages as s
 
@@ -45,7 +44,7 @@ def sound_archive(folder: Path) -> Path:
     return folder
 
 
-# -- digests made anew
+# -- recomputed digests
 # ------------------------------------------------------------------------------------------------------
 
 
@@ -54,7 +53,7 @@ def sha(path: Path) -> str:
 
 
 def reseal(archive: Path, also: dict[str, str] | None = None) -> None:
-    """A manifest that vouches for the files as they are now; ``also``: digests by path, whatever they lead to."""
+    """Write a manifest for the files as they are now; ``also``: digests by path, wherever they lead."""
     manifest = json.loads((archive / "manifest.json").read_text())
     for part in ("metadata", "files"):
         manifest[part] = {path: sha(archive / path) or known for path, known in manifest[part].items()}
@@ -66,7 +65,7 @@ def reseal(archive: Path, also: dict[str, str] | None = None) -> None:
 
 
 def pipeline_edited(change: Callable[[str], str]) -> Act:
-    """The pipeline of the last run, in its record, its file and the journal."""
+    """Change the pipeline of the last run in its record, its file and the journal."""
 
     def act(archive: Path, outside: Path) -> None:
         record = archive / "runs" / "0001.json"
@@ -113,7 +112,7 @@ def named_in_manifest(path: str) -> Act:
     )
 
 
-# -- files that never end, or never answer
+# -- files that never end or never answer
 # ---------------------------------------------------------------------------------
 
 
@@ -192,7 +191,7 @@ def through_a_link(archive: Path, outside: Path) -> None:
 
 
 def swept_beyond(text: str, axis: str) -> str:
-    """A pipeline of a million million cells, which it allows itself."""
+    """Return a pipeline of 10^12 cells, whose own limit allows them."""
     steps = (
         "f_number = { from = 1, to = 9, steps = 100000 }\nintegration_time = { from = 0.001, to = 0.1, steps = 100000 }"
     )
@@ -217,7 +216,7 @@ ARCHIVES: dict[str, Act] = {
     "pipeline climbs out of a package": leads_to("package:numpy/../../../../../../../../../../etc/passwd"),
     "pipeline names a file of a package": leads_to("package:etendue_camera/data/silicon_absorption.csv"),
     "pipeline names /dev/zero": leads_to("/dev/zero"),
-    "pipeline lifts the bound of cells": pipeline_edited(lambda text: swept_beyond(text, r"^f_number = .*$")),
+    "pipeline raises the cell limit": pipeline_edited(lambda text: swept_beyond(text, r"^f_number = .*$")),
     "input is a link": replaced("inputs/*", link),
     "inputs is a link": replaced("inputs", folder_link),
     "runs is a link": replaced("runs", folder_link),
@@ -240,7 +239,7 @@ ARCHIVES: dict[str, Act] = {
     "fifo for the lock": lambda a, o: ((a / "lock").unlink(missing_ok=True), fifo(a / "lock", o)),
     "fifo for the crate": replaced("ro-crate-metadata.json", fifo),
     "fifo for the sheet": replaced("contact_sheet.png", fifo),
-    "fifo beside": added("more", fifo),
+    "fifo beside the store": added("more", fifo),
     "sparse manifest": replaced("manifest.json", sparse),
     "sparse journal": replaced("journal.jsonl", sparse),
     "sparse record": replaced("runs/0001.json", sparse),
@@ -256,12 +255,12 @@ ARCHIVES: dict[str, Act] = {
     "sparse sheet": replaced("contact_sheet.png", sparse),
     "sparse file beside": added("more.bin", sparse),
     "sparse file in the store": added("data.zarr/more.bin", sparse),
-    "sparse input that none asked for": added("inputs/more.bin", sparse),
-    "sparse record that none wrote": added("runs/0002.json", sparse),
+    "sparse input that nothing uses": added("inputs/more.bin", sparse),
+    "sparse record that no run wrote": added("runs/0002.json", sparse),
     "a shape of a billion": metadata_edited(RAW, shape_of(10**9)),
     "a shape of 10**18": metadata_edited(RAW, shape_of(10**18)),
     "a negative shape": metadata_edited(RAW, shape_of(-5)),
-    "a shape of words": metadata_edited(RAW, lambda d: d.update(shape=["many"])),
+    "a shape of texts": metadata_edited(RAW, lambda d: d.update(shape=["many"])),
     "an unknown data type": metadata_edited(RAW, lambda d: d.update(data_type="float9")),
     "an object's data type": metadata_edited(RAW, lambda d: d.update(data_type="object")),
     "a coordinate's shape": metadata_edited("data.zarr/adc/f_number/zarr.json", shape_of(10**12)),
@@ -292,7 +291,7 @@ ARCHIVES: dict[str, Act] = {
         }
     ),
     "a shard outside": line_added({"event": "shard", "path": "@OUTSIDE@/secret.txt", "size": 40, "kept": []}),
-    "records by the thousand": lambda a, o: [
+    "thousands of records": lambda a, o: [
         shutil.copy(a / "runs" / "0001.json", a / "runs" / f"{n:04}.json") for n in range(2, 4000)
     ],
 }
@@ -315,7 +314,7 @@ def pipeline_with(folder: Path, use: str, file: Path | str, more: str = "") -> P
 
 
 def bank(folder: Path, file: str) -> Path:
-    """A lens whose point spread functions stand in a file."""
+    """Return a pipeline with a lens whose point spread functions are in a file."""
     text = (Path(__file__).parents[2] / "pipelines" / "smallest.toml").read_text()
     stage = f'[[stages]]\nuse = "lens_psf_field"\nfile = "{file}"\n\n'
     first, then = re.split(r'(?=\[\[stages\]\]\nuse = "pixel")', text, maxsplit=1)
@@ -323,20 +322,20 @@ def bank(folder: Path, file: str) -> Path:
 
 
 def own_ifd(path: Path) -> Path:
-    """26 bytes: a directory of one entry, behind which stands itself."""
+    """Write 26 bytes: a directory of one entry that is followed by itself."""
     path.write_bytes(struct.pack("<2sHI", b"II", 42, 8) + struct.pack("<HHHII", 1, 256, 3, 1, 8) + struct.pack("<I", 8))
     return path
 
 
 def ring_of_ifds(path: Path) -> Path:
-    """Two directories, each behind the other."""
+    """Write two directories, each followed by the other."""
     entry = struct.pack("<HHHII", 1, 256, 3, 1, 8)
     path.write_bytes(struct.pack("<2sHI", b"II", 42, 8) + entry + struct.pack("<I", 26) + entry + struct.pack("<I", 8))
     return path
 
 
 def large_picture(path: Path, side: int = 400_000) -> Path:
-    """A PNG of a few bytes that says it has 1.6e11 pixels."""
+    """Write a PNG of a few bytes that claims 1.6e11 pixels."""
     import zlib
 
     def part(kind: bytes, data: bytes) -> bytes:
@@ -430,7 +429,7 @@ def toml_of(folder: Path, text: str) -> Path:
 
 
 def sweep_beyond(folder: Path) -> Path:
-    """A million million cells, which the file itself allows."""
+    """Write a pipeline of 10^12 cells, whose own limit allows them."""
     text = (Path(__file__).parents[2] / "pipelines" / "smallest.toml").read_text()
     return toml_of(
         folder, swept_beyond(re.sub(r"^integration_time = \[.*$", "", text, flags=re.M), r"^f_number = \[.*$")
@@ -447,8 +446,8 @@ FILES: dict[str, tuple[Callable[[Path, Path], Path], tuple[str, ...]]] = {
     "a pipeline with /dev/zero": (lambda f, o: pipeline_with(f, "photograph", "/dev/zero"), ("plan",)),
     "a TIFF that points to itself": (lambda f, o: own_ifd(f / "p.tif"), ("measure", "import")),
     "a pipeline with such a TIFF": (lambda f, o: pipeline_with(f, "photograph", own_ifd(f / "p.tif").name), ("plan",)),
-    "a TIFF in a ring": (lambda f, o: ring_of_ifds(f / "p.tif"), ("measure", "import")),
-    "a pipeline with such a ring": (
+    "a TIFF with circular directories": (lambda f, o: ring_of_ifds(f / "p.tif"), ("measure", "import")),
+    "a pipeline with such circular directories": (
         lambda f, o: pipeline_with(f, "photograph", ring_of_ifds(f / "p.tif").name),
         ("plan",),
     ),
@@ -469,7 +468,7 @@ FILES: dict[str, tuple[Callable[[Path, Path], Path], tuple[str, ...]]] = {
     "HDF5 with a link to another file": (lambda f, o: hdf5_link(f / "p.h5", o), ("import",)),
     "HDF5 of 1.2 TB of fill values": (lambda f, o: hdf5_sparse(f / "p.h5"), ("import",)),
     "a MATLAB file with external storage": (lambda f, o: hdf5_external(f / "p.mat", o), ("import",)),
-    "an ENVI header that leads out": (lambda f, o: envi(f, o, str(o / "secret.txt")), ("import",)),
+    "an ENVI header that names a file outside": (lambda f, o: envi(f, o, str(o / "secret.txt")), ("import",)),
     "an ENVI header that climbs out": (lambda f, o: envi(f, o, "../outside/secret.txt"), ("import",)),
     "most_cells of 10**18": (lambda f, o: sweep_beyond(f), ("plan", "run")),
     "a name of a million characters": (

@@ -1,18 +1,17 @@
-"""Runs killed -9 at random instants, on threads, on processes and on two workers of a Dask cluster; the same command
-ends them.
+"""Kill runs at random instants with kill -9, on threads, processes and a Dask cluster, and run them again.
 
     python benchmarks/faults/kills.py 500 [--schedulers threads processes distributed] [--seed 1]
 
-In:  how many kills, shared out evenly. What is killed: the process with all that it started; its owner alone, so that
-     workers are orphans; a worker alone. Half of the instants are spread over the length of a run, half follow a random
-     cell by a random while. An archive is killed once, twice or three times before it is ended, half of them with a
-     batch for every cell.
-Out: by scheduler and by what was killed: kills, archives, and of these how many ended wrong (another byte than that of
-     an undisturbed run, or `verify` finds something), were read wrongly as they were left, computed a finished cell
-     again, said a traceback, or left a file or a process behind. Every one is named; exit code 1 if there is any.
+In:  the number of kills, divided evenly. Killed are: the process with all its children; its owner alone, which makes
+     orphans of its workers; or a single worker. Half of the kills are spread over the length of a run, half follow a
+     random cell after a random delay. An archive is killed one to three times before it is completed; half of the
+     archives have a batch per cell.
+Out: by scheduler and killed process: kills, archives, and how many of these ended wrong (a byte differs from that of an
+     undisturbed run, or `verify` finds something), were misread in between, recomputed a finished cell, printed a
+     traceback, or left a file or process behind. Each is named; exit code 1 if there is any.
 
-A run is a process split off from one that has imported all it needs. The workers of the cluster stand for all of its
-runs, under nannies.
+A run is a process forked from one that has imported all modules. All runs on the cluster share its workers, which run
+under nannies.
 """
 
 from __future__ import annotations
@@ -39,12 +38,12 @@ from processes import of_session, still, workers_below
 SCHEDULERS = ("threads", "processes", "distributed")
 VICTIMS = {"threads": ("all",), "processes": ("all", "owner", "worker"), "distributed": ("owner", "worker")}
 PATIENCE = 240.0  # seconds until a run that has not ended hangs
-COLUMNS = ("kills", "archives", "wrong", "misread", "again", "tracebacks", "left over", "hung")
+COLUMNS = ("kills", "archives", "wrong", "misread", "recomputed", "tracebacks", "left over", "hung")
 
 
 @dataclass
 class Tried:
-    """What became of one archive."""
+    """The results for one archive."""
 
     victim: str
     kills: int = 0
@@ -52,7 +51,7 @@ class Tried:
 
 
 class Runs:
-    """Runs of the pipeline with one scheduler, each to its end or to where it is killed."""
+    """Runs of the pipeline with one scheduler, each to its end or until it is killed."""
 
     def __init__(self, place: Path, scheduler: str, address: str, chance: random.Random) -> None:
         self.place, self.scheduler, self.address, self.chance = place, scheduler, address, chance
@@ -67,7 +66,7 @@ class Runs:
         return start(self.words(archive), self.said, cell_by_cell if finely else None)
 
     def ended(self, child: int) -> int | None:
-        """The exit code of a run; None: it hangs."""
+        """Return the exit code of a run; None if it hangs."""
         until = time.monotonic() + PATIENCE
         while time.monotonic() < until:
             pid, status = os.waitpid(child, os.WNOHANG)
@@ -86,7 +85,7 @@ class Runs:
         self.length = time.monotonic() - began
 
     def wait(self, child: int, archive: Path) -> bool:
-        """Until a random instant of a run; whether it is still under way then."""
+        """Wait until a random instant of a run; return whether it is still running."""
         if self.chance.random() < 0.5:
             until = time.monotonic() + self.chance.uniform(0.0, 1.1) * self.length
         else:
@@ -100,7 +99,7 @@ class Runs:
         return under_way(child)
 
     def kill(self, child: int, victim: str, workers: list[int]) -> bool:
-        """Kill what is to be killed; whether it was there."""
+        """Kill the chosen process; return whether it was there."""
         if victim == "worker":
             own = workers or workers_below(child)
             if not own:
@@ -112,12 +111,12 @@ class Runs:
             return True
         try:
             (os.killpg if victim == "all" else os.kill)(child, signal.SIGKILL)
-        except ProcessLookupError:  # it has not yet a session of its own
+        except ProcessLookupError:  # it has no session of its own yet
             os.kill(child, signal.SIGKILL)
         return True
 
     def once(self, number: int, victim: str, standing: list[int]) -> Tried:
-        """One archive: killed some times, looked at, ended, looked at."""
+        """Kill runs of one archive, check it, complete it, and check it again."""
         archive, tried = self.place / f"{number}", Tried(victim)
         sessions, finely = [], self.chance.random() < 0.5
         for _ in range(self.chance.choice((1, 1, 2, 3))):
@@ -155,7 +154,7 @@ class Runs:
     def compare(self, tried: Tried, archive: Path, done: int) -> None:
         computed, total = json.loads(self.said.read_text().splitlines()[-1])["computed"], finished_in(self.whole)
         if computed > total - done:
-            tried.faults["again"] = f"{computed} computed, {done} of {total} were finished"
+            tried.faults["recomputed"] = f"{computed} computed, {done} of {total} were finished"
         if why := differs(archive, self.whole):
             tried.faults["wrong"] = why
         elif left := left_over(archive, self.whole):
@@ -163,7 +162,7 @@ class Runs:
 
 
 def cell_by_cell() -> None:
-    """A batch, and so a line of the journal, for every cell."""
+    """Use a batch, and thus a line of the journal, for every cell."""
     from etendue import session
 
     whole = session.partition
@@ -171,7 +170,7 @@ def cell_by_cell() -> None:
 
 
 def under_way(child: int) -> bool:
-    """Whether a child has not ended; it is not waited for."""
+    """Return whether a child is still running, without waiting for it."""
     try:
         return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None
     except ChildProcessError:
@@ -179,7 +178,7 @@ def under_way(child: int) -> bool:
 
 
 def measure(place: Path, scheduler: str, kills: int, seed: int) -> list[Tried]:
-    """So many kills with one scheduler."""
+    """Kill runs this many times with one scheduler."""
     chance, found = random.Random(f"{seed} {scheduler}"), list[Tried]()
     with ExitStack() as stack:
         address, standing = scheduler, list[int]()
@@ -206,7 +205,7 @@ def measure(place: Path, scheduler: str, kills: int, seed: int) -> list[Tried]:
 
 
 def measured(place: Path, scheduler: str, kills: int, seed: int) -> str:
-    """The same in a process that has imported what its runs need, as JSON."""
+    """Return the same as JSON, from a process that has imported everything its runs need."""
     place.mkdir()
     (place / "faults.toml").write_text(PIPELINE.replace("[2, 4]", "[2, 4, 8]").replace("[4, 5]", "[4, 5, 6]"))
     return json.dumps([(tried.victim, tried.kills, tried.faults) for tried in measure(place, scheduler, kills, seed)])

@@ -1,8 +1,7 @@
-"""Processes of this machine that stand for others: a Dask scheduler, workers under nannies, and what is installed on
-each.
+"""Processes of this machine that act as other machines: a Dask scheduler, workers under nannies, and their packages.
 
 In:  a folder to work in, an environment.
-Out: clusters that end with everything below them.
+Out: clusters that end with all their processes.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ def environment(*folders: Path) -> dict[str, str]:
 
 
 def brought(site: Path, version: str) -> Path:
-    """The plugin as pip would leave it."""
+    """Install the plugin as pip would."""
     info = site / f"toil-{version}.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: toil\nVersion: {version}\n")
@@ -46,7 +45,7 @@ def brought(site: Path, version: str) -> Path:
 
 
 def fake(folder: Path, distribution: str, version: str) -> Path:
-    """Metadata that say that another version of a distribution is installed."""
+    """Write metadata that claim that another version of a distribution is installed."""
     info = folder / f"{distribution}-{version}.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: {version}\n")

@@ -1,13 +1,13 @@
-"""Shipped pipelines with mistakes in them, planned: what becomes of each.
+"""Plan shipped pipelines into which mistakes were put, and count the outcomes.
 
 In:  how many (default 3000), and a seed.
-Out: counts of exit codes 0 and 2, of tracebacks, warnings, hangs (10 s of CPU, or 600 s of waiting) and messages that
-     are not lines a person can act on; each of the last four with the text that does it, in ``mutants/``; CPU seconds.
+Out: counts of exit codes 0 and 2, of tracebacks, warnings, hangs (10 s of CPU, or 600 s of waiting) and of messages
+     that are not lines a person can act on; each of the last four with its pipeline in ``mutants/``; CPU seconds.
 
     python benchmarks/faults/mutated_pipelines.py 3000
 
-A mutant is a shipped file with one to three mistakes: a value, a key, a line or a character is lost, doubled, swapped
-or replaced. Axes are made short first, so that what is fine is planned in 50 ms.
+A mutant is a shipped file with one to three mistakes: a value, key, line or character is removed, duplicated, swapped
+or replaced. Axes are shortened first, so that a valid mutant is planned in 50 ms.
 """
 
 from __future__ import annotations
@@ -85,16 +85,18 @@ WORDS = (
     "pattern",
     "a" * 300,
 )
-SLOWEST = 10  # seconds of CPU: how loaded the machine is does not count
-LONGEST = 600  # seconds: what waits for something that never comes
+SLOWEST = 10  # seconds of CPU, independent of the machine's load
+LONGEST = 600  # seconds: waiting for something that never comes
 
 
 class Hang(BaseException):
-    """Told by the alarm."""
+    """Raised by the alarm."""
 
 
 def small(text: str) -> str:
-    """The same pipeline with few steps on every axis: planning takes the time of its cells, whatever their sizes."""
+    """Return the same pipeline with few steps on every axis: planning takes time per cell, whatever the size of the
+    cells.
+    """
     head, sweep, axes = text.partition("[sweep]")
     axes = re.sub(r"steps = \d+", "steps = 2", axes)
     return head + sweep + re.sub(r"= \[([^,\]]*, [^,\]]*), [^\]]*\]", r"= [\1]", axes)
@@ -141,7 +143,7 @@ def mutants(count: int, seed: int) -> Iterator[str]:
 
 
 def outcome(text: str) -> tuple[str, str]:
-    """What planning a text ends in, and what it says."""
+    """Return the outcome of planning a text, and its message."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")

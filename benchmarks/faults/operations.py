@@ -1,8 +1,7 @@
-"""The operations of a process on the files of one folder, numbered, so that one of them can be made to fail, or to be
-the last.
+"""Number the file operations of a process in one folder, so that one of them can fail or be the last.
 
-In:  a folder, the number of an operation, what is to happen to it.
-Out: a process that meets this fault; of a loss of power, a folder that holds only what had been made safe.
+In:  a folder, the number of an operation, the fault.
+Out: a process that meets this fault; for a power loss, a folder that holds only what had been synced.
 """
 
 from __future__ import annotations
@@ -51,15 +50,15 @@ ENDED = 77
 
 
 class Shadow:
-    """What of a folder would outlive the loss of power: contents by file, and names by folder, as of the last fsync
-    of each.
+    """The state of a folder that would survive a power loss: contents by file, and names by folder, as of the last
+    fsync of each.
     """
 
     def __init__(self, root: Path) -> None:
         self.root = root
         self.contents: dict[int, bytes] = {}
         self.names: dict[int, dict[str, tuple[int, bool]]] = {}
-        self.held: list[int] = []  # files stay open, so that no number of theirs is given to another
+        self.held: list[int] = []  # files stay open, so that their inode numbers are not reused
         self.known: set[int] = set()
 
     def hold(self, handle: int) -> None:
@@ -78,13 +77,13 @@ class Shadow:
                 self.contents[state.st_ino] = file.read()
 
     def lose_power(self, lot: random.Random) -> None:
-        """Leave in the folder what would be left."""
+        """Leave in the folder only what would survive."""
         now: dict[int, bytes] = {}
         for folder, _, files in os.walk(self.root):
             for name in files:
                 path = Path(folder) / name
                 now[path.stat().st_ino] = path.read_bytes()
-        for handle in self.held:  # of files that were removed as well
+        for handle in self.held:  # removed files too
             state = os.fstat(handle)
             if stat.S_ISREG(state.st_mode) and state.st_ino not in now:
                 with contextlib.suppress(OSError), open(f"/proc/self/fd/{handle}", "rb") as file:
@@ -113,7 +112,7 @@ class Shadow:
 
 
 class Watched:
-    """The operations of this process below a folder, numbered; one of them may be made to fail."""
+    """The numbered operations of this process below a folder, one of which may fail."""
 
     def __init__(self, root: Path, at: int, kind: str, lot: random.Random) -> None:
         self.root, self.at, self.kind, self.lot = root, at, kind, lot

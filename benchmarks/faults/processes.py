@@ -1,4 +1,4 @@
-"""The processes of this machine, as /proc shows them: who started whom, who is left, who listens.
+"""Processes of this machine, from /proc: parents, sessions, survivors, listening sockets.
 
 In:  the number of a process, or of a session.
 Out: numbers of processes that have not ended; addresses.
@@ -15,7 +15,7 @@ PROC = Path("/proc")
 
 
 def states() -> dict[int, tuple[int, int]]:
-    """Parent and session of every process that has not ended."""
+    """Return parent and session of every process that has not ended."""
     found = {}
     for status in PROC.glob("[0-9]*/stat"):
         with contextlib.suppress(OSError, IndexError, ValueError):
@@ -30,7 +30,7 @@ def of_session(session: int) -> list[int]:
 
 
 def children(pid: int) -> list[int]:
-    """The processes that a process has started, and theirs."""
+    """Return the processes that a process has started, and their descendants."""
     known, found, open_ = states(), list[int](), [pid]
     while open_:
         parent = open_.pop()
@@ -41,7 +41,7 @@ def children(pid: int) -> list[int]:
 
 
 def workers_below(pid: int) -> list[int]:
-    """The worker processes that a process watches over; Python's tracker of shared things is none."""
+    """Return the worker processes below a process, without Python's resource tracker."""
     found = []
     for child in children(pid):
         with contextlib.suppress(OSError):
@@ -52,7 +52,7 @@ def workers_below(pid: int) -> list[int]:
 
 
 def still(pids: list[int], seconds: float = 8.0) -> list[int]:
-    """Which of some processes are there after a while."""
+    """Return which of some processes still exist after a while."""
     until = time.monotonic() + seconds
     while (alive := [pid for pid in pids if pid in states()]) and time.monotonic() < until:
         time.sleep(0.1)
@@ -60,7 +60,7 @@ def still(pids: list[int], seconds: float = 8.0) -> list[int]:
 
 
 def listening(session: int) -> list[str]:
-    """The addresses at which processes of a session listen, in the words of the kernel."""
+    """Return the addresses on which processes of a session listen, as the kernel writes them."""
     own = set()
     for pid in of_session(session):
         with contextlib.suppress(OSError):

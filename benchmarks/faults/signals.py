@@ -1,11 +1,10 @@
-"""Ctrl-C and SIGTERM at any instant of a run: what is said, with which exit code, what is left, and whether the next
-run mends it.
+"""Send Ctrl-C or SIGTERM at any instant of a run: output, exit code, leftovers, and whether the next run resumes.
 
     python benchmarks/faults/signals.py 60 --scheduler threads
 
 sends one signal to each of 60 runs of ``pipelines/smallest.toml``, at instants spread from the start of the process to
-its end. A signal before the program's first instruction (Python itself is starting) ends the process by the signal, as
-it does any other.
+its end. A signal before the program's first instruction (while Python itself starts) ends the process by the signal, as
+with any other program.
 """
 
 from __future__ import annotations
@@ -49,10 +48,10 @@ class Ended:
     @property
     def kind(self) -> str:
         if self.code == 0:
-            return "was over"
+            return "already over"
         if self.code == 128 + self.sent and len(self.lines) == 1 and "Traceback" not in self.lines[0]:
-            return "in order"
-        return "before the program" if self.code == -self.sent and not self.lines else "raw"
+            return "orderly"
+        return "before start-up" if self.code == -self.sent and not self.lines else "raw"
 
 
 def command(pipeline: Path, archive: Path, scheduler: str) -> list[str]:
@@ -73,22 +72,20 @@ def command(pipeline: Path, archive: Path, scheduler: str) -> list[str]:
 def interrupted(
     pipeline: Path, archive: Path, scheduler: str, sent: signal.Signals, wait: float, whole: float, again: int = 0
 ) -> Ended:
-    """Start a run, send it a signal after ``wait`` seconds (and ``again`` more soon after), see how it ends."""
+    """Start a run, send it a signal after ``wait`` seconds (and ``again`` more soon after), and return how it ends."""
     process = subprocess.Popen(
         command(pipeline, archive, scheduler),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(
-            signal.SIGINT, signal.SIG_DFL
-        ),  # a shell ignores it for what runs in the background
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # shells ignore it for background processes
     )
     time.sleep(wait)
     began = time.monotonic()
     for _ in range(1 + again):
         try:
-            os.killpg(process.pid, sent)  # as a terminal does: the workers too
+            os.killpg(process.pid, sent)  # to the workers too, as a terminal does
         except ProcessLookupError:
             break
         time.sleep(0.01 if again else 0)
@@ -96,15 +93,13 @@ def interrupted(
     seconds = time.monotonic() - began
     left = [str(path.name) for path in archive.rglob("*.partial")]
     left += [f"process {pid}" for pid in still(of_session(process.pid), 5.0)]
-    lines = [
-        line for line in said.splitlines() if not line.startswith("note: ")
-    ]  # what stages have to say stands there before
+    lines = [line for line in said.splitlines() if not line.startswith("note: ")]  # messages of stages may precede it
     return Ended(sent, wait / whole, process.returncode, lines, seconds, left)
 
 
 def same(first: Path, second: Path) -> bool:
-    """Whether every chunk of every stage of two archives is the same; times differ, and the order in which chunks
-    lie in a shard.
+    """Return whether every chunk of every stage of two archives is the same; times and the order of chunks in a shard
+    may differ.
     """
     files = [{path: data for path, data in store_of(folder).items() if _of_a_stage(path)} for folder in (first, second)]
     return bool(files[0]) and files[0] == files[1]
@@ -115,7 +110,7 @@ def _of_a_stage(path: str) -> bool:
 
 
 def measure(pipeline: Path, kills: int, scheduler: str, seed: int, again: int, place: Path) -> list[Ended]:
-    """So many interrupted runs, each followed by one that finishes it."""
+    """Interrupt this many runs, each followed by one that finishes it."""
     began = time.monotonic()
     subprocess.run(
         command(pipeline, place / "whole", scheduler), check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -143,7 +138,7 @@ def main() -> None:
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         found = measure(given.pipeline, given.kills, given.scheduler, given.seed, given.again, Path(place))
-    print(f"{'signal':8s} {'ended':20s} {'runs':>5s} {'mended':>7s} {'left':>5s} {'slowest':>9s}")
+    print(f"{'signal':8s} {'ended':20s} {'runs':>5s} {'resumed':>7s} {'left':>5s} {'slowest':>9s}")
     for (sent, kind), count in sorted(Counter((e.sent.name, e.kind) for e in found).items()):
         own = [e for e in found if (e.sent.name, e.kind) == (sent, kind)]
         print(
@@ -152,7 +147,7 @@ def main() -> None:
         )
     for ended in found:
         if ended.kind == "raw" or ended.left or not ended.mended:
-            print(f"{ended.sent.name} at {ended.at:.2f}: code {ended.code}, left {ended.left}, mended {ended.mended}")
+            print(f"{ended.sent.name} at {ended.at:.2f}: code {ended.code}, left {ended.left}, resumed {ended.mended}")
             print("\n".join(f"    {line}" for line in ended.lines[-6:]))
 
 

@@ -1,8 +1,7 @@
-"""More files made to do harm, of every format that pipelines and commands name: sizes that are only said, parts that
-unfold, code in data.
+"""More malicious files, of every format that pipelines and commands name: false sizes, expanding parts, code in data.
 
 In:  an empty folder, a folder outside.
-Out: the path of the file; by kind, with the commands that are to be tried on it (``FILES``).
+Out: the path of the file; by kind, with the commands to try on it (``FILES``).
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ import numpy as np
 from hostile_kinds import bank, pipeline_with, toml_of
 
 Make = Callable[[Path, Path], Path]
-OWNED = "owned.txt"  # in the folder outside: what a pickle would write
+OWNED = "owned.txt"  # in the folder outside: the file that a pickle would write
 SMALLEST = (Path(__file__).parents[2] / "pipelines" / "smallest.toml").read_text()
 
 
@@ -52,7 +51,7 @@ def jpeg(path: Path, exif: bytes = b"", size: tuple[int, int] = (8, 8), more: by
 
 
 def exif_loop() -> bytes:
-    """Directories of EXIF that name themselves as the one of the camera, of GPS, and as the next."""
+    """Return EXIF directories that name themselves as camera directory, GPS directory and next directory."""
     entries = (
         struct.pack("<HHII", 0x8769, 4, 1, 8)
         + struct.pack("<HHII", 0x8825, 4, 1, 8)
@@ -62,7 +61,7 @@ def exif_loop() -> bytes:
 
 
 def tiff(path: Path, tags: list[tuple[int, int, int, int]], more: bytes = b"") -> Path:
-    """Tags (number, type, count, value) in one directory."""
+    """Write tags (number, type, count, value) in one directory."""
     body = b"".join(struct.pack("<HHII", *tag) for tag in sorted(tags))
     path.write_bytes(struct.pack("<2sHIH", b"II", 42, 8, len(tags)) + body + struct.pack("<I", 0) + more)
     return path
@@ -79,14 +78,14 @@ def big_tiff(path: Path) -> Path:
 
 
 def deflated_tiff(path: Path) -> Path:
-    """A strip that unfolds to 1.5 GB, of a picture of 8 x 8."""
+    """Write a strip that expands to 1.5 GB, for a picture of 8 x 8."""
     data = unfolding_text()
     tags = [one for one in usual(8, 200, len(data)) if one[0] != 259]
     return tiff(path, [*tags, (259, 3, 1, 8)], bytes(200 - 10 - 12 * 9 - 4) + data)
 
 
 class Owns:
-    """A pickle that writes a file where it is read."""
+    """A pickle that writes a file when it is loaded."""
 
     def __init__(self, outside: Path) -> None:
         self.outside = outside
@@ -118,7 +117,7 @@ def npz_of(path: Path, parts: dict[str, bytes]) -> Path:
 
 
 def npz_of_many(path: Path) -> Path:
-    """Thirty arrays of 160 MB, each less than one that is refused."""
+    """Write thirty arrays of 160 MB, each below the size that is refused."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
         for number in range(30):
             with file.open(f"a{number}.npy", "w") as member:
@@ -131,7 +130,7 @@ def npz_of_many(path: Path) -> Path:
 
 
 def npz_that_lies(path: Path) -> Path:
-    """An entry that says it has 800 bytes in the directory, and unfolds to far more."""
+    """Write an entry that claims 800 bytes in the directory and expands to far more."""
     npz_of(
         path,
         {
@@ -174,7 +173,7 @@ def deep_groups(file: object) -> None:
 
 
 def mat5(path: Path, dims: tuple[int, int, int], deflated: bool = False) -> Path:
-    """MATLAB 5: an array that says its size."""
+    """Write a MATLAB 5 array that states its size."""
     name = b"cube\0\0\0\0"
     flags = struct.pack("<IIII", 6, 8, 6, 0)
     shape = struct.pack("<II", 5, 12) + struct.pack("<iii", *dims) + bytes(4)
@@ -232,7 +231,7 @@ def exr(path: Path, window: tuple[int, int, int, int], channels: int = 3) -> Pat
 
 
 def zarr_cube(folder: Path, **more: object) -> Path:
-    """A store for the stage radiance_cube, whose metadata may say anything."""
+    """Write a store for the stage radiance_cube with arbitrary metadata."""
     store = folder / "cube.zarr"
     (store / "radiance" / "c" / "0" / "0").mkdir(parents=True)
     (store / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group", "attributes": {}}')
@@ -307,7 +306,7 @@ def zarr_fifo(folder: Path, outside: Path) -> Path:
 
 
 def camera(**more: str) -> Make:
-    """The smallest pipeline with another value of the camera."""
+    """Return the smallest pipeline with another value of the camera."""
 
     def make(folder: Path, outside: Path) -> Path:
         text = SMALLEST
@@ -327,7 +326,7 @@ def swept(value: str) -> Make:
 
 
 def light(text: bytes | str) -> Make:
-    """A pipeline whose illuminant is a table."""
+    """Return a pipeline whose illuminant is a table."""
 
     def make(folder: Path, outside: Path) -> Path:
         written(folder / "light.csv", text)
@@ -346,16 +345,16 @@ def _lit(folder: Path) -> Path:
 
 
 def both(make: Callable[[Path], Path], name: str) -> Make:
-    """A pipeline with a picture, which is measured too."""
+    """Return a pipeline with a picture that is also measured."""
     return lambda folder, outside: pipeline_with(folder, "photograph", make(folder / name).name)
 
 
 PICTURES: dict[str, tuple[str, Callable[[Path], Path]]] = {
     "a PNG of 60,000 x 60,000": ("p.png", lambda p: png(p, 60_000, data=zlib.compress(bytes(1 << 20)))),
-    "a PNG whose text unfolds": ("p.png", lambda p: png(p, 8, png_part(b"zTXt", b"x\0\0" + unfolding_text()))),
-    "a PNG whose colours unfold": ("p.png", lambda p: png(p, 8, png_part(b"iCCP", b"x\0\0" + unfolding_text()))),
-    "a PNG whose picture unfolds": ("p.png", lambda p: png(p, 8, data=unfolding_text())),
-    "a deep PNG whose picture unfolds": ("p.png", lambda p: png(p, 8, depth=16, data=unfolding_text())),
+    "a PNG whose text expands": ("p.png", lambda p: png(p, 8, png_part(b"zTXt", b"x\0\0" + unfolding_text()))),
+    "a PNG whose colours expand": ("p.png", lambda p: png(p, 8, png_part(b"iCCP", b"x\0\0" + unfolding_text()))),
+    "a PNG whose picture expands": ("p.png", lambda p: png(p, 8, data=unfolding_text())),
+    "a deep PNG whose picture expands": ("p.png", lambda p: png(p, 8, depth=16, data=unfolding_text())),
     "a PNG of 300,000 parts": ("p.png", lambda p: png(p, 8, png_part(b"tEXt", b"x\0y") * 300_000)),
     "a PNG with EXIF in a loop": ("p.png", lambda p: png(p, 8, png_part(b"eXIf", exif_loop()))),
     "a PNG of 3,000 pictures": ("p.png", lambda p: png(p, 8, png_part(b"acTL", struct.pack(">II", 2**31 - 1, 0)))),
@@ -371,7 +370,7 @@ PICTURES: dict[str, tuple[str, Callable[[Path], Path]]] = {
         "p.jpg",
         lambda p: jpeg(p, more=(b"\xff\xe2" + struct.pack(">H", 20) + b"ICC_PROFILE\0\x01\xff" + bytes(4)) * 20_000),
     ),
-    "a TIFF of 2**31 rows a strip": ("p.tif", lambda p: tiff(p, usual(2**31 - 1))),
+    "a TIFF of 2**31 rows per strip": ("p.tif", lambda p: tiff(p, usual(2**31 - 1))),
     "a TIFF of 2**32 offsets": (
         "p.tif",
         lambda p: tiff(p, [*[t for t in usual(8) if t[0] != 273], (273, 4, 2**32 - 1, 8)]),
@@ -383,7 +382,7 @@ PICTURES: dict[str, tuple[str, Callable[[Path], Path]]] = {
         ),
     ),
     "a BigTIFF of 2**60 tags": ("p.tif", big_tiff),
-    "a TIFF whose strip unfolds": ("p.tif", deflated_tiff),
+    "a TIFF whose strip expands": ("p.tif", deflated_tiff),
     "a TIFF with directories inside itself": (
         "p.tif",
         lambda p: tiff(p, [*usual(8), (330, 4, 1, 8), (34665, 4, 1, 8)], bytes(300)),
@@ -412,7 +411,7 @@ FILES: dict[str, tuple[Make, tuple[str, ...]]] = {
         ("import",),
     ),
     "an npz of thirty bombs": (lambda f, o: npz_of_many(f / "p.npz"), ("import",)),
-    "an npz that lies of its size": (lambda f, o: npz_that_lies(f / "p.npz"), ("import",)),
+    "an npz that misstates its size": (lambda f, o: npz_that_lies(f / "p.npz"), ("import",)),
     "an npz of 60,000 arrays": (
         lambda f, o: npz_of(f / "p.npz", {f"a{n}.npy": b"" for n in range(60_000)}),
         ("import",),
@@ -424,11 +423,11 @@ FILES: dict[str, tuple[Make, tuple[str, ...]]] = {
         ("plan",),
     ),
     "a blur with bombs": (lambda f, o: (npz_of_many(f / "p.npz"), bank(f, "p.npz"))[1], ("plan",)),
-    "HDF5 of forty fill values": (lambda f, o: hdf5(f / "p.h5", many_fills), ("import",)),
-    "HDF5 of links in a ring": (lambda f, o: hdf5(f / "p.h5", loops), ("import",)),
+    "HDF5 of forty arrays of fill values": (lambda f, o: hdf5(f / "p.h5", many_fills), ("import",)),
+    "HDF5 with circular links": (lambda f, o: hdf5(f / "p.h5", loops), ("import",)),
     "HDF5 of groups 3,000 deep": (lambda f, o: hdf5(f / "p.h5", deep_groups), ("import",)),
     "MATLAB of 2**93 numbers": (lambda f, o: mat5(f / "p.mat", (2**31 - 1,) * 3), ("import",)),
-    "MATLAB that unfolds": (lambda f, o: mat5(f / "p.mat", (14_000, 100, 1000), deflated=True), ("import",)),
+    "MATLAB that expands": (lambda f, o: mat5(f / "p.mat", (14_000, 100, 1000), deflated=True), ("import",)),
     "ENVI of 10**36 numbers": (
         lambda f, o: envi(f, samples="1000000000000", lines="1000000000000", bands="1000000000000"),
         ("import",),
@@ -439,7 +438,7 @@ FILES: dict[str, tuple[Make, tuple[str, ...]]] = {
     "ENVI of a fifo": (lambda f, o: (os.mkfifo(f / "cube.img"), envi(f))[1], ("import",)),
     "ENVI of /dev/zero": (lambda f, o: ((f / "cube.img").symlink_to("/dev/zero"), envi(f))[1], ("import",)),
     "ENVI, header of 100 MB": (lambda f, o: envi(f, description="{" + "x" * 100_000_000 + "}"), ("import",)),
-    "ENVI, braces without end": (lambda f, o: envi(f, description="{" * 100_000), ("import",)),
+    "ENVI, unclosed braces": (lambda f, o: envi(f, description="{" * 100_000), ("import",)),
     "ENVI, 3,000,000 wavelengths": (lambda f, o: envi(f, wavelength="{" + "1," * 3_000_000 + "2}"), ("import",)),
     "EXR of 2**62 pixels": (lambda f, o: exr(f / "p.exr", (-(2**30), -(2**30), 2**30, 2**30)), ("import",)),
     "EXR of 20,000 layers": (lambda f, o: exr(f / "p.exr", (0, 0, 63, 63), 20_000), ("import",)),
@@ -448,9 +447,9 @@ FILES: dict[str, tuple[Make, tuple[str, ...]]] = {
         lambda f, o: zarr_cube(f, shape=[3, 10**6, 10**6], chunk_grid=chunked(3, 10**6, 10**6)),
         ("plan", "run"),
     ),
-    "Zarr that unfolds": (zarr_bomb, ("plan", "run")),
+    "Zarr that expands": (zarr_bomb, ("plan", "run")),
     "Zarr with a fifo": (zarr_fifo, ("plan", "run")),
-    "Zarr with a codec of pickles": (lambda f, o: zarr_cube(f, codecs=[{"name": "numcodecs.pickle"}]), ("plan",)),
+    "Zarr with a pickle codec": (lambda f, o: zarr_cube(f, codecs=[{"name": "numcodecs.pickle"}]), ("plan",)),
     "Zarr of 1-number chunks": (
         lambda f, o: zarr_cube(f, shape=[300, 1000, 1000], chunk_grid=chunked(1, 1, 1)),
         ("plan", "run"),
@@ -465,10 +464,10 @@ FILES: dict[str, tuple[Make, tuple[str, ...]]] = {
     "a table of NaN": (light("wavelength_nm,power\n300,nan\nnan,1\n900,inf\n"), ("plan",)),
     "a table of zeros": (light(b"\0" * 100_000), ("plan",)),
     "a table of escapes": (light("\x1b[2J\x1b]0;owned\x07,power\n300,1\n900,1\n"), ("plan",)),
-    "a table with quotes that do not end": (light('wavelength_nm,power\n"300,1\n' + "900,1\n" * 200_000), ("plan",)),
+    "a table with unterminated quotes": (light('wavelength_nm,power\n"300,1\n' + "900,1\n" * 200_000), ("plan",)),
     "TOML nested 100,000 deep": (lambda f, o: toml_of(f, "x = " + "[" * 100_000), ("plan",)),
     "TOML of inline tables": (lambda f, o: toml_of(f, "x = " + "{a=" * 100_000), ("plan",)),
-    "TOML, tables by the thousand": (
+    "TOML, thousands of tables": (
         lambda f, o: toml_of(f, "".join(f"[a{n}.b{n}]\n" for n in range(60_000))),
         ("plan",),
     ),
@@ -484,16 +483,19 @@ FILES: dict[str, tuple[Make, tuple[str, ...]]] = {
         ("plan",),
     ),
     "TOML, a unit of 100,000 powers": (camera(focal_length='"1 ' + "m^2 " * 100_000 + '"'), ("plan",)),
-    "TOML, an unending quote": (lambda f, o: toml_of(f, 'name = """' + '\\"""' * 200_000), ("plan",)),
+    "TOML, an unterminated quote": (lambda f, o: toml_of(f, 'name = """' + '\\"""' * 200_000), ("plan",)),
     "TOML, escapes": (
         lambda f, o: toml_of(f, 'name = "\\u001b[2J"\n[camera]\n"\\u001b]0;owned\\u0007" = 1\n'),
         ("plan",),
     ),
     "TOML, an axis of 480,000 times 2": (swept("[" + "2," * 480_000 + "]"), ("plan",)),
     "TOML, an axis of 140,000 numbers": (swept("[" + ",".join(map(str, range(1, 140_001))) + "]"), ("plan",)),
-    "a file of the network": (lambda f, o: pipeline_with(f, "photograph", "//192.0.2.1/share/p.png"), ("plan",)),
-    "a file of a URL": (lambda f, o: pipeline_with(f, "photograph", "http://192.0.2.1/p.png"), ("plan",)),
-    "a file of a URL of a store": (lambda f, o: pipeline_with(f, "radiance_cube", "s3://192.0.2.1/p.zarr"), ("plan",)),
-    "a file of /proc/self/mem": (lambda f, o: pipeline_with(f, "photograph", "/proc/self/mem"), ("plan",)),
-    "links in a ring": (links_in_a_ring, ("plan",)),
+    "a file on the network": (lambda f, o: pipeline_with(f, "photograph", "//192.0.2.1/share/p.png"), ("plan",)),
+    "a URL as a file": (lambda f, o: pipeline_with(f, "photograph", "http://192.0.2.1/p.png"), ("plan",)),
+    "the URL of a store as a file": (
+        lambda f, o: pipeline_with(f, "radiance_cube", "s3://192.0.2.1/p.zarr"),
+        ("plan",),
+    ),
+    "/proc/self/mem as a file": (lambda f, o: pipeline_with(f, "photograph", "/proc/self/mem"), ("plan",)),
+    "circular links": (links_in_a_ring, ("plan",)),
 }

@@ -1,8 +1,7 @@
-"""More kinds of harm: numbers and texts beyond all bounds, chunks that unfold, names that speak to a terminal, metadata
-that disagrees.
+"""More malicious archives: huge numbers and texts, expanding chunks, terminal escapes in names, conflicting metadata.
 
 In:  an archive (a copy) or an empty folder; a folder outside, as for ``hostile_kinds``.
-Out: the archive is changed in place, its digests made anew; of a file, its path.
+Out: the archive is changed in place, its digests recomputed; for a file, its path.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ def text_edited(path: str, change: Callable[[str], str]) -> Act:
 
 
 def raw_line(*lines: str, times: int = 1) -> Act:
-    """Lines at the end of the journal, with the checksum they need."""
+    """Append lines to the journal, with valid checksums."""
 
     def act(archive: Path, outside: Path) -> None:
         with (archive / JOURNAL).open("ab") as file:
@@ -71,7 +70,7 @@ def manifest_text(change: Callable[[str], str]) -> Act:
 
 
 def before_the_end(more: str) -> Callable[[str], str]:
-    """A JSON document with a member more."""
+    """Add a member to a JSON document."""
     return lambda text: f"{text.rstrip()[:-1]},{more}}}"
 
 
@@ -83,7 +82,7 @@ DEEP = '"deep":' + '{"a":' * 100_000 + "1" + "}" * 100_000
 
 
 def chunk_of(name: str, body: Callable[[bytes], bytes]) -> Act:
-    """The one chunk of an array of the tables or coordinates, its checksum right."""
+    """Change the only chunk of an array of tables or coordinates, with a valid checksum."""
 
     def act(archive: Path, outside: Path) -> None:
         array = next(iter(sorted((archive / "data.zarr").glob(name))))
@@ -123,7 +122,7 @@ def one_long_text(body: bytes) -> bytes:
 
 
 def in_a_shard(change: Callable[[bytes], bytes]) -> Act:
-    """A chunk of a cell, with its checksums in shard and journal; it is put behind all others, the index says so."""
+    """Change a chunk of a cell, its checksums in shard and journal; it is put after all others, as the index says."""
 
     def act(archive: Path, outside: Path) -> None:
         journal = archive / JOURNAL
@@ -153,7 +152,7 @@ def in_a_shard(change: Callable[[bytes], bytes]) -> Act:
 
 
 def index_of(change: Callable[[np.ndarray], object]) -> Act:
-    """The index of a shard, its checksum right."""
+    """Change the index of a shard, with a valid checksum."""
 
     def act(archive: Path, outside: Path) -> None:
         place = sorted(archive.glob("data.zarr/adc/raw/c.*"))[0]
@@ -207,7 +206,7 @@ def links_in_a_ring(archive: Path, outside: Path) -> None:
 
 
 def hard_link(path: str) -> Act:
-    """A second name of a file outside: what is written to the archive must not be written there."""
+    """Give a file outside a second name in the archive: writing to the archive must not write to it."""
 
     def act(archive: Path, outside: Path) -> None:
         place = sorted(archive.glob(path))[0]
@@ -241,7 +240,7 @@ def bomb_for_the_sheet(archive: Path, outside: Path) -> None:
 
 
 def record_edited(change: Callable[[dict], object]) -> Act:
-    """The record of the last run, in the journal too."""
+    """Change the record of the last run, in the journal too."""
 
     def act(archive: Path, outside: Path) -> None:
         place = archive / "runs" / "0001.json"
@@ -312,48 +311,48 @@ STRANGERS: dict[str, Act] = {
     "JSON: 400 digits for seconds": raw_line(json.dumps(done()).replace("1.0", "1" * 400, 1)),
     "JSON: 1e400 for seconds": raw_line(json.dumps(done()).replace("1.0", "1e400", 1)),
     "JSON: NaN for seconds": raw_line(json.dumps(done()).replace("1.0", "NaN", 1)),
-    "JSON: a word twice in the manifest": manifest_text(before_the_end('"files":{}')),
-    "JSON: half a pair of surrogates": text_edited("runs/0001.json", before_the_end('"name":"\\ud800"')),
-    "JSON: half a pair in an attribute": metadata_edited(
+    "JSON: a duplicate key in the manifest": manifest_text(before_the_end('"files":{}')),
+    "JSON: a lone surrogate": text_edited("runs/0001.json", before_the_end('"name":"\\ud800"')),
+    "JSON: a lone surrogate in an attribute": metadata_edited(
         RAW, lambda d: d["attributes"].update(long_name="\ud800", units="\udfff")
     ),
-    "JSON: half a pair in the root": root_edited(lambda d: d["attributes"].update(title="\ud800")),
+    "JSON: a lone surrogate in the root": root_edited(lambda d: d["attributes"].update(title="\ud800")),
     "JSON: zeros in a name": line_added(
         {"event": "shard", "path": "data.zarr/adc/raw/c\0.0", "size": 40, "kept": [["a\0", 0, 0, 4]]}
     ),
     "JSON: not UTF-8": lambda a, o: ((a / "runs/0001.json").write_bytes(b'{"name": "\xff\xfe"}'), reseal(a)),
-    "JSON: deep in the root": text_edited("data.zarr/zarr.json", before_the_end(DEEP)),
-    "JSON: deep in an array": text_edited(RAW, before_the_end(DEEP)),
-    "JSON: deep in the crate": text_edited("ro-crate-metadata.json", before_the_end(DEEP)),
-    "JSON: deep in the journal": raw_line("{" + DEEP + "}"),
-    "JSON: deep in what was measured": lambda a, o: (a / "measured.json").write_text("[" * 100_000),
-    "JSON: measured errors of other kinds": lambda a, o: (a / "measured.json").write_text('{"cells": [1], "adc": 7}'),
+    "JSON: deep nesting in the root": text_edited("data.zarr/zarr.json", before_the_end(DEEP)),
+    "JSON: deep nesting in an array": text_edited(RAW, before_the_end(DEEP)),
+    "JSON: deep nesting in the crate": text_edited("ro-crate-metadata.json", before_the_end(DEEP)),
+    "JSON: deep nesting in the journal": raw_line("{" + DEEP + "}"),
+    "JSON: deep nesting in measured errors": lambda a, o: (a / "measured.json").write_text("[" * 100_000),
+    "JSON: measured errors of other types": lambda a, o: (a / "measured.json").write_text('{"cells": [1], "adc": 7}'),
     "JSON: attributes of 100 MB": root_edited(lambda d: d["attributes"].update(x="y" * 100_000_000)),
     "journal: 1,000,000 empty lines": plain_lines(b"\n", 1_000_000),
     "journal: 1,000,000 lines of {}": plain_lines(b"{}\n", 1_000_000),
     "journal: 300,000 numbers": plain_lines(b"1\n", 300_000),
     "journal: 200,000 lines of a cell": raw_line(json.dumps(done(), separators=(",", ":")), times=200_000),
-    "journal: axes of other kinds": raw_line(
+    "journal: axes of other types": raw_line(
         '{"event":"axes","group":"adc","axes":{"x":[{}]}}', '{"event":"axes","group":7,"axes":[]}'
     ),
-    "journal: axes nowhere finite": raw_line(
+    "journal: axes without finite values": raw_line(
         '{"event":"axes","group":"adc","axes":{"f_number":[{"float":"nan"},{"float":"inf"}]}}'
     ),
     "journal: axes of 10**400": raw_line('{"event":"axes","group":"adc","axes":{"f_number":[' + "9" * 400 + "]}}"),
     "journal: an axis of texts": line_added({"event": "axes", "group": "adc", "axes": {"f_number": ["2", "\x1b[2J"]}}),
-    "journal: groups by the thousand": lambda a, o: plain_lines(
+    "journal: thousands of groups": lambda a, o: plain_lines(
         b"".join(summed(b'{"event":"axes","group":"g%d","axes":{"x":[1]}}' % n) + b"\n" for n in range(20_000)), 1
     )(a, o),
-    "journal: a form of other kinds": line_added(
+    "journal: a form of other types": line_added(
         {
             "event": "blocks",
             "group": "adc",
             "blocks": {"raw": {"block": [1], "form": "object -3xx9", "codec": "zip", "pieces": 1}},
         }
     ),
-    "journal: negative places": line_added(done(files=[["data.zarr/adc/raw/c.0.0.0", -1, "a", -5, -7, -9]])),
+    "journal: negative offsets": line_added(done(files=[["data.zarr/adc/raw/c.0.0.0", -1, "a", -5, -7, -9]])),
     "journal: a slot of 2**62": line_added(done(files=[["data.zarr/adc/raw/c.0.0.0", 2**62, "a", 0, 100, 1]])),
-    "journal: a shard of no numbers": line_added(done(files=[["data.zarr/adc/raw/c.x.-1", 0, "a", 0, 100, 1]])),
+    "journal: a shard without numbers": line_added(done(files=[["data.zarr/adc/raw/c.x.-1", 0, "a", 0, 100, 1]])),
     "journal: chunks of a table": line_added(done(files=[["manifest.json", 0, "a", 0, 100, 1], ["", 0, "", 0, 0, 0]])),
     "journal: a run of 10**300 cells": raw_line(
         '{"event":"run","planned":{"adc":1' + "0" * 300 + '},"todo":{"nobody":5}}'
@@ -362,57 +361,61 @@ STRANGERS: dict[str, Act] = {
         {"event": "outdated", "cells": [f"adc f_number={n}" for n in range(100_000)]}
     ),
     "journal: a record elsewhere": line_added({"event": "record", "path": "runs/../manifest.json", "text": "{}"}),
-    "journal: a cell of odd words": line_added(done(cell="\x1b]0;owned\x07 = == f_number=2=3 f_number")),
-    "chunk: a coordinate says 2 GB": chunk_of("adc/f_number", blosc_claims(2**31 - 1)),
-    "chunk: a coordinate says -1": chunk_of("adc/f_number", blosc_claims(-1)),
-    "chunk: a coordinate unfolds": chunk_of("adc/f_number", blosc_bomb),
-    "chunk: a column unfolds": chunk_of(NUMBERS, blosc_bomb),
-    "chunk: texts unfold": chunk_of(TEXTS, zstd_bomb),
+    "journal: a cell with an odd name": line_added(done(cell="\x1b]0;owned\x07 = == f_number=2=3 f_number")),
+    "chunk: a coordinate claims 2 GB": chunk_of("adc/f_number", blosc_claims(2**31 - 1)),
+    "chunk: a coordinate claims -1": chunk_of("adc/f_number", blosc_claims(-1)),
+    "chunk: a coordinate expands": chunk_of("adc/f_number", blosc_bomb),
+    "chunk: a column expands": chunk_of(NUMBERS, blosc_bomb),
+    "chunk: texts expand": chunk_of(TEXTS, zstd_bomb),
     "chunk: 2**31 texts": chunk_of(TEXTS, texts_claimed),
     "chunk: a text of 50 MB": chunk_of(TEXTS, one_long_text),
-    "chunk: a picture unfolds": chunk_of("frames/*preview*", blosc_bomb),
-    "chunk: a status unfolds": chunk_of("adc/status", blosc_bomb),
-    "chunk: nothing in it": chunk_of("adc/f_number", lambda body: b""),
-    "chunk: of a cell says 2 GB": in_a_shard(blosc_claims(2**31 - 1)),
-    "chunk: of a cell says 1": in_a_shard(blosc_claims(1)),
-    "chunk: of a cell unfolds": in_a_shard(blosc_bomb),
-    "chunk: of a cell is noise": in_a_shard(lambda body: bytes(range(256)) * 2),
-    "index: places beyond the file": index_of(lambda index: index.__setitem__((0, 0), 2**63)),
+    "chunk: a picture expands": chunk_of("frames/*preview*", blosc_bomb),
+    "chunk: a status expands": chunk_of("adc/status", blosc_bomb),
+    "chunk: empty": chunk_of("adc/f_number", lambda body: b""),
+    "chunk: a cell claims 2 GB": in_a_shard(blosc_claims(2**31 - 1)),
+    "chunk: a cell claims 1": in_a_shard(blosc_claims(1)),
+    "chunk: a cell expands": in_a_shard(blosc_bomb),
+    "chunk: a cell is noise": in_a_shard(lambda body: bytes(range(256)) * 2),
+    "index: offsets beyond the file": index_of(lambda index: index.__setitem__((0, 0), 2**63)),
     "index: lengths beyond the file": index_of(lambda index: index.__setitem__((0, 1), 2**64 - 2)),
-    "index: all at one place": index_of(lambda index: index.__setitem__(slice(None), index[0].copy())),
+    "index: all at one offset": index_of(lambda index: index.__setitem__(slice(None), index[0].copy())),
     "codec: gzip": metadata_edited(COORDINATE, codec_of("gzip", level=1)),
-    "codec: of numcodecs": metadata_edited(COORDINATE, codec_of("numcodecs.zlib", level=1)),
+    "codec: from numcodecs": metadata_edited(COORDINATE, codec_of("numcodecs.zlib", level=1)),
     "codec: shards in shards": metadata_edited(
         RAW, lambda d: d["codecs"][0]["configuration"].update(codecs=deepcopy(d["codecs"]))
     ),
-    "codec: gzip that unfolds": gzip_bomb,
+    "codec: gzip that expands": gzip_bomb,
     "zarr: a transformer": metadata_edited(
         RAW, lambda d: d.update(storage_transformers=[{"name": "x", "configuration": {"url": "http://192.0.2.1"}}])
     ),
     "zarr: version 2": metadata_edited(RAW, lambda d: d.update(zarr_format=2)),
-    "zarr: an array for a group": metadata_edited("data.zarr/adc/zarr.json", lambda d: d.update(node_type="array")),
-    "zarr: chunks of nothing": metadata_edited(
+    "zarr: an array in place of a group": metadata_edited(
+        "data.zarr/adc/zarr.json", lambda d: d.update(node_type="array")
+    ),
+    "zarr: chunks without values": metadata_edited(
         RAW, lambda d: d["chunk_grid"]["configuration"].update(chunk_shape=[0] * len(d["shape"]))
     ),
-    "zarr: a fill value of words": metadata_edited(RAW, lambda d: d.update(fill_value="many")),
-    "zarr: dims twice": metadata_edited(RAW, lambda d: d.update(dimension_names=["x"] * len(d["shape"]))),
-    "zarr: attributes of a list": metadata_edited(RAW, lambda d: d.update(attributes=[1])),
-    "zarr: times beyond all": metadata_edited(
+    "zarr: a text as fill value": metadata_edited(RAW, lambda d: d.update(fill_value="many")),
+    "zarr: duplicate dims": metadata_edited(RAW, lambda d: d.update(dimension_names=["x"] * len(d["shape"]))),
+    "zarr: attributes as a list": metadata_edited(RAW, lambda d: d.update(attributes=[1])),
+    "zarr: impossible times": metadata_edited(
         COORDINATE, lambda d: d["attributes"].update(units="days since 0000-99-99", calendar="x")
     ),
-    "zarr: scaled by words": metadata_edited(RAW, lambda d: d["attributes"].update(scale_factor="x", add_offset=[1])),
+    "zarr: a text as scale factor": metadata_edited(
+        RAW, lambda d: d["attributes"].update(scale_factor="x", add_offset=[1])
+    ),
     "zarr: the root disagrees": root_edited(lambda d: members(d)["adc/raw"].update(shape=[10**12] * 3)),
-    "zarr: the root leads out": root_edited(
+    "zarr: the root names a place outside": root_edited(
         lambda d: members(d).update({"../../outside": members(d)["adc/raw"], "/etc": {}})
     ),
     "zarr: 20,000 nodes in the root": root_edited(
         lambda d: members(d).update({f"adc/n{n}": members(d)["adc/raw"] for n in range(20_000)})
     ),
-    "zarr: nodes of other kinds": root_edited(lambda d: members(d).update({"adc": 7, "": None})),
-    "zarr: axes of other kinds": root_edited(
+    "zarr: nodes of other types": root_edited(lambda d: members(d).update({"adc": 7, "": None})),
+    "zarr: axes of other types": root_edited(
         lambda d: d["attributes"].update(etendue={"format": [], "axes": {"adc": 7, "": [{}]}})
     ),
-    "record: nodes of a list": record_edited(lambda d: d.update(nodes=[1, 2])),
+    "record: nodes as a list": record_edited(lambda d: d.update(nodes=[1, 2])),
     "record: every field a number": record_edited(
         lambda d: d.update({key: 7 for key in d if key not in ("resolved", "format")})
     ),
@@ -433,7 +436,7 @@ STRANGERS: dict[str, Act] = {
     "pipeline: not a number": pipeline_edited(lambda text: text.replace("[2, 4]", "[nan, inf]")),
     "pipeline: 5,000 digits": pipeline_edited(lambda text: text.replace("[2, 4]", f"[2, {HUGE}]")),
     "pipeline: seed of 400 digits": pipeline_edited(lambda text: text.replace("seed = 0", f"seed = {'9' * 400}")),
-    "pipeline: a share of Windows": pipeline_edited(
+    "pipeline: a Windows share": pipeline_edited(
         lambda text: text.replace('"../inputs/', '"//192.0.2.1/share/../inputs/')
     ),
     "pipeline: a URL": pipeline_edited(lambda text: text.replace('"../inputs/', '"http://192.0.2.1/')),
@@ -442,23 +445,23 @@ STRANGERS: dict[str, Act] = {
     ),
     "names: not UTF-8": named(b"\xff\xfe", b"data.zarr/adc/\xff.bin", b"inputs/\xff", b"runs/\xff.json"),
     "names: right to left": named("gnp.\u202e0001", "runs/0001\u202e.json", "inputs/\u202e\u200b"),
-    "names: other cases": named("JOURNAL.jsonl", "Manifest.json", "RUNS/0001.json", "data.zarr/ADC/raw/c.0"),
+    "names: different case": named("JOURNAL.jsonl", "Manifest.json", "RUNS/0001.json", "data.zarr/ADC/raw/c.0"),
     "names: numbers of 4,000 digits": named(
         "runs/" + "9" * 240 + ".json", "runs/-1.json", "runs/\u0661\u0662.json", "runs/0001.JSON"
     ),
     "names: 20,000 files": many_files,
     "names: folders 1,500 deep": deep_folders,
-    "names: links in a ring": links_in_a_ring,
-    "names: a second name of the journal": hard_link(JOURNAL),
-    "names: a second name of an input": hard_link("inputs/*"),
-    "a folder for the journal": folder_for(JOURNAL),
-    "a folder for the lock": lambda a, o: ((a / "lock").unlink(missing_ok=True), (a / "lock").mkdir()),
-    "a folder for an input": folder_for("inputs/*"),
-    "a folder for a record": folder_for("runs/0001.json"),
-    "an input of a folder, nested": added(
+    "names: circular links": links_in_a_ring,
+    "names: a hard link to the journal": hard_link(JOURNAL),
+    "names: a hard link to an input": hard_link("inputs/*"),
+    "a folder in place of the journal": folder_for(JOURNAL),
+    "a folder in place of the lock": lambda a, o: ((a / "lock").unlink(missing_ok=True), (a / "lock").mkdir()),
+    "a folder in place of an input": folder_for("inputs/*"),
+    "a folder in place of a record": folder_for("runs/0001.json"),
+    "a deeply nested input folder": added(
         "inputs/" + "0" * 64, lambda p, o: [(p / "/".join("ab" * 100)).mkdir(parents=True)]
     ),
-    "the crate with addresses": with_url,
-    "the sheet of 3.6e9 pixels": bomb_for_the_sheet,
-    "the owner with addresses": lambda a, o: (a / "run.id").write_text("http://192.0.2.1/" * 100_000),
+    "URLs in the crate": with_url,
+    "a sheet of 3.6e9 pixels": bomb_for_the_sheet,
+    "URLs in the owner": lambda a, o: (a / "run.id").write_text("http://192.0.2.1/" * 100_000),
 }

@@ -1,11 +1,10 @@
-"""What stands around a run and goes wrong: two at once, readers in the middle, places that take no bytes, clocks,
-names, pipes.
+"""Faults in the environment of a run: concurrent runs and readers, file systems that refuse writes, clocks, names,
+pipes.
 
     python benchmarks/faults/surroundings.py [--only places readers] [--count 10]
 
-In:  a small sweep, run in processes split off from one that has imported all it needs; a name space of its own for what
-     is mounted.
-Out: a table fault | expected | seen as expected, with counts; what was not is named, and the exit code then is 1.
+In:  a small sweep, run in processes forked from one that has imported all modules; a private mount namespace.
+Out: a table: fault | expected | as expected, with counts. Everything else is named, and the exit code is then 1.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ HUGE = (
 
 
 class Place:
-    """A folder with the pipeline and what an undisturbed run gives."""
+    """A folder with the pipeline and the results of an undisturbed run."""
 
     def __init__(self, folder: Path, chance: random.Random) -> None:
         self.folder, self.chance, self.said, self.whole = folder, chance, folder / "said", folder / "whole"
@@ -70,7 +69,7 @@ class Place:
         return code_of(start(self.words(archive, *more), self.said))
 
     def call(self, *words: str, before: Callable[[], object] | None = None) -> tuple[int, str]:
-        """The exit code of a command, and what it said."""
+        """Return the exit code of a command, and its output."""
         code = code_of(start(list(words), self.said, before))
         return code, self.said.read_text(errors="replace")
 
@@ -82,7 +81,7 @@ class Place:
         return int(json.loads(self.said.read_text().splitlines()[-1])["computed"])
 
     def ends_right(self, archive: Path) -> str:
-        """What is not right of the archive after the same command has run again; '' where all is."""
+        """Return what is wrong with the archive after the same command has run again; '' if nothing is."""
         code = self.run(archive)
         why = f"exit {code}: {self.said.read_text()[-200:]}" if code else differs(archive, self.whole)
         left = [] if why else left_over(archive, self.whole)
@@ -90,15 +89,15 @@ class Place:
 
 
 def in_words(code: int, said: str, wanted: int, *words: str) -> str:
-    """Whether a command has ended with this code, in a few lines with these words; '' where it has."""
+    """Return '' if a command ended with this code and a few lines that contain these words; else what it did."""
     lines = [line for line in said.splitlines() if not line.startswith("note: ")]
     right = code == wanted and "Traceback" not in said and len(lines) <= 3 and all(word in said for word in words)
     return "" if right else f"exit {code}: {said[-300:]}"
 
 
 def together(place: Place, count: int) -> Iterator[Seen]:
-    """Two runs of one archive at once."""
-    seen = Seen("two runs of one archive at once", "exit 0, and exit 0 or 4 (in use); the archive is right")
+    """Run two runs on one archive at the same time."""
+    seen = Seen("two runs on one archive at the same time", "exit 0, and exit 0 or 4 (in use); archive correct")
     for number in range(count):
         archive, second = place.folder / f"two{number}", place.folder / "second"
         first = start(place.words(archive), place.said)
@@ -115,10 +114,10 @@ def together(place: Place, count: int) -> Iterator[Seen]:
 
 
 def readers(place: Place, count: int) -> Iterator[Seen]:
-    """An archive looked into while a run writes it."""
+    """Read an archive while a run writes it."""
     seen, show = (
-        Seen("read while a run goes on", "every array that is given is right"),
-        Seen("show while a run goes on", "exit 0, or 2 in words"),
+        Seen("read during a run", "every array returned is correct"),
+        Seen("show during a run", "exit 0, or 2 with a message"),
     )
     for number in range(count):
         archive, child = place.folder / f"read{number}", start(place.words(place.folder / f"read{number}"), place.said)
@@ -134,7 +133,7 @@ def readers(place: Place, count: int) -> Iterator[Seen]:
 
 
 def places(place: Place, count: int) -> Iterator[Seen]:
-    """Folders that can be read alone, and disks without room, in a name space of mounts of our own."""
+    """Use read-only folders and full disks, in a private mount namespace."""
     mount = place.folder / "mount"
     mount.mkdir()
 
@@ -146,12 +145,12 @@ def places(place: Place, count: int) -> Iterator[Seen]:
         return done.returncode, done.stdout + done.stderr
 
     if mounted("true", "true")[0]:
-        print("(no name space of our own is to be had here: places are not tried)")
+        print("(a private mount namespace is not available here: file systems are not tested)")
         return
     program = (sys.executable, "-m", "etendue")
     shutil.copytree(place.whole, mount / "whole")
     locked = f"mount --bind '{mount}' '{mount}' && mount -o remount,ro,bind '{mount}'"
-    seen = Seen("a run in a place that can only be read", "exit 5, one line, the file system's words")
+    seen = Seen("run on a read-only file system", "exit 5, one line with the file system's message")
     for archive, more in (
         (mount / "whole", ()),
         (mount / "whole", ("--set", "camera.pixel_pitch=4 um")),
@@ -159,12 +158,12 @@ def places(place: Place, count: int) -> Iterator[Seen]:
     ):
         seen.count(in_words(*mounted(locked, *program, *place.words(archive, *more)), 5, "Read-only file system"))
     yield seen
-    seen = Seen("verify, show, diff in a place that can only be read", "exit 0")
+    seen = Seen("verify, show, diff on a read-only file system", "exit 0")
     for words in (("verify", mount / "whole"), ("show", mount / "whole"), ("diff", mount / "whole", place.whole)):
         code, said = mounted(locked, *program, *map(str, words))
         seen.count("" if not code else f"exit {code}: {said[-300:]}")
     yield seen
-    seen = Seen("a disk full after some bytes or files, then not", "exit 5, one line; then exit 0, the same archive")
+    seen = Seen("disk full after some bytes or files, then freed", "exit 5, one line; then exit 0, same archive")
     for room in (
         *(f"size={size}k" for size in (4, 64, 200, 300, 400, 480, 560, 700)),
         *(f"nr_inodes={n}" for n in (3, 9, 60, 200, 400)),
@@ -191,9 +190,9 @@ def places(place: Place, count: int) -> Iterator[Seen]:
 
 
 def clocks(place: Place, count: int) -> Iterator[Seen]:
-    """Archives that were copied, moved, and whose files are of other times."""
+    """Use archives that were copied or moved, and whose files have other dates."""
     seen = Seen(
-        "copied, moved; files of 1970, 2038, 2100; another time zone", "verify finds nothing, a run computes nothing"
+        "copied, moved; dates of 1970, 2038, 2100; other time zone", "verify finds nothing, a run computes nothing"
     )
     for stamp, zone in ((0, "UTC"), (2**31, "Pacific/Kiritimati"), (4_102_444_800, "America/St_Johns"), (None, "UTC")):
         archive = place.copied("moved à part")
@@ -208,28 +207,28 @@ def clocks(place: Place, count: int) -> Iterator[Seen]:
 
 
 def memory(place: Place, count: int) -> Iterator[Seen]:
-    """Frames that no memory holds, and a machine that has little."""
+    """Plan frames larger than any memory, and run on a machine with little memory."""
     text = PIPELINE
     for word, value in HUGE:
         head, _, rest = text.partition(word)
         text = head + word + value + "\n" + rest.partition("\n")[2]
     place.pipeline.write_text(text)
-    seen = Seen("frames larger than the memory", "exit 5 before anything is computed, with the bytes and a way out")
+    seen = Seen("frames larger than memory", "exit 5 before computing, with the bytes and a remedy")
     archive = place.folder / "large"
     for before in (None, partial(resource.setrlimit, resource.RLIMIT_AS, (2_000_000_000, 2_000_000_000))):
         wrong = in_words(
             *place.call(*place.words(archive), before=before), 5, "would be held at once", "GB are free", "shorten"
         )
-        seen.count(wrong or ("an archive was begun" if archive.exists() else ""))
+        seen.count(wrong or ("an archive was created" if archive.exists() else ""))
     place.pipeline.write_text(PIPELINE)
     yield seen
 
 
 def names(place: Place, count: int) -> Iterator[Seen]:
-    """Archives with the names that people and machines give."""
+    """Use archives with unusual names."""
     seen = Seen(
         "names with spaces, quotes, newlines, other scripts, too long",
-        "exit 0 and the same archive, or exit 2 or 5, nothing written",
+        "exit 0 and same archive, or exit 2 or 5 and nothing written",
     )
     for name in NAMES:
         archive = place.folder / "names" / name
@@ -244,8 +243,8 @@ def names(place: Place, count: int) -> Iterator[Seen]:
 
 
 def pipes(place: Place, count: int) -> Iterator[Seen]:
-    """Whoever reads what is printed goes away; whoever started the run hangs up."""
-    seen = Seen("stdout closed, `| true`, or full", "no traceback, no word of Python's")
+    """Close the reader of stdout, or hang up the terminal."""
+    seen = Seen("stdout closed, `| true`, or full", "no traceback, no other Python message")
     words = (
         ["show", str(place.whole)],
         ["stages"],
@@ -259,7 +258,7 @@ def pipes(place: Place, count: int) -> Iterator[Seen]:
             done = subprocess.run(["sh", "-c", f"{line} {behind}"], capture_output=True, text=True, check=False)
             odd = "Traceback" in done.stderr or "Exception ignored" in done.stderr
             seen.count(f"{command[0]} {behind}: {done.stderr[-300:]}" if odd else "")
-    seen_ = Seen("SIGHUP at a random instant", "exit 129, one line; then the same archive")
+    seen_ = Seen("SIGHUP at a random instant", "exit 129, one line; then same archive")
     for number in range(count):
         archive = place.folder / f"hung up{number}"
         child = start(place.words(archive), place.said)
@@ -274,9 +273,9 @@ def pipes(place: Place, count: int) -> Iterator[Seen]:
 
 
 def network(place: Place, count: int) -> Iterator[Seen]:
-    """Who could talk to a run."""
+    """List the sockets on which a run listens."""
     for scheduler, allowed in (("threads", set()), ("processes", set()), ("distributed", {"0100007F"})):
-        where = "loopback alone" if allowed else "nowhere"
+        where = "loopback only" if allowed else "none"
         seen, archive = Seen(f"listening sockets of a run, {scheduler}", where), place.folder / "net"
         child, found = start(place.words(archive, "--scheduler", scheduler, "--workers", "2"), place.said), set[str]()
         while os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
@@ -286,11 +285,11 @@ def network(place: Place, count: int) -> Iterator[Seen]:
         odd = (
             f"exit {code}: {place.said.read_text()[-300:]}"
             if code
-            else "no socket was seen"
+            else "no socket was found"
             if allowed and not found
             else ""
         )
-        seen.count(odd or (f"listens at {found}" if found - allowed else ""))
+        seen.count(odd or (f"listens on {found}" if found - allowed else ""))
         shutil.rmtree(archive)
         yield seen
 
@@ -318,14 +317,14 @@ def tried(folder: str, only: list[str], count: int, seed: int) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", choices=FAULTS, default=list(FAULTS))
-    parser.add_argument("--count", type=int, default=10, help="of what falls at random instants")
+    parser.add_argument("--count", type=int, default=10, help="number of faults at random instants")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     print(Seen.HEAD, flush=True)
     with tempfile.TemporaryDirectory() as folder:
         os.environ["ETENDUE_CACHE"] = f"{folder}/cache"
         told = answer(lambda: tried(folder, given.only, given.count, given.seed))
-    print(told if not told.isdigit() else f"{told} of all were not as expected")
+    print(told if not told.isdigit() else f"not as expected: {told}")
     return int(told != "0")
 
 

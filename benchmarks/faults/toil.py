@@ -1,4 +1,4 @@
-"""A plugin whose cells take a while, and misbehave in the way they are told to: what `cluster.py` runs on a cluster."""
+"""A plugin with slow cells that misbehave as told; `cluster.py` runs it on a cluster."""
 
 import os
 import signal
@@ -29,11 +29,11 @@ class Lamp(Source):
 
 @dataclass(frozen=True, kw_only=True)
 class Toil(Stage):
-    """Light times a number, after a while; or not."""
+    """Light times a number, after a while; or misbehaviour."""
 
     reads: ClassVar = {"irradiance": LIGHT}
     writes: ClassVar = {"irradiance": LIGHT}
-    nanoseconds: ClassVar = 4e4  # 0.04 s a cell: about two in a batch
+    nanoseconds: ClassVar = 4e4  # 0.04 s per cell: about two per batch
     how: str = param("1", doc="a number, or in which way it misbehaves")
     pause: float = param(0.05, at_least=0, doc="seconds")
 

@@ -36,26 +36,26 @@ def finite(name: str, value: ArrayLike) -> None:
 
 
 def allowed(fine: Any, name: str, value: object, what: str) -> None:
-    """Raise ``NAME is VALUE; allowed are WHAT`` unless all of ``fine`` is true."""
+    """Raise ``NAME is VALUE; allowed: WHAT`` unless all of ``fine`` is true."""
     if fine is not True and not np.all(fine):
-        raise ValueError(f"{name} is {value!r}; allowed are {what}")
+        raise ValueError(f"{name} is {value!r}; allowed: {what}")
 
 
 def only(fine: Any, name: str, value: object, what: str) -> None:
-    """Raise ``NAME is VALUE; allowed is WHAT`` unless all of ``fine`` is true."""
+    """Raise ``NAME is VALUE; allowed: WHAT`` unless all of ``fine`` is true."""
     if fine is not True and not np.all(fine):
-        raise ValueError(f"{name} is {value}; allowed is {what}")
+        raise ValueError(f"{name} is {value}; allowed: {what}")
 
 
 def shape(fine: Any, name: str, array: Any, what: str) -> None:
-    """Raise ``NAME has shape SHAPE; allowed is WHAT`` unless all of ``fine`` is true."""
+    """Raise ``NAME has shape SHAPE; allowed: WHAT`` unless all of ``fine`` is true."""
     if fine is not True and not np.all(fine):
-        raise ValueError(f"{name} has shape {array.shape}; allowed is {what}")
+        raise ValueError(f"{name} has shape {array.shape}; allowed: {what}")
 
 
 def equal_shapes(name: str, array: Array, other: str, reference: Array) -> None:
     if array.shape != reference.shape:
-        raise ValueError(f"{name} has shape {array.shape} and {other} {reference.shape}; allowed are equal shapes")
+        raise ValueError(f"{name} has shape {array.shape} and {other} {reference.shape}; allowed: equal shapes")
 
 
 def floating(values: ArrayLike) -> Array:
@@ -67,14 +67,14 @@ def floating(values: ArrayLike) -> Array:
 def at_least_zero(name: str, values: ArrayLike, unit: str = "") -> Array:
     array = floating(values)
     if not (array >= 0).all():
-        raise ValueError(f"{name} is {_worst(array)!r}{unit}; allowed are numbers at or above 0")
+        raise ValueError(f"{name} is {_worst(array)!r}{unit}; allowed: numbers at or above 0")
     return array
 
 
 def above_zero(name: str, values: ArrayLike) -> Array:
     array = floating(values)
     if not (array > 0).all():
-        raise ValueError(f"{name} is {_worst(array)!r}; allowed are numbers above 0")
+        raise ValueError(f"{name} is {_worst(array)!r}; allowed: numbers above 0")
     return array
 
 

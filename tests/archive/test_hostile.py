@@ -121,7 +121,7 @@ def test_no_word_of_an_archive_has_other_files_read(kind, sound, outside, tmp_pa
 def test_what_an_archive_recorded_lifts_no_bound_unless_its_reader_does(sound, outside, tmp_path):
     folder = shutil.copytree(sound, tmp_path / "tiny")
     assert "more than the 5 allowed" in called(["rerun", folder, "--most-cells", "5"], outside).stderr
-    KINDS.ARCHIVES["pipeline lifts the bound of cells"](folder, outside)
+    KINDS.ARCHIVES["pipeline raises the cell limit"](folder, outside)
     assert "more than the 1000000 allowed" in called(["rerun", folder], outside).stderr
     assert (
         called(["rerun", folder, "--most-cells", str(10**18)], outside).exit_code == 5

@@ -410,17 +410,17 @@ def driver():
 
 
 FEW = (
-    "a chunk edited, checksum right",
+    "chunk edited, checksum valid",
     "two chunks swapped",
-    "an index that forgets a chunk",
-    "an array lost",
-    "a link for a file of chunks",
-    "a shape edited",
+    "chunk missing from an index",
+    "array deleted",
+    "link in place of a chunk file",
+    "shape edited",
     "two columns swapped",
-    "a cell's line lost",
-    "the manifest lost",
-    "a record lost",
-    "an input lost",
+    "cell's line deleted",
+    "manifest deleted",
+    "record deleted",
+    "input deleted",
 )
 
 

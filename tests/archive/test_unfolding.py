@@ -65,14 +65,14 @@ def test_texts_are_no_more_than_their_bytes(monkeypatch):
 
 FOUND = {  # what showed something, by the command that did
     "JSON: 400 digits for seconds": "verify",
-    "chunk: a coordinate says -1": "reproduce",
+    "chunk: a coordinate claims -1": "reproduce",
     "codec: gzip": "export",
     "record: a name of 5 MB": "show",
     "pipeline: 3,000,000 axis values": "reproduce",
     "journal: axes of 10**400": "verify",
     "names: escapes": "verify",
     "record: escapes": "export",
-    "JSON: deep in the root": "show",
+    "JSON: deep nesting in the root": "show",
 }
 
 

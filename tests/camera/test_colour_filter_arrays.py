@@ -220,7 +220,7 @@ def test_a_clear_pixel_collects_what_its_silicon_does():
         ),
         ("X-Trans", [0.5], "demosaic_bilinear", {}, "Bayer arrays only.*use demosaic_any"),
         ("mono", [0.5, 0.5], "demosaic_any", CLEAR, "peak_qe has 2 values, but the pattern 'mono' has 1 channels: W"),
-        ("RGBG", [0.5], "demosaic_any", {}, "allowed are RGGB"),
+        ("RGBG", [0.5], "demosaic_any", {}, "allowed: RGGB"),
         ("missing.csv", [0.5], "demosaic_any", {}, "no such file"),
     ],
 )

@@ -196,7 +196,7 @@ def test_integers_and_half_precision_are_taken():
 def test_what_is_no_bayer_mosaic_is_refused():
     with pytest.raises(ValueError, match=r"shape \(3, 4, 4\)"):
         residual(np.ones((3, 4, 4)), "RGGB")
-    with pytest.raises(ValueError, match="'RGBG'; allowed are RGGB"):
+    with pytest.raises(ValueError, match="'RGBG'; allowed: RGGB"):
         residual(np.ones((4, 4)), "RGBG")
 
 

@@ -110,7 +110,7 @@ def test_float32_maps_stay_float32():
     ],
 )
 def test_impossible_sensors_are_refused(call):
-    with pytest.raises(ValueError, match=r"allowed are numbers (at or )?above 0"):
+    with pytest.raises(ValueError, match=r"allowed: numbers (at or )?above 0"):
         call()
 
 

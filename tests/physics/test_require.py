@@ -13,15 +13,15 @@ from etendue import require
             lambda: require.must(np.array([1, -1]) > 0, "pitch", [1, -1], "above 0 um"),
             "pitch is [1, -1]; it must be above 0 um",
         ),
-        (lambda: require.allowed(False, "method", "x", "'a' and 'b'"), "method is 'x'; allowed are 'a' and 'b'"),
+        (lambda: require.allowed(False, "method", "x", "'a' and 'b'"), "method is 'x'; allowed: 'a' and 'b'"),
         (lambda: require.positive("edge", 0.0, " nm"), "edge is 0.0; it must be above 0 nm"),
         (lambda: require.finite("r0", np.inf), "r0 is inf; it must be above 0 and finite"),
         (
             lambda: require.at_least_zero("dark", [1, -2.5, -1], " electrons"),
-            "dark is -2.5 electrons; allowed are numbers at or above 0",
+            "dark is -2.5 electrons; allowed: numbers at or above 0",
         ),
-        (lambda: require.above_zero("time", [0.0, 1.0]), "time is 0.0; allowed are numbers above 0"),
-        (lambda: require.amount("ridge", np.inf), "ridge is inf; allowed are finite numbers at or above 0"),
+        (lambda: require.above_zero("time", [0.0, 1.0]), "time is 0.0; allowed: numbers above 0"),
+        (lambda: require.amount("ridge", np.inf), "ridge is inf; allowed: finite numbers at or above 0"),
     ],
 )
 def test_what_is_not_fine_is_named_with_what_came_and_what_may_come(ask, said):

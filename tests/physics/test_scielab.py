@@ -139,9 +139,9 @@ def test_nonsense_is_refused():
     for samples in (0, -1, np.nan):
         with pytest.raises(ValueError, match="samples is"):
             scielab.seen(a, samples)
-    with pytest.raises(ValueError, match="allowed is \\(3, y, x\\)"):
+    with pytest.raises(ValueError, match="allowed: \\(3, y, x\\)"):
         scielab.seen(a[0], 30)
-    with pytest.raises(ValueError, match="allowed are equal shapes"):
+    with pytest.raises(ValueError, match="allowed: equal shapes"):
         scielab.scielab(a, a[:, :2], WHITE, 30)
     with pytest.raises(ValueError, match="formula is '94'"):
         scielab.scielab(a, a, WHITE, 30, "94")

@@ -221,7 +221,7 @@ def test_an_edge_that_distortion_bends_is_followed(tmp_path):
 @pytest.mark.parametrize(
     ("picture", "said"),
     [
-        (lambda: slanted(0.4), "the edge is not slanted: it stands 0.4 degrees from the columns; allowed is 2 to 43"),
+        (lambda: slanted(0.4), "the edge is not slanted: it stands 0.4 degrees from the columns; allowed: 2 to 43"),
         (lambda: slanted(44.8), "the edge is not slanted: it stands 44.8 degrees from the columns"),
         (lambda: slanted(5.0, bend=12.0), "pixels from a line 5."),
         (lambda: slanted(5.0, low=0.5, high=0.5), "cannot measure an edge: its step is lost in noise"),
@@ -300,7 +300,7 @@ def test_white_noise_comes_back_in_light_and_in_the_numbers_of_the_file(tmp_path
         ),
         (lambda: slanted(5.0, low=0.0, high=0.9), "0,0,40,160", "of the patch is clipped"),
         (lambda: np.ones(SHAPE), ALL, "100.0 % of the patch is clipped"),
-        (lambda: slanted(5.0), "0,0,10,10", "the patch has 10 x 10 pixels; allowed is at least 16 x 16"),
+        (lambda: slanted(5.0), "0,0,10,10", "the patch has 10 x 10 pixels; allowed: at least 16 x 16"),
     ],
 )
 def test_what_is_no_even_patch_is_refused(tmp_path, picture, region, said):

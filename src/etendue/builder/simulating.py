@@ -115,7 +115,7 @@ def stated(tree: Any, answers: DocumentView | None) -> Any:
 
 
 def opened(outcome: Outcome, archive: str | Path | None) -> Any:
-    """The tree of a run, in memory or of its archive, lazily; with ``tree.etendue``."""
+    """Return the tree of a run, in memory or of its archive, lazily; with ``tree.etendue``."""
     from etendue.present.plots import accessor  # noqa: F401  # tree.etendue.plot
 
     if archive is None:

@@ -3,9 +3,9 @@
 In:  the arguments of the process.
 Out: what a command of ``runs``, ``catalogue``, ``comparisons`` or ``exports`` shows.
 
-``program`` holds the commands together and turns errors into messages; ``options`` declares what commands share, once;
-``saying`` writes to stdout. What a command does stands in ``bodies``, or with the study that brings it, and is imported
-when the command is called (``saying.later``), so that ``--help`` costs nothing.
+``program`` collects the commands and turns errors into messages; ``options`` declares shared options once; ``saying``
+writes to stdout. The implementation of a command is in ``bodies``, or in the study that provides it, and is imported
+when the command is called (``saying.later``), so that ``--help`` stays fast.
 """
 
 from etendue.cli.program import main

@@ -62,7 +62,7 @@ def offered() -> dict[str, Command]:
 
 
 def _discovery() -> ModuleType:
-    """What finds the commands of others: those of the engine are found without it."""
+    """Return the discovery module, imported only for commands of other distributions: the engine's own need none."""
     from etendue.plugins import discovery
 
     return discovery

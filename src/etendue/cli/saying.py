@@ -26,9 +26,9 @@ command = functools.partial(click.command, cls=_Command)
 
 
 def later(place: str, interrupted: str = "") -> Callable[[Callable[[], None]], Callable[..., None]]:
-    """What a command does, at ``module:function``: imported when it is called, so that ``--help`` costs nothing.
+    """Return a decorator that gives a command its implementation, ``module:function``, imported only when it is called.
 
-    ``interrupted``: what is said from then on when a signal comes.
+    This keeps ``--help`` fast. ``interrupted``: the message printed if a signal arrives while the command runs.
     """
 
     def does(declared: Callable[[], None]) -> Callable[..., None]:
@@ -40,7 +40,7 @@ def later(place: str, interrupted: str = "") -> Callable[[Callable[[], None]], C
 
             resolve_name(place)(**words)
 
-        called.__dict__["place"] = place  # of a test that looks whether it is there
+        called.__dict__["place"] = place  # lets a test check that the implementation exists
         return called
 
     return does

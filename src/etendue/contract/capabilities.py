@@ -308,11 +308,11 @@ def _check_words(kind: type[Stage]) -> None:
     """Check how a stage treats undefined and negative values, what it keeps, and its libraries and dims."""
     name, gain = kind.__name__, kind.gain
     if gain is not None and not (_is_number(gain) and 0 <= gain < math.inf):
-        raise TypeError(f"{name}.gain is {gain!r}; allowed are None and finite numbers of at least 0")
+        raise TypeError(f"{name}.gain is {gain!r}; allowed: None and finite numbers of at least 0")
     said = (("nan", kind.nan, ("error", "keep")), ("negative", kind.negative, ("error", "keep", "clip")))
     for attribute, word, allowed in said:
         if word not in allowed:
-            raise TypeError(f"{name}.{attribute} is {word!r}; allowed are {', '.join(map(repr, allowed))}")
+            raise TypeError(f"{name}.{attribute} is {word!r}; allowed: {', '.join(map(repr, allowed))}")
     if isinstance(kind.keeps, str) or not set(kind.keeps) <= {"order", "sum"}:
         raise TypeError(f"{name}.keeps is {kind.keeps!r}; expected some of 'order' and 'sum', such as ('order',)")
     if isinstance(kind.libraries, str) or not all(isinstance(text, str) for text in kind.libraries):

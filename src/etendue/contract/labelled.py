@@ -43,7 +43,7 @@ def labelled(kind: _Kind) -> _Kind:
     unknown = [name for name in asked if not (name in SPECIAL or identity_of(name))]
     if unknown:
         raise TypeError(
-            f"{kind.__name__}.run asks for {', '.join(unknown)} besides data; allowed are {', '.join(sorted(SPECIAL))}"
+            f"{kind.__name__}.run asks for {', '.join(unknown)} besides data; allowed: {', '.join(sorted(SPECIAL))}"
         )
     reads, writes = reads_of(kind), writes_of(kind)
     dims = tuple(

@@ -207,7 +207,7 @@ def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
                 f"{kind.__name__}.run asks for {name}, whose patterns follow {identity}, but does not take that: {hint}"
             )
     if len({*patterns.values()}) > 1:
-        raise TypeError(f"{kind.__name__}.run asks for {', '.join(patterns)}; allowed are patterns of one kind")
+        raise TypeError(f"{kind.__name__}.run asks for {', '.join(patterns)}; allowed: patterns of one kind")
     return names
 
 

@@ -1,1 +1,1 @@
-"""What people see: pictures, tables, plots, the page, the terminal."""
+"""Output for people: pictures, tables, plots, the page, the terminal."""

@@ -213,7 +213,7 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
             )
             hold(
                 bound is None or 0 <= bound < math.inf,
-                f"{bench.name}.error returned {bound}; allowed are None and finite numbers of at least 0",
+                f"{bench.name}.error returned {bound}; allowed: None and finite numbers of at least 0",
             )
             if bound is not None:
                 bounds[precision] = bound

@@ -94,7 +94,7 @@ def double_inside(bench: Bench, port: str) -> None:
                 CURVED,
                 f"{bench.name}: digits lost in double precision, as if rounded to 32 bits: {variable} "
                 f"deviates by {off:.2g} of its "
-                f"largest value from a straight line when {port} moves up and down by {step:g}; allowed is {CURVED:g}",
+                f"largest value from a straight line when {port} moves up and down by {step:g}; allowed: {CURVED:g}",
             )
 
 
@@ -144,7 +144,7 @@ def compare(
         within(
             off,
             bound,
-            f"{bench.name}: {said}; {variable} is off by {off:.2g} of its largest value on {where}; allowed is "
+            f"{bench.name}: {said}; {variable} is off by {off:.2g} of its largest value on {where}; allowed: "
             f"{bound:.2g}",
         )
 
@@ -186,7 +186,7 @@ def transfer_digits(bench: Bench) -> None:
             bound,
             f"{bench.name}: cancellation: even double precision loses digits compared with long double; its transfer "
             f"function is off by "
-            f"{worst:.2g} at {at:.9g} um-1; allowed is {bound:.2g}",
+            f"{worst:.2g} at {at:.9g} um-1; allowed: {bound:.2g}",
         )
         ratio = float(frequency[-1] / frequency[0]) ** (1 / CLOSER)
         frequency = np.geomspace(at / ratio, at * ratio, FREQUENCIES)

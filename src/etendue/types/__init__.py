@@ -1,1 +1,1 @@
-"""What values are called in annotations: nothing here computes."""
+"""Names of types for annotations; nothing is computed here."""

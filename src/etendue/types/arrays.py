@@ -1,4 +1,4 @@
-"""What arrays are called in annotations.
+"""Names of array types for annotations.
 
 Out: names of types.
 """
@@ -10,5 +10,5 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[Any]  # numbers, truth or texts, as its variable is declared
+Array = NDArray[Any]  # numbers, booleans or texts, as the variable declares
 FloatArray = NDArray[np.floating]  # of any precision

@@ -1,4 +1,4 @@
-"""What documents are called in annotations: tables of JSON or TOML, as Python's own types.
+"""Names of document types for annotations: tables of JSON or TOML, as Python's own types.
 
 Out: names of types.
 """
@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-Document = dict[str, Any]  # texts, numbers, truth, nothing, and lists and documents of them
-DocumentView = Mapping[str, Any]  # the same, to be read
-Scalar = str | float | bool | None  # of a document
+Document = dict[str, Any]  # texts, numbers, booleans, None, and lists and documents of them
+DocumentView = Mapping[str, Any]  # the same, read-only
+Scalar = str | float | bool | None  # a single value of a document
 AxisValue = Scalar | tuple[Scalar, ...]
-Place = Mapping[str, AxisValue]  # a value for each of some axes
+Place = Mapping[str, AxisValue]  # values by axis

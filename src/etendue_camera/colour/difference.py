@@ -1,7 +1,7 @@
-"""How different two colours look: CIELAB and CIEDE2000.
+"""Colour differences: CIELAB and CIEDE2000.
 
 In:  XYZ and its white; or two sets of L*a*b*; colour along the first axis.
-Out: L*a*b*; colour difference, about 1 where just visible.
+Out: L*a*b*; colour difference, about 1 where just noticeable.
 Sources: CIE 15:2018 (CIELAB); CIE 142:2001 and Sharma, Wu, Dalal 2005 (CIEDE2000).
 """
 
@@ -12,12 +12,12 @@ from etendue import require
 
 
 def lab(xyz: ArrayLike, white_xyz: ArrayLike) -> NDArray:
-    """CIE 1976 L*a*b*.
+    """Return CIE 1976 L*a*b*.
 
     Parameters
     ----------
     xyz : (3, ...) array
-        Linear; negative values continue on the linear toe.
+        Linear; negative values follow the linear segment near 0.
     white_xyz : (3,) array
         XYZ of white in the same scale, above 0.
 
@@ -33,8 +33,8 @@ def lab(xyz: ArrayLike, white_xyz: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Source: CIE 15:2018 with the exact break (6/29)^3. Written without the constant 4/29, which L* = 116 f -
-    16 would only take away again at the cost of all digits in the dark (relative error 4e-9 at Y = 1e-9).
+    Source: CIE 15:2018 with the exact break (6/29)^3. The constant 4/29 is left out of f, since L* = 116 f - 16
+    subtracts it again and would lose all digits in the dark (relative error 4e-9 at Y = 1e-9).
     Error: below 5e-16 of the largest term (reference group lab).
 
     Examples
@@ -52,7 +52,7 @@ def lab(xyz: ArrayLike, white_xyz: ArrayLike) -> NDArray:
 
 
 def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> NDArray:
-    """CIEDE2000 colour difference with kL = kC = kH = 1.
+    """Return the CIEDE2000 colour difference with kL = kC = kH = 1.
 
     Parameters
     ----------
@@ -62,8 +62,7 @@ def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> NDArray:
     Returns
     -------
     (...) array, dimensionless
-        0 for equal colours, the same both ways. Jumps where hues are opposite: that is
-        in the standard.
+        0 for equal colours; symmetric in its arguments. It jumps where hues are opposite, as the standard does.
 
     Raises
     ------
@@ -72,10 +71,10 @@ def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Source: Sharma, Wu, Dalal 2005, eqs. 2-22. Differences of chroma and hue are taken from those of a* and b*, which
-    keeps the digits of colours that nearly agree, also on either side of 0 degrees. Error: below 1e-15 x condition
-    (reference group de2000), and 4e-16 for pairs 1e-12 to 1 apart (40 against 60 digits); angles subtracted left 1e-3
-    of a difference of 1e-12.
+    Source: Sharma, Wu, Dalal 2005, eqs. 2-22. Differences of chroma and hue are computed from those of a* and b*, which
+    keeps the digits of nearly equal colours, also across 0 degrees. Error: below 1e-15 x condition (reference group
+    de2000), and 4e-16 for pairs 1e-12 to 1 apart (40 against 60 digits). Subtracting angles instead would have an error
+    of 1e-3 for a difference of 1e-12.
 
     Examples
     --------
@@ -85,7 +84,7 @@ def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> NDArray:
     """
     (l1, a1, b1), (l2, a2, b2) = _triples("lab1", lab1), _triples("lab2", lab2)
     stretch = 1.5 - 0.5 * _chroma_weight((np.hypot(a1, b1) + np.hypot(a2, b2)) / 2)
-    along_a, along_b = (a2 - a1) * stretch, b2 - b1  # differences first: those of products and of angles cancel
+    along_a, along_b = (a2 - a1) * stretch, b2 - b1  # subtract first: differences of products and angles cancel
     a1, a2 = a1 * stretch, a2 * stretch
     c1, c2 = np.hypot(a1, b1), np.hypot(a2, b2)
     both = c1 + c2
@@ -95,7 +94,7 @@ def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> NDArray:
 
     turn = hue2 - hue1
     turn = np.where(turn > 180, turn - 360, np.where(turn < -180, turn + 360, turn))
-    # beside one another, and on either side of 0 degrees: from the cross product, whose two terms are small
+    # the cross product has two small terms for nearly equal hues, also across 0 degrees
     beside = np.degrees(np.arctan2(a1 * along_b - b1 * along_a, a1 * a2 + b1 * b2))
     turn = np.where(np.abs(turn) < 90, beside, turn)
     turn = np.where(grey, 0, turn)
@@ -115,7 +114,7 @@ def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> NDArray:
 
 
 def _chroma_weight(chroma: NDArray) -> NDArray:
-    """sqrt(C^7 / (C^7 + 25^7)): 0 for greys, 1 for strong colours."""
+    """Return sqrt(C^7 / (C^7 + 25^7)): 0 for greys, 1 for saturated colours."""
     power = (chroma / 25) ** 7
     return np.sqrt(power / (1 + power))
 

@@ -1,11 +1,11 @@
-"""Encodings: how linear light becomes the numbers of a display file, and back.
+"""Encodings: linear light to the values of a display file, and back.
 
 In:  linear or encoded values, 1 = display white; any shape.
-Out: the other kind, same shape and dtype (float32 stays float32; integers become float64).
+Out: encoded or linear values, same shape and dtype (float32 stays float32; integers become float64).
 Sources: IEC 61966-2-1 (sRGB), ITU-R BT.709, seed paper eq. 15.
 
-numpy's `power` is 4 times slower on a picture with 20 % exact zeros, as clipping leaves them: each base is
-lifted above 0 first, to the end of the linear toe or to the smallest number.
+numpy's `power` is 4 times slower if 20 % of a picture is exactly 0, as after clipping. Bases are therefore raised
+above 0 first: to the end of the linear segment, or to the smallest number.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ from etendue import require
 
 
 def srgb_encode(linear: ArrayLike) -> NDArray:
-    """Linear light to sRGB values; negative light is the mirror image, infinite slope nowhere.
+    """Encode linear light as sRGB; negative light is encoded as the mirror image of positive light.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def srgb_encode(linear: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Source: IEC 61966-2-1 with its printed break 0.0031308, where the two branches differ by 3e-8.
+    Source: IEC 61966-2-1 with its printed break 0.0031308, where the two branches differ by 3e-8. The slope is finite.
     Error: below 6e-16 relative in float64 (reference group srgb_encode), 3e-7 in float32 (|v| <= 10).
 
     Examples
@@ -48,7 +48,7 @@ def srgb_encode(linear: ArrayLike) -> NDArray:
 
 
 def srgb_decode(encoded: ArrayLike) -> NDArray:
-    """sRGB values to linear light, the inverse of `srgb_encode`.
+    """Decode sRGB values to linear light, the inverse of `srgb_encode`.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def srgb_decode(encoded: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Source: IEC 61966-2-1 with its printed break 0.04045. Within 3e-8 of the break it is the inverse only to
+    Source: IEC 61966-2-1 with its printed break 0.04045. Within 3e-8 of the break it inverts the encoding only to
     2e-9. Error: below 3e-16 x condition in float64 (reference group srgb_decode), 5e-7 in float32 (|v| <= 4).
     """
     value = require.floating(encoded)
@@ -74,7 +74,7 @@ def srgb_decode(encoded: ArrayLike) -> NDArray:
 
 
 def bt709_encode(linear: ArrayLike) -> NDArray:
-    """Linear light to BT.709 camera values; negative light stays on the linear toe.
+    """Encode linear light as BT.709 camera values; negative light follows the linear segment.
 
     Parameters
     ----------
@@ -95,12 +95,12 @@ def bt709_encode(linear: ArrayLike) -> NDArray:
     np.power(curve, 0.45, out=curve)
     curve *= 1.099
     curve -= 0.099
-    # the float nearest to 0.018 lies below it: '<=' between floats is '<' between numbers
+    # the float nearest to 0.018 is below it, so '<=' on floats is '<' on real numbers
     return _with_toe(curve, value, 0.018, 4.5)
 
 
 def bt709_decode(encoded: ArrayLike) -> NDArray:
-    """BT.709 camera values to linear light, the inverse of `bt709_encode`.
+    """Decode BT.709 camera values to linear light, the inverse of `bt709_encode`.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def bt709_decode(encoded: ArrayLike) -> NDArray:
     Returns
     -------
     (...) array, dimensionless
-        Values inside the step of `bt709_encode`, 0.081 to 0.08125, which no light has, give 0.01795 to 0.018.
+        Values in the step of `bt709_encode`, 0.081 to 0.08125, which no light produces, give 0.01795 to 0.018.
 
     Notes
     -----
@@ -124,23 +124,23 @@ def bt709_decode(encoded: ArrayLike) -> NDArray:
 
 
 def gamma_signed(value: ArrayLike, gamma: float) -> NDArray:
-    """Pure power of the size with the sign kept; the seed paper's encoding is gamma = 0.45.
+    """Return sign(v) |v|^gamma; the seed paper's encoding has gamma = 0.45.
 
     Parameters
     ----------
     value : (...) array, dimensionless
     gamma : float
-        Finite, above 0. Below 1 the slope at 0 is infinite: 1e-12 becomes 4e-6, and dark noise grows with it.
+        Finite, above 0. Below 1 the slope at 0 is infinite: 1e-12 becomes 4e-6 at gamma 0.45, and dark noise grows.
 
     Returns
     -------
     (...) array, dimensionless
-        Zeros stay zeros.
+        0 stays 0.
 
     Raises
     ------
     ValueError
-        If gamma is not allowed.
+        If gamma is out of range.
 
     Notes
     -----
@@ -150,25 +150,26 @@ def gamma_signed(value: ArrayLike, gamma: float) -> NDArray:
     gamma = float(gamma)
     require.allowed(0 < gamma < np.inf, "gamma", gamma, "finite numbers above 0")
     value = require.floating(value)
-    # the smallest number stands in for 0, which is put back
+    # zeros are replaced by the smallest number, and restored below
     plain = _no_negative(value)
     size = _at_least(value if plain else np.abs(value), np.finfo(value.dtype).smallest_subnormal)
     np.power(size, gamma, out=size)
     if plain:
-        size *= value != 0  # by mask it would take as long as the power
+        size *= value != 0  # a masked assignment would take as long as the power
     else:
         size *= np.sign(value)
     return size
 
 
 def _no_negative(value: NDArray) -> bool:
-    """False also where there is a NaN, and for no values at all."""
+    """Return whether no value is negative; False if any is NaN, or if there are no values."""
     return bool(value.size and value.min() >= 0)
 
 
 def _with_toe(curve: NDArray, value: NDArray, end: float, slope: float, divide: bool = False) -> NDArray:
-    """A straight line up to ``end`` in place of the curve, in place: by products with the mask, a third of the time
-    of a choice.
+    """Replace the curve by a straight line up to ``end``, in place.
+
+    Products with the mask take a third of the time of ``where``.
     """
     toe = value <= end
     line = np.minimum(value, end, out=np.empty_like(curve))
@@ -180,7 +181,7 @@ def _with_toe(curve: NDArray, value: NDArray, end: float, slope: float, divide: 
 
 
 def _at_least(values: NDArray, floor: float) -> NDArray:
-    """Lifted to the floor; `clip` takes half the time of `maximum`."""
+    """Return the values raised to the floor; `clip` takes half the time of `maximum`."""
     kind = values.dtype.type
     lifted = np.empty_like(values)
     np.clip(values, kind(floor), kind(np.inf), out=lifted)

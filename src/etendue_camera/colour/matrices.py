@@ -2,8 +2,8 @@
 
 In:  chromaticities, white points (XYZ), planes (3, y, x) of linear values, sample and target triples.
 Out: 3 x 3 matrices and planes in the other space.
-Sources: SMPTE RP 177 (matrix from primaries); von Kries with the cone matrices named at `TRANSFORMS`; seed
-paper eqs. 14 and 16. All of it is for linear values: encodings are in `transfer.py`.
+Sources: SMPTE RP 177 (matrix from primaries); von Kries with the cone matrices listed at `TRANSFORMS`; seed
+paper eqs. 14 and 16. Everything here is for linear values; encodings are in `encoding.py`.
 """
 
 from collections.abc import Sequence
@@ -19,12 +19,12 @@ Matrix = NDArray[np.float64]
 D65_XY = (0.3127, 0.3290)
 PAL_PRIMARIES_XY = ((0.64, 0.33), (0.29, 0.60), (0.15, 0.06))  # ITU-R BT.470-6 system B, G (625 lines), EBU
 SRGB_PRIMARIES_XY = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06))  # IEC 61966-2-1 and ITU-R BT.709
-LEAST_SPAN = 1e-7  # of the samples' size: channels that differ by less are alike
+LEAST_SPAN = 1e-7  # of the samples' size: channels that differ by less count as equal
 
 
 class MatrixFit(NamedTuple):
-    """A fitted matrix, how far its targets were missed (rms, their unit), its condition, and how many directions it
-    knows nothing of.
+    """A fitted matrix, its rms error in the unit of the targets, its condition number, and the number of undetermined
+    directions.
     """
 
     matrix: Matrix
@@ -34,7 +34,7 @@ class MatrixFit(NamedTuple):
 
 
 def rgb_to_xyz_matrix(primaries_xy: Sequence[tuple[float, float]], white_xy: tuple[float, float]) -> Matrix:
-    """Matrix that takes linear RGB of a display to XYZ, with Y = 1 for its white.
+    """Return the matrix from linear display RGB to XYZ, with Y = 1 for white.
 
     Parameters
     ----------
@@ -68,37 +68,37 @@ def rgb_to_xyz_matrix(primaries_xy: Sequence[tuple[float, float]], white_xy: tup
 
 
 def xyz_from_xy(xy: tuple[float, float]) -> NDArray:
-    """XYZ of a chromaticity at Y = 1, shape (3,); ValueError where y is 0."""
+    """Return XYZ of a chromaticity at Y = 1, shape (3,); raise ValueError if y is 0."""
     x, y = xy
     require.only(abs(y) > 0, "chromaticity", repr(xy), "y other than 0")
     return np.array([x / y, 1.0, (1 - x - y) / y])
 
 
 def von_kries_matrix(source_white_xyz: ArrayLike, target_white_xyz: ArrayLike, transform: ArrayLike) -> Matrix:
-    """Matrix on XYZ that turns one white into another by three gains on cone responses.
+    """Return the matrix on XYZ that maps one white to another by three gains on cone responses.
 
     Parameters
     ----------
     source_white_xyz, target_white_xyz : (3,) array
-        XYZ of the scene's white and of the display's, same scale.
+        XYZ of the scene white and of the display white, same scale.
     transform : (3, 3) array
         XYZ to cone responses; see `TRANSFORMS`.
 
     Returns
     -------
     (3, 3) array
-        M^-1 diag(target / source) M; the identity for equal whites.
+        M^-1 diag(target / source) M; the identity if the whites are equal.
 
     Raises
     ------
     ValueError
-        If a cone response of a white is below 1e-9 of the largest one, or the transform is singular: the gain
-        would be infinite, negative or 0, and a picture of infinities or of two colours would come out.
+        If a cone response of a white is below 1e-9 of the largest, or the transform is singular: a gain would be
+        infinite, negative or 0, and the picture would be infinite or lose one of its three dimensions.
 
     Notes
     -----
-    Source: von Kries; seed paper section 3.1, gains between M and M^-1 rather than on RGB. Error: below 4e-16
-    of the largest element and 6e-15 of each (Bradford, CAT02, von Kries; D65 to D50, A to D65).
+    Source: von Kries; seed paper section 3.1, with gains between M and M^-1 rather than on RGB. Error: below 4e-16
+    of the largest element and 6e-15 of each element (Bradford, CAT02, von Kries; D65 to D50, A to D65).
 
     Examples
     --------
@@ -120,7 +120,7 @@ def von_kries_matrix(source_white_xyz: ArrayLike, target_white_xyz: ArrayLike, t
 
 
 def apply_matrix(matrix: ArrayLike, planes: NDArray) -> NDArray:
-    """A matrix on every pixel's triple.
+    """Multiply every pixel's triple by a matrix.
 
     Parameters
     ----------
@@ -139,8 +139,8 @@ def apply_matrix(matrix: ArrayLike, planes: NDArray) -> NDArray:
 
     Notes
     -----
-    Sums run over k in order, pixel by pixel: unlike a BLAS product the bits of a pixel do not depend on its
-    neighbours or on how the picture is cut. Error: k roundings of the largest term.
+    Sums run over k in order, pixel by pixel. Unlike with a BLAS product, the bits of a pixel do not depend on its
+    neighbours or on how the picture is split. Error: k roundings of the largest term.
     """
     planes = np.asarray(planes)
     if not np.issubdtype(planes.dtype, np.floating):
@@ -148,7 +148,7 @@ def apply_matrix(matrix: ArrayLike, planes: NDArray) -> NDArray:
     weights = np.asarray(matrix).astype(planes.dtype)
     require.that(
         weights.ndim == 2 and planes.ndim >= 1 and planes.shape[0] == weights.shape[1],
-        f"matrix has shape {weights.shape} and planes {planes.shape}; allowed are (n, k) and (k, ...)",
+        f"matrix has shape {weights.shape} and planes {planes.shape}; allowed: (n, k) and (k, ...)",
     )
     result = np.empty((len(weights), *planes.shape[1:]), planes.dtype)
     for row, out in enumerate(weights):
@@ -167,50 +167,50 @@ def fit_matrix(
     ridge: float = 0.0,
     least: bool = False,
 ) -> MatrixFit:
-    """Matrix that takes camera triples closest to their targets, in the least-squares sense.
+    """Return the least-squares matrix from camera triples to target values.
 
     Parameters
     ----------
     samples : (n, k) array
-        Camera values of n patches in k channels, usually three; at least k independent ones (k - 1, if a white is
-        given).
+        Camera values of n patches in k channels, usually three. At least k patches must be linearly independent (k - 1
+        if a white is given).
     targets : (n, 3) array
-        What they should become, for example XYZ.
+        Desired values, for example XYZ.
     white_sample : (k,) array
     white_target : (3,) array
-        Both or neither. If given, the white sample becomes exactly the white target, and the fit has the other
-        freedoms.
+        Both or neither. If given, the matrix maps the white sample exactly to the white target, and the fit uses the
+        remaining degrees of freedom.
     ridge : float, samples squared
-        At or above 0: weight of the squared free elements beside the mean squared error. Overlapping filters make a
-        matrix of large elements of both signs, which cancels colours well and multiplies noise; this makes them
-        smaller.
+        At or above 0: weight of the squared free elements relative to the mean squared error. Overlapping filters lead
+        to large elements of both signs, which separate colours well but amplify noise; a ridge makes them smaller.
     least : bool
-        What becomes of directions that the samples leave undetermined: they are given nothing (the smallest matrix that
-        fits), or refused.
+        Whether directions that the samples leave undetermined are set to zero (the smallest matrix that fits) instead
+        of raising an error.
 
     Returns
     -------
     matrix : (3, k) array
         target = matrix @ sample.
     residual : float, unit of targets
-        Root of the mean squared error over n patches and three components.
+        Rms error over n patches and three components.
     condition : float
-        Of the matrix (2-norm): how much it can amplify relative noise. Overlapping filters make it large.
+        Condition number of the matrix (2-norm): how much it can amplify relative noise. Overlapping filters make it
+        large.
     undetermined : int
-        Directions of the channels that the samples say nothing of; 0 unless ``least``.
+        Number of channel directions that the samples do not determine; 0 unless ``least``.
 
     Raises
     ------
     ValueError
-        If shapes do not fit, values are not finite, a white is missing or black, or, unless ``least``, the samples
-        leave the matrix undetermined: they differ by less than 1e-7 of their size along some direction that the white
-        leaves free. Elements would be 1e7 and more, and pictures in single precision, rounded to 6e-8, would have the
-        colours of their rounding.
+        If shapes do not fit, values are not finite, or a white is missing or black. Unless ``least``, also if the
+        samples leave the matrix undetermined: along some direction that the white leaves free, they differ by less than
+        1e-7 of their size. Elements would reach 1e7, and single precision, which rounds to 6e-8, would turn rounding
+        errors into colour.
 
     Notes
     -----
-    The white is kept by solving in the plane orthogonal to it (null-space method): exact to rounding, where a
-    heavy weight would cost half the digits.
+    The white is kept by solving in the plane orthogonal to it (null-space method), which is exact to rounding; a
+    large weight for the white would cost half the digits.
     """
     samples, targets = np.asarray(samples, np.float64), np.asarray(targets, np.float64)
     require.that(
@@ -219,13 +219,13 @@ def fit_matrix(
         and len(samples) == len(targets)
         and samples.shape[1] >= 1
         and targets.shape[1] == 3,
-        f"samples has shape {samples.shape} and targets {targets.shape}; allowed is (n, k) and (n, 3)",
+        f"samples has shape {samples.shape} and targets {targets.shape}; allowed: (n, k) and (n, 3)",
     )
     if (white_sample is None) != (white_target is None):
-        raise ValueError("white_sample and white_target: one is missing; allowed are both or neither")
+        raise ValueError("white_sample and white_target: one is missing; allowed: both or neither")
     require.that(
         np.isfinite(samples).all() and np.isfinite(targets).all(),
-        "samples or targets hold NaN or infinity; allowed are finite numbers",
+        "samples or targets hold NaN or infinity; allowed: finite numbers",
     )
     channels = samples.shape[1]
     fixed, free = np.zeros((channels, 3)), np.eye(channels)
@@ -239,7 +239,7 @@ def fit_matrix(
         )
         require.that(
             fit_in and white.any(),
-            f"white_sample is {white}, white_target {wanted}; allowed are finite triples, not black",
+            f"white_sample is {white}, white_target {wanted}; allowed: finite triples, not black",
         )
         fixed = np.outer(white, wanted) / (white @ white)
         free = np.linalg.svd(white[None, :])[2][1:].T
@@ -249,8 +249,8 @@ def fit_matrix(
     if ridge > 0:
         design = np.concatenate([design, np.sqrt(ridge * len(samples)) * np.eye(freedoms)])
         wanted_rest = np.concatenate([wanted_rest, np.zeros((freedoms, 3))])
-    # Channels that are alike leave differences of rounding alone, of full rank among themselves: the samples' own size
-    # is the measure.
+    # Equal channels differ by rounding errors only, and these have full rank. The rank is therefore judged relative to
+    # the size of the samples.
     left, sizes, right = np.linalg.svd(design, full_matrices=False)
     known = sizes > LEAST_SPAN * np.linalg.norm(samples, 2)
     rank = int(np.count_nonzero(known))
@@ -259,7 +259,7 @@ def fit_matrix(
     elif least:
         steps = right[known].T @ ((left[:, known].T @ wanted_rest) / sizes[known, None])
     else:
-        raise ValueError(f"samples span {rank} of {freedoms} free dimensions; allowed are patches that span them all")
+        raise ValueError(f"samples span {rank} of {freedoms} free dimensions; allowed: patches that span them all")
     transposed = fixed + free @ steps
     residual = np.sqrt(np.mean((samples @ transposed - targets) ** 2))
     return MatrixFit(transposed.T.copy(), float(residual), float(np.linalg.cond(transposed)), freedoms - rank)
@@ -271,7 +271,7 @@ def _cone_responses(name: str, white: ArrayLike, cones: Matrix) -> NDArray:
     responses = cones @ white
     if not (np.isfinite(responses).all() and responses.min() > 1e-9 * responses.max()):
         raise ValueError(
-            f"{name} is {white.tolist()}, with cone responses {responses.tolist()}; allowed are whites that "
+            f"{name} is {white.tolist()}, with cone responses {responses.tolist()}; allowed: whites that "
             "excite all three cones, each at least 1e-9 of the largest"
         )
     return responses
@@ -296,5 +296,5 @@ TRANSFORMS = {
 RGB_TO_XYZ_PAL = _constant(rgb_to_xyz_matrix(PAL_PRIMARIES_XY, D65_XY))
 RGB_TO_XYZ_SRGB = _constant(rgb_to_xyz_matrix(SRGB_PRIMARIES_XY, D65_XY))
 EQ16_AS_PRINTED = _constant([[0.431, 0.342, 0.178], [0.222, 0.707, 0.071], [0.229, 0.130, 0.939]])
-"""Seed paper eq. 16. Its 0.229 is a misprint that turns white into a strong blue (Z 1.298 for 1.089)."""
+"""Seed paper eq. 16. Its 0.229 is a misprint: it turns white into a strong blue (Z is 1.298 instead of 1.089)."""
 EQ16_CORRECTED = _constant([[0.431, 0.342, 0.178], [0.222, 0.707, 0.071], [0.020, 0.130, 0.939]])

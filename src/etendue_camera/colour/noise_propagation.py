@@ -1,6 +1,7 @@
-"""Noise carried through: what a chain of linear steps makes of noise that is independent from pixel to pixel.
+"""Noise propagation: how a chain of linear steps transforms noise that is independent from pixel to pixel.
 
-In:  what the chain answers to one pixel at each place of the mosaic's cell; the variance there; or planes of noise.
+In:  the chain's response to one pixel at each site of the mosaic's unit cell, and the variance there; or planes of
+     noise.
 Out: covariance between channels at one pixel and between neighbours.
 Sources: linear propagation of covariance, C = sum over pixels of v h h^T.
 """
@@ -16,16 +17,17 @@ FloatArray = NDArray[np.float64]
 
 
 def carried_covariance(responses: ArrayLike, variance: ArrayLike, lag: tuple[int, int] = (0, 0)) -> FloatArray:
-    """Covariance of the output's channels at two pixels, averaged over the places in the mosaic's cell.
+    """Return the covariance of the output's channels at two pixels, averaged over the sites of the mosaic's unit cell.
 
     Parameters
     ----------
     responses : (place, channel, y, x) array
-        The output's answer to a unit step of one pixel, for each place of the cell, in a window that holds all of it.
+        The output's response to a unit step of one pixel, for each site of the cell, in a window that contains all of
+        it.
     variance : (place,) array
-        Of the independent noise at these places, at or above 0.
+        Variance of the independent noise at these sites, at or above 0.
     lag : two ints, pixels
-        From the first pixel to the second, along y and x; both outputs lie in the same window.
+        From the first pixel to the second, along y and x; smaller than the window.
 
     Returns
     -------
@@ -39,13 +41,13 @@ def carried_covariance(responses: ArrayLike, variance: ArrayLike, lag: tuple[int
 
     Notes
     -----
-    Each place stands once in every cell, so the mean over output pixels is the sum over the response divided by the
-    number of places. Exact for a linear chain that repeats with the cell; error: rounding of the sum.
+    Each site occurs once per cell, so the mean over output pixels is the sum over the response divided by the number
+    of sites. Exact for a linear chain that repeats with the cell; error: rounding of the sum.
     """
     h, v = np.asarray(responses, np.float64), np.asarray(variance, np.float64)
     require.that(
         h.ndim == 4 and v.shape == h.shape[:1],
-        f"responses has shape {h.shape} and variance {v.shape}; allowed are (place, channel, y, x) and (place,)",
+        f"responses has shape {h.shape} and variance {v.shape}; allowed: (place, channel, y, x) and (place,)",
     )
     require.allowed(np.all(v >= 0), "variance", v.tolist(), "numbers at or above 0")
     first, second = h[_shifted(lag, 1, h.shape)], h[_shifted(lag, -1, h.shape)]
@@ -53,23 +55,23 @@ def carried_covariance(responses: ArrayLike, variance: ArrayLike, lag: tuple[int
 
 
 def slow_covariance(responses: ArrayLike, variance: ArrayLike) -> FloatArray:
-    """Noise power at zero frequency, (channel, channel): the covariance of the sum over a large window, for each of its
-    pixels.
+    """Return the noise power at zero frequency, (channel, channel): the covariance of the sum over a large window, per
+    pixel.
 
-    What a smooth trend takes with it when it is taken off noise (see `without_trend`) is this power, for each term of
-    the trend: of white noise its variance, of noise that neighbours share several times as much.
+    Subtracting a smooth trend from noise (see `without_trend`) removes this power once per term of the trend. For white
+    noise it equals the variance; for noise that neighbours share it is several times as much.
     """
     h, v = np.asarray(responses, np.float64).sum(axis=(-2, -1)), np.asarray(variance, np.float64)
     return np.asarray(np.einsum("p,pc,pd->cd", v, h, h) / len(h))
 
 
 def terms(degree: int) -> int:
-    """Terms of a polynomial of two variables."""
+    """Return the number of terms of a polynomial of two variables."""
     return (degree + 1) * (degree + 2) // 2
 
 
 def _shifted(lag: tuple[int, int], sign: int, shape: tuple[int, ...]) -> tuple[slice, ...]:
-    """Where the first (sign 1) or second (sign -1) of two pixels lies so that both are inside."""
+    """Return where the first (sign 1) or second (sign -1) of two pixels can lie so that both are inside."""
     parts = [slice(None), slice(None)]
     for step, size in zip(lag, shape[-2:], strict=True):
         require.allowed(abs(step) < size, "lag", lag, f"steps smaller than the window, {shape[-2]} x {shape[-1]}")
@@ -79,7 +81,7 @@ def _shifted(lag: tuple[int, int], sign: int, shape: tuple[int, ...]) -> tuple[s
 
 
 def found_covariance(noise: ArrayLike, lag: tuple[int, int] = (0, 0)) -> FloatArray:
-    """The same, of planes of noise whose mean is 0.
+    """Return the covariance that `carried_covariance` predicts, measured in planes of noise whose mean is 0.
 
     Parameters
     ----------
@@ -93,7 +95,7 @@ def found_covariance(noise: ArrayLike, lag: tuple[int, int] = (0, 0)) -> FloatAr
     """
     noise = np.asarray(noise, np.float64)
     require.that(
-        noise.ndim in (3, 4), f"noise has shape {noise.shape}; allowed are (channel, y, x) and (frame, channel, y, x)"
+        noise.ndim in (3, 4), f"noise has shape {noise.shape}; allowed: (channel, y, x) and (frame, channel, y, x)"
     )
     planes = noise if noise.ndim == 4 else noise[None]
     first, second = planes[_shifted(lag, 1, planes.shape)], planes[_shifted(lag, -1, planes.shape)]
@@ -101,25 +103,25 @@ def found_covariance(noise: ArrayLike, lag: tuple[int, int] = (0, 0)) -> FloatAr
 
 
 def correlation(covariance: ArrayLike, variances: ArrayLike) -> FloatArray:
-    """Covariance over the geometric mean of the variances, (channel, channel); NaN where a channel is free of noise."""
+    """Return covariance over the geometric mean of the variances, (channel, channel); NaN for noise-free channels."""
     spread = np.sqrt(np.asarray(variances, np.float64))
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.asarray(covariance, np.float64) / np.outer(spread, spread))
 
 
 def without_trend(planes: ArrayLike, degree: int = 2) -> FloatArray:
-    """Planes minus the polynomial of this total degree in y and x that lies nearest to each of them.
+    """Return planes minus their least-squares polynomial of this total degree in y and x.
 
     Parameters
     ----------
     planes : (..., y, x) array
     degree : int
-        At or above 0; 2 takes away what a lens's fall-off leaves in a window.
+        At or above 0; 2 removes what a lens's fall-off leaves in a window.
 
     Returns
     -------
     (..., y, x) array
-        The noise; its variance is smaller by terms/pixels of the noise's power at low frequency, see `slow_covariance`.
+        The noise. Its variance is reduced by terms/pixels of its power at low frequency, see `slow_covariance`.
     """
     planes = np.asarray(planes, np.float64)
     rows, columns = planes.shape[-2:]
@@ -131,10 +133,10 @@ def without_trend(planes: ArrayLike, degree: int = 2) -> FloatArray:
 
 
 def standard_error_of_variance(noise: ArrayLike, block: int = 16) -> FloatArray:
-    """Standard error of each channel's variance, (channel,), from the scatter of blocks that are larger than its
-    correlation.
+    """Return the standard error of each channel's variance, (channel,), from the scatter between blocks.
 
-    ``noise`` is (frame, channel, y, x); at least four blocks are needed, else NaN.
+    The blocks must be larger than the correlation length of the noise. ``noise`` is (frame, channel, y, x); the result
+    is NaN for fewer than four blocks.
     """
     noise = np.asarray(noise, np.float64)
     rows, columns = noise.shape[-2] // block, noise.shape[-1] // block

@@ -236,7 +236,7 @@ def saturation_charge(full_well: float, gain_dn_per_electron: float, black_level
     """
     require.allowed(gain_dn_per_electron > 0, "gain_dn_per_electron", gain_dn_per_electron, "numbers above 0")
     if not 0 <= black_level < 2**bits - 1:
-        raise ValueError(f"black_level is {black_level!r} DN; allowed is 0 to below the top code {2**bits - 1}")
+        raise ValueError(f"black_level is {black_level!r} DN; allowed: 0 to below the top code {2**bits - 1}")
     return min(full_well, (2**bits - 1 - black_level) / gain_dn_per_electron)
 
 

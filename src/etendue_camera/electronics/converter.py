@@ -17,7 +17,7 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
     Parameters
     ----------
     charge : (...) array, electrons
-        Any sign: read noise makes it negative in the dark. Infinite charge gives an end code.
+        Any sign: read noise makes it negative in the dark. Infinite charge gives the lowest or highest code.
     gain_dn_per_electron : float, DN/electron
         Above 0.
     black_level : float, DN
@@ -86,7 +86,7 @@ def unrounded(charge: ArrayLike, gain_dn_per_electron: float, black_level: float
     Raises
     ------
     ValueError
-        If a number is outside the range named above.
+        If a number is outside the range given above.
 
     Notes
     -----
@@ -113,7 +113,7 @@ def linearise(
     bits : int
         1 to 32.
     dtype : float32 or float64
-        Of the result.
+        Dtype of the result.
     white : float, DN above black
         Level at which pixels saturate: above 0, at most and by default the top code 2**bits - 1 minus black.
 
@@ -126,7 +126,7 @@ def linearise(
     Raises
     ------
     ValueError
-        If a number is outside the range named above.
+        If a number is outside the range given above.
 
     Notes
     -----

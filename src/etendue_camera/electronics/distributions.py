@@ -43,8 +43,8 @@ def poisson_logpmf(count: ArrayLike, mean: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Source: Loader's saddle point form. k log m - m - lgamma(k + 1) cancels digits: 4.7e-7
-    of -11.28 at k = m = 1e9. Error: below 2e-16 x condition (reference group poisson_logpmf).
+    Source: Loader's saddle point form. The textbook form k log m - m - lgamma(k + 1) loses digits: 4.7e-7 of -11.28 at
+    k = m = 1e9. Error: below 2e-16 x condition (reference group poisson_logpmf).
     """
     count, mean = np.broadcast_arrays(np.asarray(count, np.float64), np.asarray(mean, np.float64))
     if not np.all((count >= 0) & (count == np.floor(count)) & (count < np.inf)):
@@ -92,10 +92,11 @@ def poisson_total_variation(mean: float, exact_below: float = 30.0) -> float:
         If an argument is not allowed.
 
     Notes
-    ----- q(k) from the normal CDF at the roots of the cubic of `noise.cornish_fisher`, p(k) from
-    `poisson_pmf`, over mean +- 12 sigma (less than 1e-30 outside). It falls as mean^-1.5; above a mean of 1e5
-    the value there, 5.1e-10, is returned as a bound, since the sum could no longer resolve it. Draws in
-    float32 add its rounding: of the normal (6e-8) and of counts above 1.7e7.
+    -----
+    q(k) is taken from the normal CDF at the roots of the cubic of `noise.cornish_fisher`, p(k) from `poisson_pmf`, over
+    mean +- 12 sigma (less than 1e-30 outside). The result decreases as mean^-1.5. For means above 1e5 the value at 1e5,
+    5.1e-10, is returned as a bound, since the sum can no longer resolve it. Draws in float32 add rounding: of the
+    normal (6e-8) and of counts above 1.7e7.
     """
     require.that(0 <= mean < math.inf, f"mean is {mean!r} electrons; it must be finite and at or above 0")
     require.that(
@@ -125,7 +126,7 @@ def normal_form_pmf(mean: float) -> tuple[NDArray, NDArray]:
     Raises
     ------
     ValueError
-        If the mean is outside the range named above.
+        If the mean is outside the range given above.
 
     Notes
     -----
@@ -168,9 +169,9 @@ def quantised_gauss_moments(mu: ArrayLike, sigma: ArrayLike) -> tuple[NDArray, N
 
     Notes
     -----
-    Source: sums of normal tails for sigma < 0.35, else the Fourier series of the rounding error, whose terms
-    fall as exp(-2 pi^2 k^2 sigma^2). Error, reference group quantised_gauss: mean error
-    below 2e-15 relative, variance below 3e-16 x max(1, 1/(4 sigma^2)).
+    Source: sums of normal tails for sigma < 0.35, else the Fourier series of the rounding error, whose terms fall as
+    exp(-2 pi^2 k^2 sigma^2). Error, reference group quantised_gauss: mean error below 2e-15 relative, variance below
+    3e-16 x max(1, 1/(4 sigma^2)).
     """
     mu, sigma = np.broadcast_arrays(np.asarray(mu, np.float64), np.asarray(sigma, np.float64))
     if not np.isfinite(mu).all():
@@ -185,7 +186,7 @@ def quantised_gauss_moments(mu: ArrayLike, sigma: ArrayLike) -> tuple[NDArray, N
 
 
 def cut_normal_moments(rms: float) -> tuple[float, float]:
-    """Return mean and variance of max(0, 1 + rms Z), Z standard normal: pixel-to-pixel factors, none negative.
+    """Return mean and variance of max(0, 1 + rms Z), Z standard normal: the non-negative gain factors of pixels.
 
     Parameters
     ----------
@@ -195,7 +196,7 @@ def cut_normal_moments(rms: float) -> tuple[float, float]:
     Returns
     -------
     mean, variance : float, dimensionless
-        1 and rms^2 where nothing is cut.
+        1 and rms^2 where nothing is clipped.
 
     Raises
     ------
@@ -205,7 +206,7 @@ def cut_normal_moments(rms: float) -> tuple[float, float]:
     Notes
     -----
     Source: integrals of z^k over the part of the normal density above -1/rms. Below rms = 0.1 less than 1e-23 is
-    clipped, and the rest would be rounding. Error: 3e-14 relative against quadrature for rms in 0.1 to 1.
+    clipped, so the unclipped moments are returned. Error: 3e-14 relative against quadrature for rms in 0.1 to 1.
     """
     require.amount("rms", rms)
     if rms < 0.1:
@@ -216,7 +217,9 @@ def cut_normal_moments(rms: float) -> tuple[float, float]:
 
 
 def _by_tails(offset: NDArray, sigma: NDArray) -> tuple[NDArray, NDArray]:
-    """Sum over the thresholds, each tail from its own side of the mean."""
+    """Return mean error and variance by a sum over the thresholds, each normal tail taken on its own side of the
+    mean.
+    """
 
     def beyond(distance: NDArray) -> NDArray:
         with np.errstate(divide="ignore", invalid="ignore"):

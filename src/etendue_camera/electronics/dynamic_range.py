@@ -68,7 +68,7 @@ def saturation_current(full_well: ArrayLike, time: ArrayLike, dark_current: Arra
     Raises
     ------
     ValueError
-        If an argument is outside the range named above.
+        If an argument is outside the range given above.
 
     Notes
     -----
@@ -98,7 +98,7 @@ def smallest_current(time: ArrayLike, dark_current: ArrayLike, read_noise: Array
     Raises
     ------
     ValueError
-        If an argument is outside the range named above.
+        If an argument is outside the range given above.
 
     Notes
     -----
@@ -202,7 +202,7 @@ def emva_snr(
     Raises
     ------
     ValueError
-        If an argument is outside the range named above.
+        If an argument is outside the range given above.
 
     Notes
     -----
@@ -228,7 +228,7 @@ def emva_smallest_photons(
     Raises
     ------
     ValueError
-        If an argument is outside the range named in `emva_snr`.
+        If an argument is outside the range given in `emva_snr`.
 
     Notes
     -----
@@ -252,12 +252,12 @@ def emva_smallest_photons_approx(
     Raises
     ------
     ValueError
-        If an argument is outside the range named in `emva_snr`.
+        If an argument is outside the range given in `emva_snr`.
 
     Notes
     -----
-    Source: EMVA 1288 R4 linear, (s_y.dark / K + 1/2) / eta. Error: below 4e-16 relative
-    (reference group emva_mu_p_min_approx).
+    Source: EMVA 1288 R4 linear, (s_y.dark / K + 1/2) / eta. Error: below 4e-16 relative (reference group
+    emva_mu_p_min_approx).
     """
     floor = _emva_floor(gain_dn_per_electron, dark_noise)
     return (floor + 0.5) / require.above_zero("quantum_efficiency", quantum_efficiency)
@@ -288,7 +288,7 @@ def dynamic_range_emva(
     Raises
     ------
     ValueError
-        If an argument is outside the range named above.
+        If an argument is outside the range given above.
 
     Notes
     -----

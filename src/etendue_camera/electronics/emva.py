@@ -91,8 +91,7 @@ def measure(
         Exposure times, ascending, above 0; at least four.
     light : sequence of (frame, y, x) arrays, DN
         Raw frames under uniform light, one stack per level, at least two frames each, at least 8 x 8 pixels. The
-        longest
-        times should saturate: otherwise full well, saturation and derived metrics are NaN.
+        longest times should saturate: otherwise full well, saturation and derived metrics are NaN.
     dark : sequence of (frame, y, x) arrays, DN
         Raw frames without light at the same times, black level neither subtracted nor reached.
     photons : (level,) array, photons per pixel, optional
@@ -119,11 +118,9 @@ def measure(
     frame (a lamp that drifts) are taken out of the temporal variance.
 
     Departures. The photon transfer curve is fitted with the weights of a normal variance (the standard weights all
-    levels
-    equally, which widens the interval of K by a quarter). Dark noise is averaged over all times, with the shot noise of
-    the dark current subtracted. `full_well` is the mean beyond saturation, without the fraction of a level step by
-    which
-    `saturation_capacity` is low.
+    levels equally, which widens the interval of K by a quarter). Dark noise is averaged over all times, with the shot
+    noise of the dark current subtracted. `full_well` is the mean beyond saturation, without the fraction of a level
+    step by which `saturation_capacity` is low.
 
     Intervals are those of a delete-a-group jackknife over 8 x 8 blocks of pixels with Student's t: pixels are the
     independent sample, of temporal noise and of patterns alike. Row and column patterns are counted
@@ -194,9 +191,8 @@ def measure(
 
 
 def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
-    """Return the mean charge at which the temporal variance of a pixel is largest: EMVA's saturation capacity, below
-    the
-    full well.
+    """Return the mean charge at which the temporal variance of a pixel is largest: the EMVA saturation capacity, which
+    is below the full well.
 
     Parameters
     ----------
@@ -212,14 +208,14 @@ def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
 
     Notes
     -----
-    Shot noise as a normal z of variance x, clipped at the well: moments of min(z, a), a = (w - x)/sqrt(x), averaged
-    over responses by 41 nodes of Gauss-Hermite, the largest of 4001 charges from 0.5 to 1.2 w. Read noise after the
-    full well has no effect.
-    Error: 5e-4 relative where w is above 500 electrons (a normal for Poisson counts).
+    Shot noise is modelled as a normal distribution of variance x, clipped at the well w: moments of min(z, a) with a =
+    (w - x)/sqrt(x), averaged over responses with 41 Gauss-Hermite nodes. The result is the maximum over 4001 charges
+    from 0.5 to 1.2 w. Read noise after the full well has no effect.
+    Error: 5e-4 relative where w is above 500 electrons (from the normal approximation of Poisson counts).
     """
     require.that(
         full_well > 0 and 0 <= prnu <= 0.5,
@@ -306,8 +302,9 @@ def _dark_noise(d: _Levels, gain: NDArray, origin: NDArray) -> NDArray:
 
 
 def _half(signal: NDArray, top: float, frames: NDArray) -> int:
-    """Return the level for patterns: of those from 30 to 70 % of saturation, that with most frames, then nearest to
-    half."""
+    """Return the level for patterns: among those from 30 to 70 % of saturation the one with most frames, then nearest
+    to half.
+    """
     near = np.abs(signal / top - 0.5)
     many = np.where(near <= 0.2, frames, 0)
     return int(np.lexsort((near, -many))[0])

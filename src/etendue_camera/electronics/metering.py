@@ -125,7 +125,7 @@ def metered_time(level: float, target_electrons: float, ev_bias: float, shortest
     Raises
     ------
     ValueError
-        If an argument is outside the range named above.
+        If an argument is outside the range given above.
     """
     require.that(
         0 < shortest <= longest,

@@ -47,9 +47,8 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
 
     Notes
     -----
-    Source: numpy's sampler, and `cornish_fisher` of a normal. Total variation from Poisson: 0 below
-    exact_below; 5.6e-4 at a mean of 10, 1.0e-4 at 30, 5.1e-7 at 1000
-    (`distributions.poisson_total_variation`).
+    Source: numpy's sampler, and `cornish_fisher` of a normal. Total variation from Poisson: 0 below exact_below; 5.6e-4
+    at a mean of 10, 1.0e-4 at 30, 5.1e-7 at 1000 (`distributions.poisson_total_variation`).
     """
     exact_below = float(exact_below)
     mean = _means(mean, LARGEST_EXACT if exact_below > LARGEST_EXACT else LARGEST_MEAN)
@@ -87,7 +86,7 @@ def _drawn(counts: NDArray, mean: NDArray, exact_below: float, rng: np.random.Ge
 
 
 def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float = 30.0) -> NDArray:
-    """Draw Poisson counts from given uniforms: for a fixed uniform the count never falls as the mean grows.
+    """Draw Poisson counts from given uniforms: for a fixed uniform the count never decreases as the mean increases.
 
     Parameters
     ----------
@@ -111,9 +110,10 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
     Notes
     -----
     Source: inversion, started at a Cornish-Fisher quantile and corrected one step at a time; above
-    exact_below `cornish_fisher` of the normal quantile, limited to 8.3 sigma. At the seam the exact count is
-    kept until the normal form has passed it, so that nothing falls there. For sweeps under one noise
-    ("common"): the same generator state through a rejection sampler decorrelates at mean changes of 1e-4.
+    exact_below `cornish_fisher` of the normal quantile, limited to 8.3 sigma. At the transition the exact count is kept
+    until the normal form has passed it, so that the count does not decrease there. Intended for sweeps with the same
+    noise in all cells ("common"): with a rejection sampler, equal generator states decorrelate for changes of the mean
+    of 1e-4.
     """
     mean, uniform = np.broadcast_arrays(_means(mean), np.asarray(uniform, np.float64))
     if not np.all((uniform >= 0) & (uniform < 1)):
@@ -141,13 +141,13 @@ def cornish_fisher(mean: NDArray, normal: NDArray) -> NDArray:
     Parameters
     ----------
     mean : (...) array, electrons
-        10 or more; the cubic folds within 7 sigma below.
+        10 or more; for smaller means the cubic folds within 7 sigma.
     normal : (...) array, dimensionless
 
     Returns
     -------
     (...) array, electrons
-        floor(m + sqrt(m) z + 1/3 + z^2/6 - (z^3 + 2 z)/(72 sqrt(m))), 0 at least.
+        floor(m + sqrt(m) z + 1/3 + z^2/6 - (z^3 + 2 z)/(72 sqrt(m))), at least 0.
 
     Notes
     -----
@@ -207,7 +207,7 @@ def _inverse(mean: NDArray, uniform: NDArray, normal: NDArray) -> NDArray:
 
 
 def _normals(rng: np.random.Generator, shape: tuple[int, ...], dtype: np.dtype) -> NDArray:
-    """Draw one normal each, in float32 for float32 means, which takes half the time."""
+    """Draw one normal per mean, in float32 for float32 means, which takes half the time."""
     if dtype == np.float32:
         return rng.standard_normal(shape, dtype=np.float32)
     return rng.standard_normal(shape).astype(dtype, copy=False)

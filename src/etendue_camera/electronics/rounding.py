@@ -1,4 +1,4 @@
-"""The error of rounding to integers that remains where noise does not spread it.
+"""The mean error of rounding to integers that remains where noise is too small to average it out.
 
 In:  the step between neighbouring codes, the rms of Gaussian noise before rounding, both in one unit; or a
      variance after it.
@@ -30,8 +30,8 @@ def lasting_error(step: float, sigma: float) -> float:
 
     Notes
     -----
-    Above 0.3 steps of noise it is step / pi exp(-2 pi^2 (sigma / step)^2) within 1e-3 of itself: the first harmonic of
-    the sawtooth.
+    Above 0.3 steps of noise it equals the first harmonic of the sawtooth, step / pi exp(-2 pi^2 (sigma / step)^2),
+    within 1e-3 relative.
     """
     if not step > 0:
         return 0.0
@@ -49,19 +49,20 @@ def lasting_error(step: float, sigma: float) -> float:
 
 
 def both(first: float, second: float, confidence: float) -> float:
-    """Return the bound that the sum of two independent errors stays below with a probability, each uniform between plus
-    and minus its largest.
+    """Return the bound on the sum of two independent errors that holds with a given probability.
+
+    Each error is uniformly distributed between minus and plus its maximum.
 
     Parameters
     ----------
     first, second : float
-        The largest errors, in one unit, at least 0.
+        Maximum errors, in one unit, at least 0.
     confidence : float
         Between 0 and 1.
 
     Notes
     -----
-    The density of the sum is a trapezium. For 200,000 drawn sums the fraction below is correct within 1e-3.
+    The density of the sum is a trapezium. For 200,000 drawn sums the fraction below the bound is correct within 1e-3.
     """
     large, small = max(first, second), min(first, second)
     if confidence * large <= large - small:
@@ -74,14 +75,14 @@ SHOWN = 0.6  # steps of noise above which this holds for any mean, within 3e-3 o
 
 
 def in_front(low: float, high: float) -> tuple[float, float]:
-    """Return the smallest and largest rms (steps) of noise before rounding, if the variance after it lies between two
-    values (steps^2).
-
+    """Return the smallest and largest rms (steps) of noise before rounding, given bounds on the variance after it
+    (steps^2).
 
     Notes
     -----
-    The mean may lie anywhere between two codes: near one of them rounding hides noise, half way between two it makes a
-    variance of 1/4 out of none. Above 0.6 steps both ends are Sheppard's: the variance minus 1/12.
+    The mean may lie anywhere between two codes: near a code rounding hides noise, and halfway between two codes it
+    turns arbitrarily small noise into a variance of 1/4. Above 0.6 steps both ends follow Sheppard: the variance minus
+    1/12.
     """
     sigma, least, most = _behind()
     if high >= least[-1]:
@@ -95,7 +96,7 @@ def in_front(low: float, high: float) -> tuple[float, float]:
 
 @cache
 def _behind() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return rms before rounding (steps), and smallest and largest variance after it."""
+    """Return a table of the rms before rounding (steps), and the smallest and largest variance after it."""
 
     sigma = np.linspace(1e-6, SPREAD, 1501)
     edges = np.arange(-9, 10) + 0.5

@@ -194,8 +194,7 @@ def write(path: Path, frame: RawFrame) -> None:
     Raises
     ------
     ValueError
-        If raw is not (y, x) of uint16, the mask is not supported, colour filters lack white or matrix, or the
-        levels
+        If raw is not (y, x) of uint16, the mask is not supported, colour filters lack white or matrix, or the levels
         are invalid.
     """
     require.that(

@@ -1,4 +1,4 @@
-"""8-bit PNG: a variable as an eye sees it, with light through the CIE 1931 observer, a mosaic through its own filters.
+"""8-bit PNG: a variable rendered for viewing; light through the CIE 1931 observer, a mosaic through its own filters.
 
 In:  a frame of an archive.
 Out: an RGB PNG, first row of the array on top; encoded sRGB, with provenance as text.

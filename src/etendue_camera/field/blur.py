@@ -1,24 +1,23 @@
 """Field-dependent blur: every point of the image is blurred by the point spread function at its own position.
 
 In:  planes on the image grid (um), a ``PsfBank``.
-Out: blurred planes; how they were computed and how wrong that is at most.
-Sources: eigen-PSF expansion (Lauer, Proc. SPIE 4847, 167, 2002; Jee et al., PASP 119, 1403, 2007), with the mean taken
-out before the expansion so that every truncation keeps the flux; interpolated kernels (Nagy & O'Leary, SIAM J. Sci.
-Comput. 19, 1063, 1998).
+Out: blurred planes; how they were computed, and a bound on the error.
+Sources: eigen-PSF expansion (Lauer, Proc. SPIE 4847, 167, 2002; Jee et al., PASP 119, 1403, 2007), with the mean
+subtracted before the expansion so that every truncation conserves flux; interpolated kernels (Nagy & O'Leary, SIAM J.
+Sci. Comput. 19, 1063, 1998).
 
-The exact answer is the direct sum over all samples of the image in front of the lens: each is spread by
-``PsfBank.kernel_at`` its own position (``weights = "source"``). The flux of every point is then kept exactly. A uniform
-plane stays uniform but for the divergence of the mean displacement and half the second derivatives of the second
-moments of the bank: for spots of some um in a field of some mm 1e-3 and 1e-6, the first gone with
-``centre = "centroid"``. With ``weights = "image"`` each sample of the result gathers with the kernel of its own place:
-a uniform plane stays uniform exactly, and the flux of a point changes by as much. Beyond the border stands the mirror
-image, with its own kernels.
+With ``weights = "source"`` the exact result is the direct sum over all samples of the image in front of the lens, each
+spread by the ``PsfBank.kernel_at`` its position. The flux of every point is then conserved exactly. A uniform plane
+becomes non-uniform by the divergence of the mean displacement and by half the second derivatives of the second moments
+of the bank. For spots of a few um in a field of a few mm these are 1e-3 and 1e-6; the first vanishes with ``centre =
+"centroid"``. With ``weights = "image"`` each sample of the result is gathered with the kernel of its own position: a
+uniform plane stays uniform exactly, and the flux of a point changes by the same amounts. Beyond the border the plane is
+continued by its mirror image, with mirrored kernels.
 
-Both methods take kernels at the nodes of a grid over the window and mix them bilinearly in between. ``tiles`` convolves
-the light around each node with the kernel of the node; ``eigen`` expands the nodes' kernels about their mean in as few
-kernels as the tolerance allows, for each of which the whole plane is convolved. Errors are bounds on the result as a
-share of its full scale: half the sum of the absolute differences of two kernels of equal flux, the largest over the
-field.
+Both methods take kernels at the nodes of a grid over the window and interpolate them bilinearly. ``tiles`` convolves
+the light around each node with the kernel of that node. ``eigen`` expands the kernels about their mean in as few
+kernels as the tolerance allows, and convolves the whole plane with each. Errors are bounds relative to full scale: half
+the sum of the absolute differences of two kernels of equal flux, maximum over the field.
 """
 
 from __future__ import annotations
@@ -40,10 +39,10 @@ from etendue_camera.field.psf_kernels import Centre, Light, Sampler
 
 Method = Literal["auto", "eigen", "tiles"]
 
-_EIGEN_SHARE = 0.6  # of what is allowed, for mixing bilinearly where eigen-PSFs are cut off too
-_KERNEL_SHARE = 0.1  # of the tolerance, for the tails that the kernels cut off
-_HEIGHT_SHARE = 0.1  # of the tolerance, for mixing heights linearly
-_CALL = 3.5e5  # what the calls for one tile cost, as N log2 N of a transform: 40 us
+_EIGEN_SHARE = 0.6  # of the allowed error for bilinear interpolation, where truncating the expansion needs the rest
+_KERNEL_SHARE = 0.1  # of the tolerance for truncated kernel tails
+_HEIGHT_SHARE = 0.1  # of the tolerance for linear interpolation between heights
+_CALL = 3.5e5  # call overhead of one tile (40 us), in the unit N log2 N of a transform
 
 
 @dataclass(frozen=True)
@@ -53,12 +52,12 @@ class BlurChoice:
     Attributes
     ----------
     method : "eigen" or "tiles"
-    count : eigen-PSFs beside the mean (the most any plane takes), or tiles
+    count : eigen-PSFs in addition to the mean (maximum over the planes), or tiles
     grid : nodes along y and x
-    error : predicted largest error, share of full scale
+    error : predicted largest error, relative to full scale
     cost : per plane, in real transforms of the padded frame
     size : samples along one side of a kernel
-    others : (method, count, error, cost) of what was not chosen
+    others : (method, count, error, cost) of the alternatives not chosen
     """
 
     method: str
@@ -72,18 +71,18 @@ class BlurChoice:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Everything about one window, bank and tolerance that does not depend on the light: see ``prepare``."""
+    """Everything for one window, bank and tolerance that does not depend on the light; see ``prepare``."""
 
     choice: BlurChoice
     shape: tuple[int, int]
     weights: Weights
     mix: FloatArray  # (planes, bank wavelengths)
-    kernels: FloatArray  # (nodes y, nodes x, bank wavelengths, size, size); none for eigen
+    kernels: FloatArray  # (nodes y, nodes x, bank wavelengths, size, size); empty for eigen
     bases: tuple[FloatArray, ...] = ()  # by plane: (1 + count, size, size), the mean first
     coefficients: tuple[FloatArray, ...] = ()  # by plane: (count, nodes y, nodes x)
 
     def take(self, planes: slice) -> Prepared:
-        """The same for some of the planes."""
+        """Return the same for a slice of the planes."""
         return replace(self, mix=self.mix[planes], bases=self.bases[planes], coefficients=self.coefficients[planes])
 
     @property
@@ -108,13 +107,13 @@ def blur(
     planes : (L, Y, X) array, any unit
         float32 stays float32.
     y_um, x_um : (Y,), (X,) arrays, um
-        Positions on the image plane from the axis of the lens; evenly spaced, the same spacing along both.
+        Positions on the image plane relative to the lens axis; evenly spaced, with the same spacing along both.
     wavelengths_um : (L,) array, um
     bank : PsfBank
     method : {"auto", "eigen", "tiles"}
-        ``auto`` takes whichever is cheaper for the tolerance.
+        ``auto`` takes the cheaper one that meets the tolerance.
     tolerance : float
-        Largest error, as a share of full scale, above 0.
+        Largest error relative to full scale, above 0.
     how
         ``count``, ``weights``, ``light``, ``centre``, ``lost``: see ``prepare``.
 
@@ -125,7 +124,7 @@ def blur(
     Raises
     ------
     ValueError
-        As ``prepare``; for planes that do not fit the positions.
+        As for ``prepare``; also for planes whose shape does not match the positions.
     """
     return apply(planes, prepare(bank, y_um, x_um, wavelengths_um, method, tolerance, **how))
 
@@ -160,30 +159,32 @@ def prepare(
 
     Parameters
     ----------
+    bank, y_um, x_um, wavelengths_um, method, tolerance
+        As for ``blur``.
     count : int
-        0: as the tolerance asks. Else the number of eigen-PSFs beside the mean, or of nodes along the longer side of
-        the window; the choice then says how wrong that is.
+        0: as the tolerance requires. Otherwise the number of eigen-PSFs in addition to the mean, or of nodes along the
+        longer side of the window; the choice then states the resulting error.
     weights : {"source", "image"}
-        Kernel of the place the light comes from (flux exact), or of the place it falls on (uniformity exact).
+        Use the kernel of the position the light comes from (flux exact), or of the one it falls on (uniformity exact).
     light, centre
         As for ``Sampler``.
     lost : float, optional
-        Flux in the tails of the pictures that kernels may cut off; the rest is scaled to 1. Default: a tenth of the
-        tolerance. A value given comes on top of the tolerance.
+        Fraction of flux in the tails of the PSFs that kernels may truncate; the rest is scaled to 1. Default: a tenth
+        of the tolerance. A given value is added to the tolerance.
 
     Raises
     ------
     ValueError
-        For a tolerance that is not above 0, positions that are not evenly spaced, or where the grid that the tolerance
-        asks for would take more than 512 MB of kernels or 100 000 of them.
+        For a tolerance that is not above 0, positions that are not evenly spaced, or if the grid required by the
+        tolerance would take more than 512 MB or 100 000 kernels.
 
     Notes
     -----
-    The grid is refined to half until the largest measured difference between a kernel and the mix of its neighbours, at
-    the points in the middle of nodes and cells, is below the tolerance; the error falls by four each time. Cost of a
-    real transform of N samples: N log2 N. ``eigen`` with R terms takes R + 1 transforms of planes, as many of kernels
-    and one back; ``tiles`` three small ones per node, and the calls. Measured run times lie within a factor of 1.6 of
-    this from 256 x 256 to 1024 x 1024 samples.
+    The grid spacing is halved until the largest measured difference between a kernel and the interpolation of its
+    neighbours, at the midpoints of edges and cells, is below the tolerance; each halving reduces the error by a factor
+    of four. The cost of a real transform of N samples is N log2 N. ``eigen`` with R terms takes R + 1 transforms of
+    planes, as many of kernels and one inverse; ``tiles`` takes three small ones per node plus call overhead. Measured
+    run times lie within a factor of 1.6 of this for 256 x 256 to 1024 x 1024 samples.
     """
     require.must(0.0 < tolerance < np.inf, "tolerance", tolerance, "finite and above 0")
     require.must(method in ("auto", "eigen", "tiles"), "method", repr(method), "'auto', 'eigen' or 'tiles'")
@@ -205,12 +206,12 @@ def prepare(
     offers = _offers(sampler, y, x, method, allowed, count, extra)
     best = min(offers, key=lambda one: (not count and one.error > within, one.cost))
     others = tuple((one.method, one.count, one.error, one.cost) for one in offers if one is not best)
-    if best.method == "eigen":  # the ends of the mixed wavelengths bounded what lies between them
+    if best.method == "eigen":  # the bank wavelengths bound the error; expand the interpolated kernels of each plane
         mixed = (np.tensordot(best.level.kernels, row, axes=(2, 0)) for row in mix)
         best = replace(_expanded(best.level, mixed, allowed, count, extra), cost=best.cost)
     require.that(
         count or not best.error > within,
-        f"eigen-PSFs made from {BASIS_NODES} kernels reach an error of {best.error:.2g}, not {tolerance:g}; take "
+        f"eigen-PSFs made from {BASIS_NODES} kernels reach an error of {best.error:.2g}, not {tolerance:g}; use "
         f"method 'tiles'",
     )
     return Prepared(
@@ -226,7 +227,9 @@ def prepare(
 
 @dataclass(frozen=True, eq=False)
 class _Offer:
-    """A way to compute the blur from the kernels of a grid: as `BlurChoice` says, with what was expanded."""
+    """One way to compute the blur from the kernels of a grid, as in `BlurChoice`, with the expansion if there is
+    one.
+    """
 
     method: str
     count: int
@@ -239,19 +242,19 @@ class _Offer:
 def _offers(
     sampler: Sampler, y: FloatArray, x: FloatArray, method: Method, allowed: float, count: int, extra: float
 ) -> list[_Offer]:
-    """What the method costs that is asked for, or each that may be."""
+    """Return an offer for the requested method, or for each candidate with "auto"."""
     try:
         finest = allowed if method == "tiles" else _EIGEN_SHARE * allowed
         levels = node_grids.refined(sampler, y, x, allowed, finest, count if method == "tiles" else 0)
     except ValueError:
         if method != "auto":
             raise
-        method = "tiles"  # the finer grid of the eigen-PSFs does not fit; that of the tiles may
+        method = "tiles"  # the finer grid for eigen-PSFs exceeds the limits; that for tiles may not
         levels = node_grids.refined(sampler, y, x, allowed, allowed, 0)
     tiled = [] if method == "eigen" else [_tiled(levels[0], y.size, x.size, sampler.size, extra)]
     if method == "tiles":
         return tiled
-    # its run time does not depend on the grid: the finer one leaves more room for truncation
+    # its run time does not depend on the grid: the finer grid leaves more of the error for truncation
     planes = (levels[-1].kernels[:, :, number] for number in range(sampler.wavelengths))
     return [*tiled, _expanded(levels[-1], planes, allowed, count, extra)]
 
@@ -267,7 +270,9 @@ def _tiled(level: node_grids.Level, ny: int, nx: int, size: int, extra: float) -
 def _expanded(
     level: node_grids.Level, planes: Iterable[FloatArray], allowed: float, count: int, extra: float
 ) -> _Offer:
-    """With as many terms as the worst of some planes of kernels takes, (nodes y, nodes x, size, size) each."""
+    """Return an eigen-PSF offer with as many terms as the worst of some planes of kernels (nodes y, nodes x, size,
+    size) needs.
+    """
     found = [expansion(kernels, allowed - level.error, count) for kernels in planes]
     most, worst = max(len(terms) for _, terms, _ in found), max(error for *_, error in found)
     terms = tuple((basis, coefficients) for basis, coefficients, _ in found)
@@ -280,11 +285,11 @@ def _transform(*shape: int) -> float:
 
 
 def apply(planes: FloatArray, prepared: Prepared) -> FloatArray:
-    """Blur planes with what ``prepare`` made; (L, Y, X) in and out."""
+    """Blur planes (L, Y, X) with the result of ``prepare``."""
     planes = np.asarray(planes)
     require.that(
         planes.shape == (len(prepared.mix), *prepared.shape),
-        f"planes have shape {planes.shape}; prepared for {(len(prepared.mix), *prepared.shape)}",
+        f"planes have shape {planes.shape}; the blur was prepared for {(len(prepared.mix), *prepared.shape)}",
     )
     kind: Any = planes.dtype if planes.dtype in (np.float32, np.float64) else np.dtype(float)
     out = np.empty(planes.shape, dtype=kind)
@@ -301,8 +306,9 @@ def apply(planes: FloatArray, prepared: Prepared) -> FloatArray:
 
 
 def unevenness(bank: PsfBank) -> float:
-    """Return the non-uniformity of a uniform plane with ``weights = "source"``: the largest divergence of mean
-    displacement."""
+    """Return the non-uniformity of a blurred uniform plane with ``weights = "source"``: the largest divergence of the
+    mean displacement.
+    """
     heights, radial = bank.heights_um, bank.centroids()[:, :, 0]
     slope = np.gradient(radial, heights, axis=0) if heights.size > 1 else np.zeros_like(radial)
     held = heights > 0

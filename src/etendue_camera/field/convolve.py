@@ -1,8 +1,8 @@
-"""Convolution with field-dependent kernels: an expansion in a few kernels, or tiles blended bilinearly.
+"""Convolution with field-dependent kernels: an expansion in a few kernels, or bilinearly blended tiles.
 
 In:  a plane, kernels, weights of the nodes of a grid.
-Out: the blurred plane. Beyond the border stands the mirror image of the plane and of the weights.
-Sources: see ``field_blur``; fast convolution by the discrete Fourier transform, on blocks (overlap-add).
+Out: the blurred plane. Beyond the border, plane and weights are continued by their mirror images.
+Sources: see ``blur``; fast convolution by discrete Fourier transforms of blocks (overlap-add).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Weights = Literal["source", "image"]
 
 
 def _half_transform(array: FloatArray, shape: tuple[int, int]) -> Array:
-    """Real transform of an array padded by zeros, its zero rows not transformed."""
+    """Return the real transform of a zero-padded array, without transforming the zero rows."""
     return scipy.fft.fft(
         scipy.fft.rfft(array, shape[1], axis=1, workers=1), shape[0], axis=0, workers=1, overwrite_x=True
     )
@@ -30,7 +30,7 @@ def _plane_of(transform: Array, shape: tuple[int, int], rows: slice, columns: sl
 
 
 def fast(*lengths: int) -> tuple[int, int]:
-    """Two lengths, made longer until their transforms are fast."""
+    """Return two lengths, increased to lengths whose transforms are fast."""
     ny, nx = (int(scipy.fft.next_fast_len(n, real=True)) for n in lengths)
     return ny, nx
 
@@ -38,7 +38,7 @@ def fast(*lengths: int) -> tuple[int, int]:
 def eigen(
     plane: FloatArray, basis: FloatArray, coefficients: FloatArray, hats: list[FloatArray], weights: Weights
 ) -> FloatArray:
-    """A plane with the mean kernel, and with each further kernel weighted by its map.
+    """Convolve a plane with the mean kernel, and with each further kernel weighted by its map.
 
     Parameters
     ----------
@@ -46,15 +46,15 @@ def eigen(
     basis : (1 + R, n, n) array, n odd
         The mean kernel first.
     coefficients : (R, nodes y, nodes x) array
-        Of the further kernels, at the nodes.
+        Coefficients of the further kernels at the nodes.
     hats : (Y, nodes y) and (X, nodes x) arrays
-        As from ``hats_of``.
+        Interpolation weights, as returned by ``hats_of``.
     weights : {"source", "image"}
-        Whether a map weighs the light before it spreads, or after.
+        Whether a map weights the light before the convolution or after it.
 
     Returns
     -------
-    (Y, X) array, of the dtype of the plane
+    (Y, X) array, with the dtype of the plane
     """
     reach = basis.shape[-1] // 2
     shape = fast(*(n + 2 * reach for n in plane.shape))
@@ -77,7 +77,9 @@ def eigen(
 
 
 def tiles(plane: FloatArray, kernels: FloatArray, hats: list[FloatArray], weights: Weights) -> FloatArray:
-    """A plane with kernels (nodes y, nodes x, n, n), n odd, mixed bilinearly between the nodes; else as ``eigen``."""
+    """Convolve a plane with kernels (nodes y, nodes x, n, n), n odd, interpolated bilinearly; otherwise as
+    ``eigen``.
+    """
     size = kernels.shape[-1]
     reach = size // 2
     ny, nx = plane.shape
@@ -118,7 +120,7 @@ def _span(weights: FloatArray) -> tuple[int, int]:
 
 
 def hats_of(samples: int, nodes: int) -> FloatArray:
-    """Bilinear weights of evenly spread nodes, the first and last on the first and last sample: (samples, nodes)."""
+    """Return bilinear weights (samples, nodes) of evenly spaced nodes from the first sample to the last."""
     if nodes == 1:
         return np.ones((samples, 1))
     place = np.arange(samples) * ((nodes - 1) / (samples - 1))

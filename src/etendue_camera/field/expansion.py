@@ -1,8 +1,8 @@
-"""Kernels of many places as their mean and few directions about it: eigen-PSFs.
+"""Eigen-PSFs: kernels of many image points as their mean plus a few principal components.
 
-In:  kernels at the nodes of a grid, the error that is allowed.
-Out: a basis whose every truncation keeps the flux, and the coefficients of the nodes.
-Sources: as in `blur.py`.
+In:  kernels at the nodes of a grid, the allowed error.
+Out: a basis, every truncation of which conserves flux, and the coefficients at the nodes.
+Sources: as for `blur.py`.
 """
 
 from __future__ import annotations
@@ -12,15 +12,14 @@ import scipy
 
 from etendue_camera.arrays import FloatArray
 
-BASIS_NODES = 300  # the expansion is made from at most so many kernels, and held against all of them
+BASIS_NODES = 300  # the expansion is computed from at most this many kernels, and checked against all
 
 
 def expansion(kernels: FloatArray, room: float, count: int) -> tuple[FloatArray, FloatArray, float]:
-    """Mean and leading directions of kernels (nodes y, nodes x, size, size) to an error of ``room``, or of ``count``
-    terms.
+    """Expand kernels (nodes y, nodes x, size, size) about their mean, to an error of ``room`` or with ``count`` terms.
 
-    Gives the basis (1 + terms, size, size), coefficients (terms, nodes y, nodes x) and the error. Directions of kernels
-    minus their mean sum to zero: every truncation keeps the sum of 1.
+    Returns the basis (1 + terms, size, size), coefficients (terms, nodes y, nodes x) and the error. Components of
+    kernels minus their mean sum to zero, so every truncation keeps the sum of 1.
     """
     grid, size = kernels.shape[:2], kernels.shape[-1]
     flat = kernels.reshape(grid[0] * grid[1], size * size)
@@ -29,7 +28,7 @@ def expansion(kernels: FloatArray, room: float, count: int) -> tuple[FloatArray,
     some = apart[:: -(-len(flat) // BASIS_NODES)]
     values, vectors = scipy.linalg.eigh(some @ some.T)
     singular = np.sqrt(np.maximum(values[::-1], 0.0))
-    # a Gram matrix knows singular values to 1e-8 of the largest
+    # a Gram matrix resolves singular values down to 1e-8 of the largest
     rank = int((singular > 1e-8 * singular[0]).sum()) if singular[0] > 1e-14 else 0
     directions = (some.T @ vectors[:, ::-1][:, :rank]) / singular[:rank]
     shares = apart @ directions

@@ -4,7 +4,7 @@ In:  image heights (mm), radii and distances of rims (mm), angles (degrees or th
 Out: relative illumination (1) and chief-ray angles (degrees).
 Sources: plane geometry; conjugates of the pupils of a lens in air.
 
-`radiometry.cos4` and `radiometry.disc_falloff` are the fall-off of a whole pupil; what is here multiplies it.
+`radiometry.cos4` and `radiometry.disc_falloff` give the falloff of an unobstructed pupil; the factors here multiply it.
 """
 
 import numpy as np
@@ -19,14 +19,14 @@ def overlap_of_discs(radius: float, rim: float, shift: Floats) -> Floats:
     Parameters
     ----------
     radius, rim : float
-        Radii of the disc and of the one that covers it, same unit, above 0; rim may be infinite.
+        Radii of the disc and of the disc that covers it, same unit, above 0; ``rim`` may be infinite.
     shift : (...) array, same unit
-        Distance of the centres; the sign does not matter.
+        Distance between the centres; the sign does not matter.
 
     Returns
     -------
     (...) array, 1
-        In [0, 1]: exactly 1 while the disc lies inside the rim, exactly 0 once it lies outside.
+        In [0, 1]: exactly 1 where the disc lies inside the rim, exactly 0 where it lies outside.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def overlap_of_discs(radius: float, rim: float, shift: Floats) -> Floats:
     gap, both = large - small, large + small
     inner, outer = np.maximum(gap, away) - gap, np.maximum(both - away, 0.0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # gap + away, never away + large - small: that loses a shift far below the radii
+        # gap + away rather than away + large - small, which would lose a shift far below the radii
         by_small = 2.0 * np.arctan(np.sqrt(outer * (gap + away) / (inner * (away + both))))
         by_large = 2.0 * np.arctan(np.sqrt(outer * inner / ((gap + away) * (away + both))))
         area = small**2 * _segment(by_small) + large**2 * _segment(by_large)
@@ -72,9 +72,9 @@ def vignetting(
     Parameters
     ----------
     tan_angle : (...) array, 1
-        Tangent of the field angle on the object's side, at the centre of the entrance pupil.
+        Tangent of the object-side field angle at the centre of the entrance pupil.
     pupil_radius, rim_radius : float, mm
-        Above 0. The rim must let the whole pupil of an axial point through, or it would be the aperture stop.
+        Above 0. The rim must pass the full beam of an axial point; otherwise it would be the aperture stop.
     rim_distance : float, mm
         From the entrance pupil, 0 or above.
     object_distance : float, mm
@@ -83,7 +83,7 @@ def vignetting(
     Returns
     -------
     (...) array, 1
-        1 on the axis and as far as the rim does not reach, then falling to 0.
+        1 on the axis and as far out as the rim does not cut the beam, then decreasing to 0.
 
     Raises
     ------
@@ -92,9 +92,9 @@ def vignetting(
 
     Notes
     -----
-    Source: the rim seen from the object point throws a shadow of radius k R on the pupil plane, displaced by k d
-    tan(theta), with k = 1/(1 - d/L). Times `radiometry.cos4` it is the relative illumination of a small pupil exactly;
-    a wide one weighs its parts by up to `radiometry.disc_falloff` against cos4.
+    Source: seen from the object point, the rim casts a shadow of radius k R on the pupil plane, displaced by k d
+    tan(theta), with k = 1/(1 - d/L). Multiplied by `radiometry.cos4` this is exact for a small pupil. The parts of a
+    wide pupil have different weights; the effect is at most the ratio of `radiometry.disc_falloff` to cos4.
     """
     require.must(rim_distance >= 0, "rim_distance", rim_distance, "0 or above")
     require.that(
@@ -120,7 +120,8 @@ def chief_ray_angle(height_mm: Floats, exit_pupil_distance_mm: float) -> Floats:
     height_mm : (...) array, mm
         Distance from the axis.
     exit_pupil_distance_mm : float, mm
-        In front of the sensor; inf for a telecentric lens; negative for a pupil behind the sensor, whose rays converge.
+        Distance in front of the sensor; inf for a telecentric lens; negative for a pupil behind the sensor, with
+        converging rays.
 
     Raises
     ------
@@ -132,12 +133,12 @@ def chief_ray_angle(height_mm: Floats, exit_pupil_distance_mm: float) -> Floats:
 
 
 def cosine_response(angle_deg: Floats, power: float) -> Floats:
-    """Relative response of a pixel to light from an angle, cos^power; 0 from 90 degrees on.
+    """Return the relative response of a pixel to light from an angle, cos^power; 0 from 90 degrees on.
 
     Parameters
     ----------
     angle_deg : (...) array, degrees
-        Off the direction for which the pixel is made.
+        Angle from the design direction of the pixel.
     power : float, 1
         0 or above; 0: no dependence. 1 is the projected area of a flat detector.
     """
@@ -147,7 +148,7 @@ def cosine_response(angle_deg: Floats, power: float) -> Floats:
 
 
 def table_at(where: Floats, nodes: FloatArray, values: FloatArray) -> Floats:
-    """A curve through a table: straight lines between its rows, its end values beyond them.
+    """Interpolate a table linearly between its rows, with the end values beyond them.
 
     Parameters
     ----------
@@ -159,14 +160,14 @@ def table_at(where: Floats, nodes: FloatArray, values: FloatArray) -> Floats:
     Returns
     -------
     (...) array
-        Exactly the table's value at its nodes; in the precision of ``where``.
+        Exactly the values of the table at its nodes; in the precision of ``where``.
     """
     where = np.asarray(where)
     return np.interp(where, nodes, values).astype(np.result_type(where, np.float32), copy=False)
 
 
 def _segment(half_angle: Floats) -> Floats:
-    """(u - sin u)/2 for u = 2 x half_angle: area of a circular segment of a unit circle."""
+    """Return (u - sin u)/2 for u = 2 x half_angle: the area of a segment of a unit circle."""
     u = 2.0 * np.asarray(half_angle)
     squared = u * u
     series: Floats = 0.0
@@ -178,6 +179,6 @@ def _segment(half_angle: Floats) -> Floats:
         9,
         7,
         5,
-    ):  # u^3/6 (1 - u^2/20 (1 - u^2/42 (...))); what is left out is below 1e-17 for u < 1.2
+    ):  # u^3/6 (1 - u^2/20 (1 - u^2/42 (...))); omitted terms are below 1e-17 for u < 1.2
         series = squared / ((k - 1) * k) * (1.0 - series)
     return 0.5 * np.where(u < 1.2, u * squared / 6.0 * (1.0 - series), u - np.sin(u))

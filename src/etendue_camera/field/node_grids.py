@@ -1,7 +1,7 @@
-"""Grids of nodes over a frame, fine enough for bilinear interpolation of kernels.
+"""Grids of nodes over a frame, fine enough to interpolate kernels bilinearly.
 
-In:  positions on the image grid (um), kernels of any image point, the error that is allowed.
-Out: nodes, their kernels and the error of mixing them.
+In:  positions on the image grid (um), kernels of any image point, the allowed error.
+Out: nodes, their kernels and the interpolation error.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from etendue import require
 from etendue_camera.arrays import FloatArray
 from etendue_camera.field.psf_kernels import Sampler
 
-_LARGEST = 512 << 20  # bytes of kernels
-_MOST = 100_000  # kernels: a minute or two
-_FAIR = 0.25  # fall of the error of bilinear mixing when the grid is refined to half
+_LARGEST = 512 << 20  # maximum bytes of kernels
+_MOST = 100_000  # maximum number of kernels: a minute or two
+_FAIR = 0.25  # expected factor on the interpolation error when the grid spacing is halved
 
 
 class Level(NamedTuple):
-    """Nodes along y and x, their kernels (nodes y, nodes x, wavelengths, size, size), the error of mixing them."""
+    """Nodes along y and x, kernels (nodes y, nodes x, wavelengths, size, size), and the interpolation error."""
 
     grid: tuple[int, int]
     kernels: FloatArray
@@ -28,7 +28,9 @@ class Level(NamedTuple):
 
 
 def spacing_of(y: FloatArray, x: FloatArray, alone: float) -> float:
-    """Distance of positions that are evenly spaced, the same along both axes; of a single one ``alone``."""
+    """Return the spacing of positions, which must be even and equal along both axes; ``alone`` for a single
+    position.
+    """
     steps = []
     for name, line in (("y_um", y), ("x_um", x)):
         require.that(line.ndim == 1 and line.size >= 1, f"{name} has shape {line.shape}; it must be one-dimensional")
@@ -57,38 +59,39 @@ def _kernels(sampler: Sampler, y: FloatArray, x: FloatArray, grid: tuple[int, in
 
 
 def _grid_of(cells: int, ny: int, nx: int) -> tuple[int, int]:
-    """Nodes along y and x for so many cells along the longer side of a frame."""
+    """Return the number of nodes along y and x for a number of cells along the longer side of a frame."""
     longest = max(ny, nx)
     rows, columns = (1 if n == 1 else min(n, max(1, round(cells * n / longest)) + 1) for n in (ny, nx))
     return rows, columns
 
 
 def _too_many(grid: tuple[int, int], size: int, wavelengths: int) -> bool:
-    """Whether the next finer grid of nodes has more kernels than are held."""
+    """Return whether the next finer grid of nodes exceeds the limits on kernels."""
     finer = (2 * grid[0] - 1) * (2 * grid[1] - 1)
     return finer * size**2 * wavelengths * 8 > _LARGEST or finer * wavelengths > _MOST
 
 
 def kernels_fit(size: int, wavelengths: int, ny: int, nx: int) -> bool:
-    """Whether the error of mixing kernels of this size can be looked for at all: the first grid of nodes is every
-    sample, or can be halved.
+    """Return whether the interpolation error can be measured for kernels of this size.
+
+    That is the case if the first grid has a node at every sample, or if its spacing can be halved.
 
     Parameters
     ----------
     size : int
-        Samples along a side of a kernel.
+        Samples along each side of a kernel.
     wavelengths : int
-        Kernels at each node.
+        Number of kernels at each node.
     ny, nx : int
-        Samples of the frame.
+        Number of samples of the frame.
     """
     grid = _grid_of(2, ny, nx)
     return grid == (ny, nx) or not _too_many(grid, size, wavelengths)
 
 
 def refined(sampler: Sampler, y: FloatArray, x: FloatArray, goal: float, last_goal: float, count: int) -> list[Level]:
-    """Grids by halving: the first that is good enough for ``goal``, and the first for ``last_goal`` if that is
-    another one.
+    """Refine grids by halving; return the first that meets ``goal`` and, if different, the first that meets
+    ``last_goal``.
     """
     grid = _grid_of(max(count - 1, 1) if count else 2, y.size, x.size)
     kernels, before = _kernels(sampler, y, x, grid), np.inf
@@ -117,7 +120,7 @@ def refined(sampler: Sampler, y: FloatArray, x: FloatArray, goal: float, last_go
             good = [Level(grid, kernels, error)]
         if falls_to <= last_goal:
             return [*good, Level(finer, fine, falls_to)]
-        if not all(f <= n for f, n in zip(finer, (y.size, x.size), strict=True)):  # every sample is a node
+        if not all(f <= n for f, n in zip(finer, (y.size, x.size), strict=True)):  # put a node at every sample
             grid = (y.size, x.size)
             kernels = _kernels(sampler, y, x, grid)
             continue
@@ -127,7 +130,7 @@ def refined(sampler: Sampler, y: FloatArray, x: FloatArray, goal: float, last_go
 def _between_nodes(
     sampler: Sampler, y: FloatArray, x: FloatArray, kernels: FloatArray, grid: tuple[int, int]
 ) -> FloatArray:
-    """Kernels of the grid refined to half; those that are known are taken over."""
+    """Return the kernels of the grid with half the spacing; known kernels are copied."""
     finer = (2 * grid[0] - 1, 2 * grid[1] - 1)
     out = np.empty((*finer, *kernels.shape[2:]))
     out[::2, ::2] = kernels
@@ -139,7 +142,7 @@ def _between_nodes(
 
 
 def _mixing_error(kernels: FloatArray, fine: FloatArray) -> float:
-    """Largest half sum of |kernel - mix of its neighbours| at the nodes of the finer grid."""
+    """Return the largest half sum of |kernel - interpolation of its neighbours| at the nodes of the finer grid."""
     worst = 0.0
     for i in range(fine.shape[0]):
         row: FloatArray = kernels[i // 2] if i % 2 == 0 else 0.5 * (kernels[i // 2] + kernels[i // 2 + 1])

@@ -1,14 +1,14 @@
 """Point spread functions by image height and wavelength: stored, interpolated, rotated and resampled to an image grid.
 
-In:  pictures of a point at several heights and wavelengths, from a design program, a wavefront or a measurement.
-Out: kernels on the image grid for any image point, each with a sum of exactly 1; files of the format below.
+In:  images of a point (PSFs) at several heights and wavelengths, from a design program, a wavefront or a measurement.
+Out: kernels on the image grid for any image point, each with a sum of exactly 1; files.
 Sources: rotational symmetry of a centred lens; the sampling theorem; spline interpolation (Unser, IEEE Signal
 Processing Magazine 16(6), 22, 1999).
 
-A bank holds the picture of a point that is imaged at ``(y, x) = (height, 0)``: the radial direction is +y. For any
-other image point it is turned about the axis of the lens.
+A bank holds the PSF of an image point at ``(y, x) = (height, 0)``, whose radial direction is +y. For other image points
+it is rotated about the axis of the lens.
 
-Files of banks: see `psf_files`.
+See `psf_files` for the file formats.
 """
 
 from __future__ import annotations
@@ -27,42 +27,42 @@ from etendue_camera.field.psf_kernels import Centre, Light, Sampler, between, ro
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-_NEGATIVE_SHARE = 1e-2  # of the flux: more than measurement noise
+_NEGATIVE_SHARE = 1e-2  # of the flux; more is not measurement noise
 
 
 @dataclass(frozen=True, eq=False)
 class PsfBank:
-    """Pictures of a point by image height and wavelength.
+    """Point spread functions (PSFs) by image height and wavelength.
 
     Attributes
     ----------
     heights_um : (K,) array, um
-        Distances of the image points from the axis, growing; the first may be 0.
+        Distances of the image points from the axis, ascending; the first may be 0.
     wavelengths_um : (L,) array, um
-        Growing.
+        Ascending.
     psf : (K, L, n, n) array, 1
-        Axes height, wavelength, y, x, for an image point on the +y axis; the reference point (the ideal or chief-ray
-        image) is sample (n // 2, n // 2). Each picture is divided by its sum.
+        Axes height, wavelength, y, x, for an image point on the +y axis. The reference point (the ideal or chief-ray
+        image point) is sample (n // 2, n // 2). Each PSF is divided by its sum.
     spacing_um : float or (L,) array, um
-        Between samples of a picture; kept as (L,).
+        Spacing of the samples of a PSF; stored as (L,).
     source : str
-        Where it comes from, in words.
+        Description of the origin of the data.
     clipped : float, 1
-        Largest share of negative values (noise of a measurement) that was set to zero in a picture.
+        Largest fraction of negative values (measurement noise) that was set to zero in a PSF.
 
     Raises
     ------
     ValueError
-        For shapes that do not fit each other, heights or wavelengths that do not grow, values that are not finite, a
-        picture without light, and negative values of more than a hundredth of a picture's flux.
+        For shapes that do not match, heights or wavelengths that do not ascend, values that are not finite, a PSF
+        without light, or negative values of more than a hundredth of the flux of a PSF.
 
     Notes
     -----
-    Between heights a picture is what rotational symmetry allows: its part that is even under a half turn is a function
-    of h^2, its odd part h times such a function; both go through the entries as cubics in h^2 with slopes from the
-    neighbours. Values below zero are set to zero, the sum to 1. Between wavelengths the neighbours are mixed linearly.
-    Beyond the first and the last entry the nearest holds; a bank that does not start at height 0 has no picture of its
-    own on the axis.
+    Interpolation between heights obeys rotational symmetry: the part of a PSF that is even under a half turn is a
+    function of h^2, and the odd part is h times such a function. Both are interpolated by cubics in h^2 with slopes
+    from the neighbours; negative values are then set to zero and the sum to 1. Between wavelengths interpolation is
+    linear. Beyond the first and last entries the nearest applies, so a bank that does not start at height 0 has no PSF
+    of its own on the axis.
     """
 
     heights_um: FloatArray
@@ -102,7 +102,7 @@ class PsfBank:
         share = float((below / total).max())
         require.that(
             not share > _NEGATIVE_SHARE,
-            f"psf has negative values of {share:.2g} of its flux; at most {_NEGATIVE_SHARE:g} is taken for noise: "
+            f"psf has negative values of {share:.2g} of its flux; at most {_NEGATIVE_SHARE:g} is accepted as noise: "
             f"remove the background",
         )
         psf /= total[:, :, None, None]
@@ -121,17 +121,19 @@ class PsfBank:
         return int(self.psf.nbytes)
 
     def with_height(self, height_um: float) -> FloatArray:
-        """Pictures at one height, (L, n, n), still for an image point on the +y axis, on the bank's own samples."""
+        """Return the PSFs at one height, (L, n, n), for an image point on the +y axis and with the sampling of the
+        bank.
+        """
         return self._at(np.array([float(height_um)]))[0]
 
     def _at(self, heights: FloatArray) -> FloatArray:
-        """Pictures at any heights, (H, L, n, n)."""
+        """Return the PSFs at any heights, (H, L, n, n)."""
         own, psf = self.heights_um, self.psf
         if own.size == 1:
             return np.repeat(psf, heights.size, axis=0)
         heights = np.clip(heights, own[0], own[-1])
         turned = psf[:, :, ::-1, ::-1]
-        if psf.shape[-1] % 2 == 0:  # sample 0 has no partner
+        if psf.shape[-1] % 2 == 0:  # sample 0 has no mirror image
             turned = np.roll(turned, 1, axis=(2, 3))
         even, odd = 0.5 * (psf + turned), 0.5 * (psf - turned)
         first = int(own[0] == 0)
@@ -140,17 +142,17 @@ class PsfBank:
             odd[0] = odd[1]
         weights = _cubic(own**2, heights**2)
         found = np.tensordot(weights, even, axes=1) + heights[:, None, None, None] * np.tensordot(weights, odd, axes=1)
-        for k, height in enumerate(own):  # what was given stays as it was
+        for k, height in enumerate(own):  # given PSFs are returned exactly
             found[heights == height] = psf[k]
         np.maximum(found, 0.0, out=found)
         return found / found.sum(axis=(2, 3), keepdims=True)
 
     def roundness(self) -> float:
-        """Half the sum of absolute differences between the picture on the axis and its mean over all directions; 0
+        """Return half the sum of absolute differences between the PSF on the axis and its mean over directions; 0
         without one.
 
-        On the axis of a rotationally symmetric lens there is no direction: what is not round there is noise, or a lens
-        out of centre, which a bank cannot describe.
+        On the axis of a rotationally symmetric lens all directions are equal: a PSF that is not round there indicates
+        noise or a decentred lens, which a bank cannot describe.
         """
         return (
             0.0
@@ -159,11 +161,11 @@ class PsfBank:
         )
 
     def rounded(self) -> PsfBank:
-        """A bank with a round picture on the axis: pictures that are not the same after a quarter turn are averaged
-        over directions.
+        """Return a bank with a round PSF on the axis: PSFs that change under a quarter turn are averaged over
+        directions.
         """
         turned = np.rot90(self.psf[0], axes=(1, 2))
-        if turned.shape[1] % 2 == 0:  # about sample n // 2
+        if turned.shape[1] % 2 == 0:  # rotate about sample n // 2
             turned = np.roll(turned, 1, axis=1)
         apart = 0.5 * float(np.abs(self.psf[0] - turned).sum(axis=(1, 2)).max())
         if self.heights_um[0] > 0 or apart <= 1e-9:
@@ -173,10 +175,10 @@ class PsfBank:
         return PsfBank(self.heights_um, self.wavelengths_um, psf, self.spacing_um, self.source)
 
     def refined(self, error: float) -> PsfBank:
-        """A bank with so many more heights that mixing neighbours linearly is wrong by no more than ``error``.
+        """Return a bank with enough heights that linear interpolation between them has an error of at most ``error``.
 
-        Half the sum of absolute differences, measured in the middle between two heights, and taken
-        twice because they may bend more elsewhere. At most 16 steps between two.
+        The error is half the sum of absolute differences, measured midway between two heights and doubled because the
+        curvature may be larger elsewhere. At most 16 steps are made between two heights.
         """
         own = self.heights_um
         if own.size == 1:
@@ -195,15 +197,15 @@ class PsfBank:
         )
 
     def centroids(self) -> FloatArray:
-        """Mean position of each picture from its reference point, (K, L, 2) along y and x, um."""
+        """Return the mean position of each PSF relative to its reference point, (K, L, 2) along y and x, um."""
         step = np.arange(self.psf.shape[-1]) - self.psf.shape[-1] // 2
         mean = np.stack([self.psf.sum(axis=3) @ step, self.psf.sum(axis=2) @ step], axis=-1)
         return mean * self.spacing_um[:, None]
 
     def radius(self, lost: float = 0.0) -> float:
-        """Radius around the reference point beyond which no picture holds more than ``lost`` of its flux, um.
+        """Return the radius (um) around the reference point outside which no PSF has more than ``lost`` of its flux.
 
-        At most that of the circle inside the pictures: what lies in their corners is not used.
+        At most the radius of the circle inside the PSF arrays: their corners are not used.
         """
         n = self.psf.shape[-1]
         step = np.arange(n) - n // 2
@@ -219,7 +221,7 @@ class PsfBank:
         return float((np.minimum(needed, (n - 1) // 2) * self.spacing_um).max())
 
     def size(self, spacing: float, lost: float = 0.0, light: Light = "bandlimited") -> int:
-        """Samples along one side of a kernel on a grid of this spacing; odd."""
+        """Return the samples along each side of a kernel on a grid of this spacing; odd."""
         half = int(np.ceil(self.radius(lost) / spacing)) + 1
         return 2 * (max(half, 5) if light == "bandlimited" else half) + 1
 
@@ -232,16 +234,17 @@ class PsfBank:
         light: Light = "bandlimited",
         centre: Centre = "reference",
     ) -> FloatArray:
-        """The point spread function of one image point on the image grid, (L, size, size), at the bank's wavelengths.
+        """Return the kernels of one image point on the image grid, (L, size, size), at the wavelengths of the bank.
 
         Parameters
         ----------
         y_um, x_um : float, um
-            Image point, from the axis of the lens.
+            Image point relative to the axis of the lens.
         spacing : float, um
-            Of the image grid.
+            Spacing of the image grid.
         size : int, optional
-            Odd number of samples; the image point is sample (size // 2, size // 2). Default: all of the bank's circle.
+            Odd number of samples; the image point is sample (size // 2, size // 2). Default: the whole circle of the
+            bank.
         light, centre
             As for ``Sampler``.
         """
@@ -249,7 +252,7 @@ class PsfBank:
         return sampler.kernels(np.array([float(y_um)]), np.array([float(x_um)]))[0]
 
     def mix(self, wavelengths_um: FloatArray) -> FloatArray:
-        """Weights that make pictures at other wavelengths from the bank's own, (wavelengths, L); rows sum to 1."""
+        """Return the weights (wavelengths, L) that interpolate PSFs at other wavelengths; rows sum to 1."""
         wanted = np.atleast_1d(np.asarray(wavelengths_um, dtype=float))
         low, share = between(self.wavelengths_um, wanted)
         weights = np.zeros((wanted.size, self.wavelengths_um.size))
@@ -259,14 +262,14 @@ class PsfBank:
         return weights
 
     def save(self, path: str | Path) -> None:
-        """Write ``.npz`` or ``.csv``, see `psf_files`."""
+        """Write a ``.npz`` or ``.csv`` file; see `psf_files`."""
         psf_files.write(
             Path(path), self.heights_um, self.wavelengths_um, self.psf, np.asarray(self.spacing_um), self.source
         )
 
     @classmethod
     def load(cls, path: str | Path) -> PsfBank:
-        """Read ``.npz`` or ``.csv``, see `psf_files`."""
+        """Read a ``.npz`` or ``.csv`` file; see `psf_files`."""
         return cls(*psf_files.read(Path(path)))
 
 
@@ -280,13 +283,13 @@ def _axis(name: str, values: ArrayLike, lowest: float) -> FloatArray:
         and (axis[0] >= lowest),
         name,
         values,
-        f"one-dimensional, finite, growing and not below {lowest:g} um",
+        f"one-dimensional, finite, ascending and not below {lowest:g} um",
     )
     return axis
 
 
 def _cubic(nodes: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Weights (wanted, nodes) of a cubic between each two nodes, slopes those of the parabola through a node and its
+    """Return the weights (wanted, nodes) of piecewise cubics whose slopes are those of parabolas through three
     neighbours.
     """
     count, steps = nodes.size, np.diff(nodes)

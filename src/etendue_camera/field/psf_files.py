@@ -1,16 +1,16 @@
 """Files of point spread functions by image height and wavelength.
 
 In:  a file, or arrays.
-Out: heights (um), wavelengths (um), pictures, spacings (um) and where they come from; or a file.
+Out: heights (um), wavelengths (um), PSFs, spacings (um) and their source; or a file.
 
 File formats
 ------------
 ``.npz``: arrays ``heights_um`` (K,), ``wavelengths_um`` (L,), ``psf`` (K, L, n, n) and ``spacing_um`` (() or (L,));
 text ``source`` if there is one.
 
-``.csv``: for each height and wavelength a line ``height_um,<h>,wavelength_um,<w>,spacing_um,<s>`` and below it n lines
-of n numbers, first line lowest y, first number lowest x. Lines that start with ``#`` are comments. Every height has
-every wavelength, and all pictures have the same n.
+``.csv``: for each height and wavelength a line ``height_um,<h>,wavelength_um,<w>,spacing_um,<s>``, followed by n lines
+of n numbers; the first line has the lowest y, and the first number the lowest x. Lines that start with ``#`` are
+comments. Every height must have every wavelength, and all PSFs the same n.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def write(
 
 
 def read(path: Path) -> Pictures:
-    """Read a file; raise ``ValueError`` if it has none of these formats."""
+    """Read a file; raise ``ValueError`` if it has neither of these formats."""
     if path.suffix == ".csv":
         return _stacked(path, *_blocks(path))
     if path.suffix != ".npz":
@@ -67,7 +67,7 @@ def read(path: Path) -> Pictures:
 
 
 def _blocks(path: Path) -> tuple[Blocks, str]:
-    """The pictures of a table, and its comments."""
+    """Return the PSFs of a CSV file, and its comments."""
     blocks: Blocks = {}
     rows: list[list[float]] | None = None
     comments = []
@@ -98,7 +98,7 @@ def _blocks(path: Path) -> tuple[Blocks, str]:
 
 
 def _stacked(path: Path, blocks: Blocks, source: str) -> Pictures:
-    """The pictures as arrays, where every height has every wavelength and all are of one size."""
+    """Return the PSFs as arrays; raise ValueError unless every height has every wavelength and all sizes are equal."""
     heights, wavelengths = (sorted({key[i] for key in blocks}) for i in (0, 1))
     require.that(
         blocks and len(blocks) == len(heights) * len(wavelengths),

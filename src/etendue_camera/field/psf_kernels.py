@@ -1,6 +1,6 @@
-"""Point spread functions on an image grid: resampled once, turned to each image point, with sum and mean kept.
+"""Point spread functions on an image grid: resampled once, rotated for each image point, with sum and mean preserved.
 
-In:  a bank of pictures of a point (``PsfBank``), the spacing of an image grid (um), image points (um).
+In:  a bank of point spread functions (``PsfBank``), the spacing of an image grid (um), image points (um).
 Out: kernels with a sum of exactly 1.
 Sources: the sampling theorem; spline interpolation (Unser, IEEE Signal Processing Magazine 16(6), 22, 1999).
 """
@@ -24,40 +24,40 @@ Light = Literal["bandlimited", "cells"]
 Centre = Literal["reference", "centroid"]
 
 _ORDER = 5  # of the spline
-_OVERSAMPLING = 3  # of what the spline interpolates
-_POINTS = 64  # at a time
+_OVERSAMPLING = 3  # of the table that the spline interpolates
+_POINTS = 64  # image points evaluated at a time, to bound memory
 
 
 @dataclass(eq=False)
 class Sampler:
-    """A bank made ready for one image grid.
+    """Kernels of a bank on one image grid.
 
     Parameters
     ----------
     bank : PsfBank
     spacing : float, um
-        Of the image grid.
+        Spacing of the image grid.
     size : int, optional
-        Odd number of samples of a kernel; default ``bank.size(spacing)``.
+        Samples along each side of a kernel, odd; default ``bank.size(spacing)``.
     light : {"bandlimited", "cells"}
-        What a value on the grid means. ``bandlimited``: a sample; what the picture holds beyond the grid's Nyquist
-        frequency is cut off in a circle, as a transfer function's is, and may leave small negative values. ``cells``:
-        the mean over a grid cell; a kernel is the light that falls into each cell and never negative.
+        Meaning of a value on the grid. ``bandlimited``: a sample. Frequencies of the PSF beyond a circle at the Nyquist
+        frequency of the grid are removed, as for a transfer function, which may leave small negative values. ``cells``:
+        the mean over a grid cell. A kernel is the light that falls into each cell, and never negative.
     centre : {"reference", "centroid"}
-        What lies on the image point: the picture's reference sample, so that its mean displacement moves the image, or
-        its centroid, where distortion already says where the centroid is.
+        What lies on the image point: the reference sample of the PSF, so that its mean displacement moves the image; or
+        its centroid, where distortion already defines the position of the centroid.
     used : indices, optional
-        Of the bank's wavelengths; default all.
+        Wavelengths of the bank to use; default all.
     error : float
-        Allowed for mixing pictures linearly between the heights of the refined bank.
+        Allowed error of linear interpolation between the heights of the refined bank.
 
     Notes
     -----
-    ``bandlimited`` resamples each picture once by its Fourier transform to three samples per sample of the coarser
-    grid, then turns it with a quintic spline: error of a kernel below 5e-6 of its flux where the picture is
-    band-limited and dark at its border. ``cells`` takes the mean of at least two linear interpolations per picture
-    sample along each axis. Then the kernel is divided by its sum and multiplied by a plane that puts its mean position
-    where the pictures have it.
+    ``bandlimited`` resamples each PSF once by its Fourier transform to three samples per sample of the coarser grid,
+    then rotates it with a quintic spline. The error of a kernel is below 5e-6 of its flux where the PSF is band-limited
+    and dark at its border. ``cells`` averages at least two linear interpolations per PSF sample along each axis. Both
+    then divide the kernel by its sum, and multiply it by a linear function of position that restores the mean position
+    of the PSF.
     """
 
     bank: PsfBank
@@ -115,7 +115,9 @@ class Sampler:
         self.dy, self.dx = (a[self.inside] * self.spacing for a in np.meshgrid(grid, grid, indexing="ij"))
 
     def kernels(self, y_um: FloatArray, x_um: FloatArray) -> FloatArray:
-        """Kernels of image points (P,), (P,) at the bank's wavelengths: (P, L, size, size), each with the sum 1."""
+        """Return kernels (P, L, size, size) of image points (P,), (P,) at the wavelengths of the bank, each with a sum
+        of 1.
+        """
         y_um, x_um = np.asarray(y_um, dtype=float), np.asarray(x_um, dtype=float)
         out = np.zeros((y_um.size, len(self.tables), self.size, self.size))
         for first in range(0, y_um.size, _POINTS):
@@ -140,7 +142,7 @@ class Sampler:
         return self._levelled(values, means)
 
     def _turned(self, table: FloatArray, step: float, c: float, s: float) -> FloatArray:
-        """Values of a table at the samples of a kernel, for an image point in the direction (c, s)."""
+        """Return the values of a table at the samples of a kernel, for an image point in the direction (c, s)."""
         middle = table.shape[0] // 2
         order = _ORDER if self.light == "bandlimited" else 1
         parts = 1 if self.light == "bandlimited" else max(1, int(np.ceil(2 * self.spacing / step)))
@@ -156,7 +158,9 @@ class Sampler:
         return total
 
     def _levelled(self, values: FloatArray, wanted: FloatArray) -> FloatArray:
-        """Sum 1, and the mean positions (..., 2) given, by a factor that is linear in position."""
+        """Normalise kernels to a sum of 1 and the ``wanted`` mean positions (..., 2), by a factor linear in
+        position.
+        """
         dy, dx = self.dy, self.dx
         sums = values @ np.stack([np.ones_like(dy), dy, dx, dy * dy, dy * dx, dx * dx], axis=-1)
         total, now = sums[..., :1], sums[..., 1:3] / sums[..., :1]
@@ -169,7 +173,7 @@ class Sampler:
         solvable = (determinant > 1e-12 * self.spacing**4) & (yy > 0)
         safe = np.where(solvable, determinant, 1.0)
         slope_y, slope_x = (xx * off_y - yx * off_x) / safe, (yy * off_x - yx * off_y) / safe
-        # a kernel too small to hold the mean of its pictures stays as it is
+        # a kernel too small to reach the mean position of its PSFs is left unchanged
         reach = np.abs(slope_y) + np.abs(slope_x)
         held = (solvable & (reach * self.spacing * self.size < 1.0))[..., None]
         factor = 1.0 + slope_y[..., None] * (dy - now[..., :1]) + slope_x[..., None] * (dx - now[..., 1:])
@@ -178,11 +182,11 @@ class Sampler:
 
 
 def rounded(picture: FloatArray) -> FloatArray:
-    """The mean of a picture over all directions about its sample n // 2, sum 1.
+    """Return the mean of a PSF over all directions about its sample n // 2, normalised to a sum of 1.
 
     Notes
     -----
-    Resampled and turned as kernels are: a round, band-limited picture changes by less than 1e-5 of its flux.
+    Resampled and rotated like kernels: a round, band-limited PSF changes by less than 1e-5 of its flux.
     """
     n = picture.shape[0]
     room = (n - 1) // 2
@@ -205,10 +209,10 @@ def rounded(picture: FloatArray) -> FloatArray:
 def _band_limited(
     picture: FloatArray, own: float, spacing: float, move: FloatArray, room: int
 ) -> tuple[FloatArray, float]:
-    """A picture resampled by its Fourier transform, cut off in a circle at the image grid's Nyquist frequency, and
-    moved (um).
+    """Resample a PSF by its Fourier transform, low-pass it in a circle at the Nyquist frequency of the grid, and move
+    it (um).
 
-    Gives the table, centre at its n // 2, and its spacing.
+    Returns the table, with its centre at n // 2, and its spacing.
     """
     n = picture.shape[0]
     total = scipy.fft.next_fast_len(n + 2 * max(n // 4, 8, room))
@@ -219,7 +223,7 @@ def _band_limited(
     fy, fx = frequency[:, None], frequency[None, :]
     transform = scipy.fft.fft2(scipy.fft.ifftshift(wide)) * np.exp(-2j * np.pi * (fy * move[0] + fx * move[1]))
     transform[np.hypot(fy, fx) > 0.5 / spacing] = 0.0
-    if total % 2 == 0:  # has no partner of the other sign
+    if total % 2 == 0:  # the Nyquist frequency has no counterpart of the opposite sign
         transform[total // 2] = 0.0
         transform[:, total // 2] = 0.0
     size = int(np.ceil(total * own * _OVERSAMPLING / max(own, spacing)))
@@ -231,7 +235,7 @@ def _band_limited(
 
 
 def between(nodes: FloatArray, wanted: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
-    """Index of the node below and share of the one above; the ends hold beyond them."""
+    """Return the index of the node below and the weight of the node above; beyond the ends, the end nodes apply."""
     if nodes.size == 1:
         return np.zeros(wanted.shape, dtype=np.intp), np.zeros(wanted.shape)
     low = np.clip(np.searchsorted(nodes, wanted, side="right") - 1, 0, nodes.size - 2)

@@ -1,12 +1,12 @@
-"""Geometric distortion and lateral colour: real image positions of each point, and planes resampled accordingly.
+"""Geometric distortion and lateral colour: real image positions, and planes resampled to them.
 
 In:  ideal image heights (um), coefficients or a table of real heights by wavelength; planes on the image grid.
-Out: real heights, their inverse, distortion in per cent; planes in which every point stands where the lens puts it.
+Out: real heights, their inverse, distortion in per cent; planes with every point at its real position.
 Sources: radial distortion as a power series (Brown, Photogrammetric Engineering 32, 444, 1966; Conrady 1919); B-spline
 interpolation (Unser, IEEE Signal Processing Magazine 16(6), 22, 1999).
 
-Values are carried over without the change of area: it is radiance that is imaged, and a uniform scene stays uniform
-under any distortion. How illumination falls off at the real image position is a matter of its own.
+Values are moved without regard to the change of area: the lens images radiance, so a uniform scene stays uniform under
+any distortion. Falloff of illumination at the real image position is modelled elsewhere.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ import scipy
 from etendue import plain_files, require
 from etendue_camera.arrays import FloatArray, Floats
 
-_ROWS = 256  # of a plane at a time: coordinates are in double precision
-_NODES = 1025  # of the ratio of ideal to real height
+_ROWS = 256  # rows of a plane resampled at a time, to bound the memory of double-precision coordinates
+_NODES = 1025  # nodes of the spline through the ratio of ideal to real height
 ORDERS = (1, 2, 3, 4, 5)
 Table = tuple[FloatArray, FloatArray, FloatArray]  # ideal heights (n,), wavelengths (L,), real heights (n, L), um
 
 
 @dataclass(frozen=True, eq=False)
 class DistortionCurve:
-    """Real image height as a function of the ideal one and of the wavelength.
+    """Real image height as a function of the ideal height and the wavelength.
 
     Attributes
     ----------
@@ -39,17 +39,17 @@ class DistortionCurve:
     reference_um : float, um
         Above 0.
     lateral_colour : float, 1
-        Relative change of the real height for each 100 nm above ``reference_wavelength_um``; on top of a table too.
+        Relative change of the real height per 100 nm above ``reference_wavelength_um``; applied to a table as well.
     reference_wavelength_um : float, um
     table : (ideal_um (n,), wavelengths_um (L,), real_um (n, L)) or None
-        Instead of the coefficients: both heights grow from (0, 0). Cubic splines (odd about the axis) between the
-        heights; between wavelengths linear in 1/wavelength^2, beyond them the nearest holds. Beyond the last height the
-        curves go on along their tangents.
+        Replaces the coefficients; both heights ascend from (0, 0). Interpolated by cubic splines (odd about the axis)
+        between heights, and linearly in 1/wavelength^2 between wavelengths; outside the wavelengths the nearest
+        applies. Beyond the last height the curves continue along their tangents.
 
     Raises
     ------
     ValueError
-        For coefficients or heights that are not finite, lengths that are not above 0, and tables that do not grow.
+        For coefficients or heights that are not finite, lengths that are not above 0, or tables that do not ascend.
     """
 
     coefficients: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -81,13 +81,13 @@ class DistortionCurve:
         return self.table is None and not any(self.coefficients) and self.lateral_colour == 0
 
     def scale(self, wavelength_um: float) -> float:
-        """Lateral colour: exactly 1 at the reference wavelength."""
+        """Return the image scale due to lateral colour; exactly 1 at the reference wavelength."""
         scale = 1.0 + self.lateral_colour * (wavelength_um - self.reference_wavelength_um) / 0.1
         require.that(scale > 0, f"lateral_colour {self.lateral_colour:g} inverts the image at {wavelength_um:g} um")
         return scale
 
     def distort(self, radius_um: Floats, wavelength_um: float) -> Floats:
-        """Real height of ideal heights, um; odd in the radius."""
+        """Return the real heights of ideal heights, um; odd in the radius."""
         radius = np.asarray(radius_um, dtype=float)
         if self.table is None:
             k1, k2, k3 = self.coefficients
@@ -99,7 +99,7 @@ class DistortionCurve:
         return self.scale(wavelength_um) * (real + slope * (radius - inside))
 
     def slope(self, radius_um: Floats, wavelength_um: float) -> Floats:
-        """Derivative of the real by the ideal height, 1."""
+        """Return the derivative of the real height with respect to the ideal height, 1."""
         radius = np.asarray(radius_um, dtype=float)
         if self.table is None:
             k1, k2, k3 = self.coefficients
@@ -121,7 +121,7 @@ class DistortionCurve:
         return (1 - share) * values[..., high - 1] + share * values[..., high]
 
     def percent(self, radius_um: Floats, wavelength_um: float) -> Floats:
-        """Distortion 100 (r' / r - 1); on the axis its limit."""
+        """Return the distortion 100 (r' / r - 1), per cent; on the axis its limit."""
         radius = np.asarray(radius_um, dtype=float)
         safe = np.where(radius == 0, 1.0, radius)
         return 100.0 * (
@@ -129,7 +129,7 @@ class DistortionCurve:
         )
 
     def folds_at(self, wavelength_um: float) -> float:
-        """Ideal height at which the real height stops growing, um; inf where it never does."""
+        """Return the ideal height at which the real height stops increasing, um; inf where it never does."""
         if self.table is None:
             k1, k2, k3 = self.coefficients
             roots = np.roots(np.trim_zeros(np.array([7 * k3, 5 * k2, 3 * k1, 1.0]), "f"))
@@ -140,16 +140,16 @@ class DistortionCurve:
         return float(radius[np.argmax(slope <= 0)]) if np.any(slope <= 0) else math.inf
 
     def undistort(self, real_um: Floats, wavelength_um: float) -> Floats:
-        """Ideal height of real heights, um: the inverse of ``distort``.
+        """Return the ideal heights of real heights, um: the inverse of ``distort``.
 
         Raises
         ------
         ValueError
-            Where no ideal height has such a real one before the image folds over.
+            If no ideal height below the fold of the image has this real height.
 
         Notes
         -----
-        Newton's method inside a bracket, to a few units in the last place.
+        Bracketed Newton iteration, accurate to a few units in the last place.
         """
         real = np.asarray(real_um, dtype=float)
         size = np.abs(real)
@@ -160,8 +160,8 @@ class DistortionCurve:
             high = min(2.0 * high, fold)
         if high == fold and self.distort(fold, wavelength_um) <= largest:
             raise ValueError(
-                f"distortion folds the image over {fold:.6g} um from the axis, which it puts at "
-                f"{float(self.distort(fold, wavelength_um)):.6g} um, but the image reaches {largest:.6g} um; take "
+                f"distortion folds the image over {fold:.6g} um from the axis, at a real height of "
+                f"{float(self.distort(fold, wavelength_um)):.6g} um, but the image reaches {largest:.6g} um; use "
                 f"weaker coefficients"
             )
         low, top = np.zeros(size.shape), np.full(size.shape, high)
@@ -178,9 +178,9 @@ class DistortionCurve:
         return np.copysign(ideal, real)
 
     def ratio(self, largest_um: float, wavelength_um: float) -> Callable[[FloatArray], FloatArray]:
-        """Ideal over real height as a function of the squared real height, up to ``largest_um``.
+        """Return ideal over real height as a function of the squared real height, up to ``largest_um``.
 
-        A cubic spline of 1025 exact values: 1e-11 from ``undistort`` for 30 per cent of distortion.
+        A cubic spline through 1025 exact values: within 1e-11 of ``undistort`` for 30 per cent of distortion.
         """
         if self.table is None and not any(self.coefficients):
             same = 1.0 / self.scale(wavelength_um)
@@ -194,7 +194,7 @@ class DistortionCurve:
 
 
 def _checked_table(table: Table) -> Table:
-    """Heights from 0 on, where they grow; ValueError where they do not."""
+    """Return the table with a row at 0; raise ValueError where heights do not ascend."""
     ideal, wavelengths, real = (np.array(a, dtype=float) for a in table)
     require.that(
         ideal.ndim == 1
@@ -222,10 +222,10 @@ def _checked_table(table: Table) -> Table:
 
 
 def read_table(path: str | Path) -> Table:
-    """The table of a ``DistortionCurve`` from a CSV file.
+    """Read the table of a ``DistortionCurve`` from a CSV file; return heights in um.
 
-    First line ``ideal_um`` (or ``ideal_mm``) and wavelengths in nm; below it an ideal height and the real heights at
-    these wavelengths in each line, in the same unit. Gives um.
+    The first line is ``ideal_um`` (or ``ideal_mm``) followed by wavelengths in nm. Each further line holds an ideal
+    height and the real heights at these wavelengths, in the same unit.
     """
     path = Path(path)
     rows = [
@@ -258,25 +258,25 @@ def radial(
     order: int = 5,
     oversampling: int = 1,
 ) -> FloatArray:
-    """A plane whose value at each position is that at ``ratio(r^2)`` times the position.
+    """Resample a plane radially: the value at each position is taken from ``ratio(r^2)`` times that position.
 
     Parameters
     ----------
     plane : (Y, X) array, any unit
         float32 stays float32.
     y_um, x_um : (Y,), (X,) arrays, um
-        Evenly spaced positions from the axis.
+        Evenly spaced positions relative to the axis.
     ratio : function
-        Source over real radius, of the squared real radius in um2.
+        Source radius over real radius, as a function of the squared real radius in um2.
     order : int
-        Of the B-spline, 1 to 5.
+        Order of the B-spline, 1 to 5.
     oversampling : int
-        Samples per sample that the spline goes through, by cosine transform, 1 to 8.
+        Factor by which the plane is oversampled by cosine transform before the spline is fitted, 1 to 8.
 
     Returns
     -------
     (Y, X) array
-        Beyond the border the plane goes on as its mirror image. A uniform plane stays the same bit by bit.
+        Beyond the border the plane is continued by its mirror image. A uniform plane is returned bit-identical.
 
     Raises
     ------
@@ -285,13 +285,13 @@ def radial(
 
     Notes
     -----
-    The error of a band-limited plane falls with the power order + 1 of the spacing; see ``edge_error``.
+    For a band-limited plane the error decreases with the power order + 1 of the spacing; see ``edge_error``.
     """
     require.must(order in ORDERS, "order", order, "from 1 to 5")
     require.must(1 <= oversampling <= 8, "oversampling", oversampling, "from 1 to 8")
     plane = np.asarray(plane)
     base = plane.min()
-    table = np.asarray(plane - base, dtype=float)  # what is even stays even, whatever the weights add up to
+    table = np.asarray(plane - base, dtype=float)  # a uniform plane stays uniform, whatever the weights sum to
     if oversampling > 1:
         fine = tuple(n * oversampling for n in table.shape)
         wide = np.zeros(fine)
@@ -314,13 +314,13 @@ def radial(
 
 
 def edge_error(order: int, softness: float, oversampling: int = 1) -> float:
-    """Largest error of ``radial`` beside a Gaussian edge, as a share of its contrast; ``softness``: its rms width in
-    samples.
+    """Return the largest error of ``radial`` near a Gaussian edge of rms width ``softness`` (samples), relative to its
+    contrast.
 
-    Fitted to slanted edges of 0.7 to 4 samples moved by up to a sample, as an upper bound: order 1, 3, 5 at 1 sample
-    3e-2, 3e-3, 1e-3, at 2 samples 7e-3, 1e-4, 5e-6. The last terms are what such samples do not hold, and the mirror at
-    the border, whose kink a spline of the samples themselves follows badly: rms over small frames of textures up to
-    2e-5.
+    An upper bound, fitted to slanted edges of 0.7 to 4 samples moved by up to a sample: for orders 1, 3 and 5 at 1
+    sample 3e-2, 3e-3, 1e-3, at 2 samples 7e-3, 1e-4, 5e-6. The last two terms account for detail that the samples
+    cannot represent, and for the kink of the mirror image at the border, which a spline without oversampling follows
+    badly: up to 2e-5 rms over small frames of textures.
     """
     share = (0.033, 0.0085, 0.0045, 0.0026, 0.0017)[order - 1] * (softness * oversampling) ** -(order + 1)
     return share + 0.1 * math.exp(-0.5 * (math.pi * softness) ** 2) + (4e-6 if oversampling > 1 else 3e-5)
@@ -329,9 +329,9 @@ def edge_error(order: int, softness: float, oversampling: int = 1) -> float:
 def missing_um(
     y_um: tuple[float, float], x_um: tuple[float, float], distortion: DistortionCurve, wavelength_um: float
 ) -> float:
-    """How far beyond the rendered light the distorted frame looks, um; 0 where all of it is there.
+    """Return how far the distorted frame extends beyond the rendered light, um; 0 where all of it is available.
 
-    ``y_um``, ``x_um``: first and last position of the frame. Looked for along its border.
+    ``y_um`` and ``x_um`` are the first and last positions of the frame. Evaluated along its border.
     """
     t = np.linspace(0.0, 1.0, 65)
     sides = [(y_um[0] + t * (y_um[1] - y_um[0]), np.full(t.size, x)) for x in x_um]

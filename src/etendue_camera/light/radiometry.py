@@ -372,7 +372,6 @@ def focal_length_from_field(half_diagonal_mm: Floats, half_field_rad: Floats) ->
 def field_from_focal_length(half_diagonal_mm: Floats, focal_length_mm: Floats) -> Floats:
     """Return the half field of view (rad), the inverse of `focal_length_from_field`.
 
-
     Parameters
     ----------
     half_diagonal_mm, focal_length_mm : float, mm

@@ -1,14 +1,14 @@
 """Demosaicing for any periodic colour filter array.
 
 In:  a mosaic (y, x), linear, in any unit; its mask; its first pixel on the sensor.
-Out: planes (channel, y, x) in the same unit; measured samples untouched.
-Sources: piecewise-linear interpolation from scattered samples, with weights that depend on the place in the period
-only.
+Out: planes (channel, y, x) in the same unit; measured samples are unchanged.
+Sources: piecewise-linear interpolation from scattered samples, with weights that depend only on the place in the
+period.
 
-For each place in the period and each channel that is not measured there, the weights of the samples around it are the
-non-negative ones that reproduce every plane a + b y + c x, over the smallest square of neighbours that has such
-weights, with the smallest sum of (weight x squared distance)^2 among them. On a Bayer array these are the means of two
-and four neighbours: inside the border and at it the result is that of `demosaic.bilinear`.
+For each place in the period and each channel not measured there, the samples around it get non-negative weights that
+reproduce every plane a + b y + c x. They come from the smallest square of neighbours that has such weights, with the
+smallest sum of (weight x squared distance)^2. On a Bayer array these are the means of two and four neighbours: the
+result equals that of `bilinear.bilinear`, at the border too.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ Tap = tuple[int, int, float]
 
 @lru_cache(maxsize=64)
 def taps(mask: Mask, row: int, column: int, channel: str) -> tuple[Tap, ...]:
-    """Weights of the samples of a channel around one place of the period: (rows below, columns right, weight).
+    """Return the weights of the samples of a channel around one place of the period: (rows, columns, weight).
 
     Parameters
     ----------
     mask : Mask
     row, column : int
-        The place, inside the period.
+        The place in the period.
     channel : str
         One of ``mask.channels``.
 
     Returns
     -------
     tuple of (int, int, float)
-        Weights above 0 that sum to 1; their mean position is the place itself. Just itself where the channel is
-        measured.
+        Weights above 0 that sum to 1; their mean position is the place itself. Where the channel is measured, only the
+        place itself.
     """
     height, width = mask.period
     if mask.rows[row][column] == channel:
@@ -62,13 +62,13 @@ def taps(mask: Mask, row: int, column: int, channel: str) -> tuple[Tap, ...]:
 
 
 def _weights(offsets: NDArray) -> NDArray | None:
-    """The smallest non-negative weights with sum 1 and mean offset 0; None where there are none."""
+    """Return the smallest non-negative weights with sum 1 and mean offset 0; None if there are none."""
     if len(offsets) < 2:
         return None
     moments = np.vstack([np.ones(len(offsets)), offsets.T])
     wanted = np.array([1.0, 0.0, 0.0])
     cost = np.sum(offsets**2, axis=1)
-    firm = 1e5  # the constraints against the cost; what they miss is put right below
+    firm = 1e5  # weight of the constraints against the cost; their remaining error is corrected below
     weights, _ = scipy.optimize.nnls(
         np.vstack([firm * moments, np.diag(cost)]), np.concatenate([firm * wanted, np.zeros(len(offsets))])
     )
@@ -76,7 +76,7 @@ def _weights(offsets: NDArray) -> NDArray | None:
         return None
     used = weights > 1e-9
     scaled = moments[:, used] / cost[used]
-    # the least-squares solution on the samples that count, exactly: minimum norm of cost x weight
+    # exact least-squares solution on the samples with a weight: minimum norm of cost x weight
     exact = np.linalg.lstsq(scaled, wanted, rcond=None)[0] / cost[used]
     if exact.min() < -1e-12 or np.abs(moments[:, used] @ exact - wanted).max() > 1e-12:
         return None
@@ -86,31 +86,31 @@ def _weights(offsets: NDArray) -> NDArray | None:
 
 
 def linear(mosaic: NDArray, mask: Mask, first_row: int = 0, first_column: int = 0) -> NDArray:
-    """Missing channels by piecewise-linear interpolation between the nearest samples.
+    """Interpolate missing channels piecewise linearly from the nearest samples.
 
     Parameters
     ----------
     mosaic : (y, x) array, any unit
     mask : Mask
     first_row, first_column : int
-        First pixel of the mosaic on the sensor.
+        Position of the mosaic's first pixel on the sensor.
 
     Returns
     -------
     (channel, y, x) array, unit and dtype of mosaic (integers become float64)
-        In the order of ``mask.channels``. Never beyond the range of the channel's samples.
+        In the order of ``mask.channels``. Always within the range of the channel's samples.
 
     Raises
     ------
     ValueError
-        If mosaic is not (y, x) with a sample in it.
+        If mosaic is not (y, x) with at least one sample.
 
     Notes
     -----
-    Exact for constant planes everywhere, and for linear ones farther inside than the weights reach (one pixel for
-    Bayer, two for quad-Bayer and X-Trans, three for RGBW). Beyond the border the mosaic is continued by whole periods
-    (`cfa.continued`). A frame shorter than the period takes the nearest sample instead, and for a channel it does not
-    hold the mean of the others.
+    Exact for constant planes everywhere, and for linear ones farther from the border than the weights reach (one pixel
+    for Bayer, two for quad-Bayer and X-Trans, three for RGBW). Beyond the border the mosaic is continued by whole
+    periods (`cfa.continued`). A frame shorter than the period uses the nearest sample instead, and for a channel that
+    it does not contain the mean of the others.
     """
     mosaic = np.asarray(mosaic)
     if mosaic.ndim != 2 or mosaic.size == 0:
@@ -141,8 +141,8 @@ def linear(mosaic: NDArray, mask: Mask, first_row: int = 0, first_column: int = 
 
 
 def reach_of(mask: Mask) -> int:
-    """Rows from which the weights take samples, and a period at least: a frame of fewer rows is interpolated
-    otherwise.
+    """Return how many rows away the weights take samples, but at least a period: a frame of fewer rows is interpolated
+    by another method.
     """
     return max(_farthest(_all_taps(mask)), mask.period[0])
 

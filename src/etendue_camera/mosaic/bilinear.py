@@ -1,10 +1,10 @@
 """Bilinear, nearest and colour-difference demosaicing of Bayer mosaics.
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
-Out: planes (3, y, x) of red, green, blue in the same unit; measured samples untouched.
+Out: planes (3, y, x) of red, green, blue in the same unit; measured samples are unchanged.
 Sources: bilinear and nearest as in textbooks; colour differences as described in the seed paper, section 2.7.
 
-All sizes from 1 x 1 on; see `demosaic_frame` for what stands beyond the border and for frames of one line. Each of the
+Frames may have any size from 1 x 1; see `frame` for values beyond the border and for frames of one line. Each of the
 four sites of the 2 x 2 cell is computed for a whole tile at once, on slices of step 2.
 """
 
@@ -27,34 +27,34 @@ from etendue_camera.mosaic.frame import (
 )
 from etendue_camera.sensor.cfa import COLOURS, phase, shifted_bayer
 
-REACH = 2  # pixels, of the mean of neighbours and of what follows green
+REACH = 2  # pixels: of the mean of neighbours, and of the interpolation of red and blue from green
 
 
 def nearest(mosaic: NDArray, pattern: str, row: int = 0, column: int = 0) -> NDArray:
-    """Every pixel takes the missing colours from its own 2 x 2 cell.
+    """Take the missing colours of every pixel from its own 2 x 2 cell.
 
     Parameters
     ----------
     mosaic : (y, x) array, any unit
     pattern : str
-        One of `cfa.BAYER`, as the frame sees it.
+        One of `cfa.BAYER`, the pattern at the frame's first pixel.
     row, column : int
-        Of the sensor, where the frame begins.
+        Position of the frame's first pixel on the sensor.
 
     Returns
     -------
     (3, y, x) array, unit and dtype of mosaic
-        Of the two greens in a cell the one in the pixel's own row. Cells start at even rows and columns of the sensor;
-        an incomplete cell at a border is completed by mirroring.
+        Of the two greens in a cell, the one in the pixel's own row. Cells start at even rows and columns of the sensor;
+        incomplete cells at a border are completed by mirroring.
 
     Raises
     ------
     ValueError
-        If mosaic is not (y, x) with a sample in it, or the pattern is not one of the four.
+        If mosaic is not (y, x) with at least one sample, or the pattern is not one of the four.
 
     Notes
     -----
-    Chroma moves by up to one pixel: this is the fast preview, and the floor a better method must beat.
+    Chroma moves by up to one pixel. This is the fast preview, and the baseline for better methods.
     """
     checked(mosaic, pattern)
     mosaic = np.asarray(mosaic)
@@ -79,14 +79,14 @@ def nearest(mosaic: NDArray, pattern: str, row: int = 0, column: int = 0) -> NDA
 
 
 def bilinear(mosaic: NDArray, pattern: str) -> NDArray:
-    """Missing colours are the mean of their two or four nearest samples.
+    """Interpolate missing colours as the mean of their two or four nearest samples.
 
-    Takes and gives what a method does (see `frame`).
+    Arguments, result and errors are those of every method (see `frame`).
 
     Notes
     -----
-    Exact for constant planes everywhere, and for linear ones inside the border. Mirroring the scene mirrors the result
-    bit for bit, and so does transposing it. Rounding: 3 operations.
+    Exact for constant planes everywhere, and for linear ones inside the border. Mirroring or transposing the scene
+    does the same to the result, bit for bit. Rounding: 3 operations.
 
     Examples
     --------
@@ -123,17 +123,17 @@ def bilinear(mosaic: NDArray, pattern: str) -> NDArray:
 
 
 def colour_difference(mosaic: NDArray, pattern: str) -> NDArray:
-    """Green is bilinear; red and blue follow it, since G - R and G - B vary less than R and B do.
+    """Interpolate green bilinearly, then red and blue by G - R and G - B, which vary less than R and B.
 
-    Takes and gives what a method does (see `frame`); the planes may leave the range of the mosaic: negative values are
-    kept.
+    Arguments, result and errors are those of every method (see `frame`). Results may leave the range of the mosaic;
+    negative values are kept.
 
     Notes
     -----
     Source: seed paper section 2.7: KR = G - R and KB = G - B at red and blue sites, interpolated bilinearly,
-    then R = G - KR and B = G - KB. 2.7 dB (Kodak) and 1.1 dB (McMaster) above bilinear in CPSNR
-    (`benchmarks/demosaic.py`); the direction similarity of the method which the paper cites is in
-    `demosaic_directional`.
+    then R = G - KR and B = G - KB. CPSNR is 2.7 dB (Kodak) and 1.1 dB (McMaster) above bilinear
+    (`benchmarks/demosaic.py`). The direction similarity of the method that the paper cites is in
+    `directional`.
     """
     mosaic = checked(mosaic, pattern)
     if 1 in mosaic.shape:
@@ -160,13 +160,13 @@ def colour_difference(mosaic: NDArray, pattern: str) -> NDArray:
 
 
 def _pair(framed: NDArray, shape: tuple[int, ...], y: int, x: int, step: tuple[int, int]) -> NDArray:
-    """Sum of the two neighbours at +step and -step of every site (y::2, x::2)."""
+    """Return the sum of the two neighbours at +step and -step of every site (y::2, x::2)."""
     down, right = step
     return _sites(framed, shape, y, x, down, right) + _sites(framed, shape, y, x, -down, -right)
 
 
 def _sites(framed: NDArray, shape: tuple[int, ...], y: int, x: int, down: int, right: int) -> NDArray:
-    """View of the sites (y::2, x::2) of a tile, moved; `framed` has a border of two on each side."""
+    """Return a view of the sites (y::2, x::2) of a tile, shifted; `framed` has a border of two on each side."""
     rows, columns = shape
     return framed[2 + y + down : 2 + rows + down : 2, 2 + x + right : 2 + columns + right : 2]
 

@@ -1,9 +1,9 @@
-"""Detection and correction of defective pixels, from neighbours behind the same filter.
+"""Detection and correction of defective pixels, from neighbours of the same colour filter.
 
-In:  a linearised mosaic (y, x), 1 at clipping; the mask of its filters; how noisy it is, or a map of defects.
+In:  a linearised mosaic (y, x), 1 at clipping; the mask of its filters; its noise, or a map of defects.
 Out: a map of outliers; the mosaic with defects replaced.
-Sources: an order statistic of the neighbours as the range of what is plausible, interpolation along the line of least
-change; both are what raw converters and sensors do, in a form of our own for any colour filter array.
+Sources: an order statistic of the neighbours as the plausible range, and interpolation along the direction of least
+change. Raw converters and sensors use both; this form, for any colour filter array, is our own.
 """
 
 import math
@@ -18,7 +18,7 @@ from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import cfa
 
 NEIGHBOURS = 8
-FEWEST = 4  # neighbours from which a pixel is judged at all
+FEWEST = 4  # minimum number of neighbours for judging a pixel
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
 Offsets = tuple[tuple[int, int], ...]
 Lines = tuple[tuple[int, int, int, int], ...]
@@ -27,9 +27,9 @@ Lines = tuple[tuple[int, int, int, int], ...]
 class PixelNoise(NamedTuple):
     """Noise parameters of a pixel."""
 
-    dark_sigma: float  # in the dark, unit of the mosaic, at or above 0
-    electrons: float  # at 1 of the mosaic, above 0; inf: no shot noise
-    prnu: float = 0.0  # relative rms of the response from pixel to pixel, at or above 0
+    dark_sigma: float  # noise in the dark, unit of the mosaic, at or above 0
+    electrons: float  # number at a mosaic value of 1, above 0; inf: no shot noise
+    prnu: float = 0.0  # relative rms variation of the response between pixels, at or above 0
 
 
 def outliers(
@@ -49,11 +49,12 @@ def outliers(
     mask : cfa.Mask
     noise : PixelNoise
     threshold : float
-        In sigma of a pixel, at or above 0.
+        In sigma of a pixel's noise, at or above 0.
     contrast : float
-        Widths of the neighbours' range by which it is widened to either side, at or above 0: what texture may do.
+        How far the neighbours' range is widened on either side to allow for texture, in widths of the range; at or
+        above 0.
     first_row, first_column : int
-        First pixel of the mosaic on the sensor.
+        Position of the mosaic's first pixel on the sensor.
 
     Returns
     -------
@@ -66,14 +67,14 @@ def outliers(
 
     Notes
     -----
-    The range goes from the second lowest to the second highest of the 8 nearest, so that one defective neighbour does
-    not hide another, and a line or an edge through the pixel, which has at least two neighbours on it, is no defect. A
-    single bright point is one to this test. Detail as fine as the spacing of a colour looks like defects: of the sound
-    pixels of a chart with a Siemens star and a zone plate 2 % stand out with contrast 0, 0.03 % with 1, while the share
-    of the defects that is found falls from 92 to 87 %. At the border, where all neighbours lie to one side, the range
-    is the whole one, widened by its own width at least, which holds every linear ramp; a pixel with fewer than 4
-    neighbours, such as one in a corner, is not judged. sigma^2 = dark^2 + m/electrons + (prnu m)^2 at the middle m of
-    the range.
+    The range extends from the second lowest to the second highest of the 8 nearest neighbours. So one defective
+    neighbour does not hide another, and a line or an edge through the pixel, on which at least two neighbours lie, is
+    no defect. A single bright point counts as a defect, and so does detail as fine as the spacing of a colour: on a
+    chart with a Siemens star and a zone plate, 2 % of the sound pixels are reported with contrast 0 and 0.03 % with
+    contrast 1, while the share of defects found falls from 92 to 87 %. At the border, where all neighbours lie on one
+    side, the full range is used, widened by at least its own width, so that every linear ramp is accepted. Pixels with
+    fewer than 4 neighbours, such as one in a corner, are not judged. sigma^2 = dark^2 + m/electrons + (prnu m)^2 at the
+    middle m of the range.
     """
     mosaic, (dark_sigma, electrons, prnu) = _frame(mosaic), noise
     for name, value, fine in (
@@ -85,8 +86,7 @@ def outliers(
     ):
         if not fine:
             raise ValueError(
-                f"{name} is {value!r}; allowed are numbers from 0"
-                + (" on, 0 excluded" if name == "electrons" else " on")
+                f"{name} is {value!r}; allowed: numbers from 0" + (" on, 0 excluded" if name == "electrons" else " on")
             )
     found = np.zeros(mosaic.shape, dtype=bool)
     if not mosaic.size:
@@ -109,7 +109,7 @@ def outliers(
 def _plausible(
     mosaic: FloatArray, offsets: Offsets, first: tuple[int, int], period: tuple[int, int], contrast: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the plausible range of the pixels of one phase, from their neighbours; NaN where there are too few."""
+    """Return the plausible range of the pixels of one phase, from their neighbours; NaN if there are too few."""
     rows, columns = (
         np.arange(start, size, step) for start, size, step in zip(first, mosaic.shape, period, strict=True)
     )
@@ -138,7 +138,7 @@ def _plausible(
         count += inside[0][:, None] & inside[1][None, :]
     low, high = second_lowest.astype(np.float64), second_highest.astype(np.float64)
     border = count < len(offsets)
-    with np.errstate(invalid="ignore"):  # infinities stand where there are no neighbours
+    with np.errstate(invalid="ignore"):  # pixels without neighbours have infinities
         wide = contrast * (high - low)
         low, high = low - wide, high + wide
         wide = max(1.0, contrast) * (highest[border].astype(np.float64) - lowest[border])
@@ -158,14 +158,14 @@ def replaced(
     defective : (y, x) array of bool
     mask : cfa.Mask
     first_row, first_column : int
-        First pixel of the mosaic on the sensor.
+        Position of the mosaic's first pixel on the sensor.
 
     Returns
     -------
     mosaic : (y, x) array, dtype of mosaic
         Sound pixels are copied bit for bit.
     left : int
-        Defective pixels left unchanged, without a good pixel of their colour nearby.
+        Number of defective pixels left unchanged, because no good pixel of their colour is near.
 
     Raises
     ------
@@ -174,13 +174,13 @@ def replaced(
 
     Notes
     -----
-    Along each of eight directions the nearest pixels of the same colour on both sides are joined by a straight line.
-    The lines whose ends are both sound, and which are at most twice as long as the shortest, are averaged with the
-    weight 1/(l (c + c' + e))^2: l is the length, c the change between the ends, c' that between the pixels right beside
-    the defect where these have one colour (else c again), e a hundredth of the level. So edges count along and not
-    across. A mean of straight lines is exact on linear ramps, for every array. Where no line is left (corners,
-    clusters) the median of the nearest sound pixels takes its place. A defect never takes part in another's repair.
-    Error on photographs: 13 % below that of the median of the 8 neighbours.
+    Along each of eight directions, the nearest pixels of the same colour on both sides define a straight line. Lines
+    are used if both ends are sound and they are at most twice as long as the shortest. They are averaged with the
+    weight 1/(l (c + c' + e))^2, where l is the length, c the change between the ends, c' the change between the two
+    pixels next to the defect if these have one colour (else c again), and e a hundredth of the level. Values are thus
+    interpolated along edges rather than across them. A mean of straight lines is exact on linear ramps, for every
+    array. Where no line is left (corners, clusters), the median of the nearest sound pixels is used. A defect never
+    contributes to another's repair. The error on photographs is 13 % below that of the median of the 8 neighbours.
     """
     mosaic, defective = _frame(mosaic), np.asarray(defective)
     require.that(
@@ -210,7 +210,7 @@ def replaced(
 def _along_lines(
     mosaic: FloatArray, defective: NDArray, mask: cfa.Mask, place: tuple[int, int], rows: NDArray, columns: NDArray
 ) -> tuple[FloatArray, NDArray]:
-    """Weighted mean over the lines through the pixels of one phase, and where there was a line at all."""
+    """Return the weighted mean over the lines through the pixels of one phase, and where there was any line."""
     ends, changes, lengths = [], [], []
     for dy, dx, ahead, behind in lines(mask, *place):
         one, sound_one = _taken(mosaic, defective, rows + ahead * dy, columns + ahead * dx)
@@ -226,7 +226,7 @@ def _along_lines(
     values, total = np.array(ends), np.array(changes)
     joined = np.isfinite(total).any(axis=0)
     level = np.abs(np.where(np.isfinite(total), values, 0.0)).max(axis=0)
-    held = total + np.maximum(0.01 * level, np.finfo(float).tiny ** 0.25)  # a flat field has no direction
+    held = total + np.maximum(0.01 * level, np.finfo(float).tiny ** 0.25)  # no preferred direction in a flat field
     weight = 1.0 / (held * np.array(lengths)[:, None]) ** 2
     with np.errstate(invalid="ignore"):
         share = weight / weight.sum(axis=0)
@@ -234,7 +234,7 @@ def _along_lines(
 
 
 def _taken(mosaic: FloatArray, defective: NDArray, rows: NDArray, columns: NDArray) -> tuple[FloatArray, NDArray]:
-    """Values at places of which some lie beyond the border, and which of them are sound."""
+    """Return values at places, some of which may lie beyond the border, and whether each is inside and sound."""
     inside = (rows >= 0) & (rows < mosaic.shape[0]) & (columns >= 0) & (columns < mosaic.shape[1])
     rows, columns = np.where(inside, rows, 0), np.where(inside, columns, 0)
     return mosaic[rows, columns].astype(np.float64), inside & ~defective[rows, columns]
@@ -253,7 +253,7 @@ def _frame(mosaic: FloatArray) -> FloatArray:
 
 
 def neighbours(mask: cfa.Mask, row: int, column: int, shape: tuple[int, int], count: int = NEIGHBOURS) -> Offsets:
-    """Return the nearest pixels with the letter of a place in the mask, as (rows, columns) from it, nearest first.
+    """Return the nearest pixels with the same letter as a place in the mask, as (rows, columns) from it, nearest first.
 
     Parameters
     ----------
@@ -261,9 +261,9 @@ def neighbours(mask: cfa.Mask, row: int, column: int, shape: tuple[int, int], co
     row, column : int
         Place in the mask's period.
     shape : (int, int)
-        Of the frame: offsets that no pixel of it can have are left out.
+        Shape of the frame: offsets that no pixel in it can have are left out.
     count : int
-        How many at most.
+        Maximum number.
     """
     limit = tuple(min(size - 1, 12 * period + 12) for size, period in zip(shape, mask.period, strict=True))
     return _neighbours(mask, row, column, limit, count)
@@ -273,7 +273,7 @@ def neighbours(mask: cfa.Mask, row: int, column: int, shape: tuple[int, int], co
 def _neighbours(mask: cfa.Mask, row: int, column: int, limit: tuple[int, int], count: int) -> Offsets:
     letter = mask.rows[row][column]
     radius = 1
-    while True:  # a square that grows until no pixel outside of it can be nearer than those found
+    while True:  # grow a square until no pixel outside it can be nearer than those found
         reach = [min(radius, most) for most in limit]
         found = [
             (dy, dx)
@@ -289,8 +289,8 @@ def _neighbours(mask: cfa.Mask, row: int, column: int, limit: tuple[int, int], c
 
 @lru_cache(maxsize=4096)
 def lines(mask: cfa.Mask, row: int, column: int) -> Lines:
-    """Lines through a place in the mask with pixels of its letter on both sides: (dy, dx, steps ahead, steps
-    behind).
+    """Return the lines through a place in the mask with pixels of its letter on both sides: (dy, dx, steps ahead,
+    steps behind).
     """
     letter = mask.rows[row][column]
     furthest = math.lcm(*mask.period)

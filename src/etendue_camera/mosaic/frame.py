@@ -1,18 +1,18 @@
 """Common parts of demosaicing methods: borders, tiles, quarter planes, and frames of one line.
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
-Out: planes (3, y, x), filled tile by tile by the method that is given.
+Out: planes (3, y, x), filled tile by tile by the given method.
 
-Beyond the border the mosaic is mirrored about its outermost samples, without repeating them, so that mirrored
-neighbours have the colour which the pattern expects there. Tiles begin on even rows and columns, hence each has the
-pattern of the frame; what is computed for a pixel does not depend on the tile in which it lies. They are small enough
-for their temporaries to stay in the cache: beyond it, numpy's run time is that of memory.
+Beyond the border the mosaic is mirrored about its outermost samples, without repeating them. Mirrored neighbours
+therefore have the colours that the pattern expects. Tiles begin on even rows and columns, so each has the pattern of
+the frame; the result for a pixel does not depend on the tile it lies in. Tiles are small enough for their temporaries
+to stay in the cache; with larger ones, memory bandwidth would limit numpy.
 
-A *method* takes a mosaic (y, x) and a pattern, one of `cfa.BAYER`, and gives (3, y, x) in its unit and dtype (integers
-become float64); it raises ValueError if the mosaic is not (y, x) with a sample in it, or the pattern is not one of the
-four.
+A *method* takes a mosaic (y, x) and a pattern, one of `cfa.BAYER`, and returns (3, y, x) in its unit and dtype
+(integers become float64). It raises ValueError if the mosaic is not (y, x) with at least one sample, or the pattern is
+not one of the four.
 
-A *quarter plane* holds what stands at one site of the 2 x 2 cell, contiguous, in a tile and one pixel around it.
+A *quarter plane* holds the values at one site of the 2 x 2 cell, contiguous, in a tile and one pixel around it.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -28,12 +28,12 @@ TILE_PIXELS, TILE_WIDTH = 2**16, 512
 
 
 def checked(mosaic: NDArray, pattern: str) -> NDArray:
-    """The mosaic in floating point (integers become float64), if it is a frame and the pattern one of the four.
+    """Return the mosaic in floating point (integers become float64) after checking its shape and the pattern.
 
     Raises
     ------
     ValueError
-        If mosaic is not (y, x) with a sample in it, or the pattern is not one of the four.
+        If mosaic is not (y, x) with at least one sample, or the pattern is not one of the four.
     """
     mosaic = np.asarray(mosaic)
     require.shape(mosaic.ndim == 2 and mosaic.size != 0, "mosaic", mosaic, "(y, x), at least 1 x 1")
@@ -42,7 +42,7 @@ def checked(mosaic: NDArray, pattern: str) -> NDArray:
 
 
 def mirrored(mosaic: NDArray, reach: int) -> NDArray:
-    """The frame with `reach` more samples on each side, mirrored about the outermost ones; for 2 x 2 and larger."""
+    """Return the frame with `reach` more samples per side, mirrored about the outermost ones; for 2 x 2 and larger."""
     rows, columns = mosaic.shape
     framed = np.empty((rows + 2 * reach, columns + 2 * reach), mosaic.dtype)
     framed[reach:-reach, reach:-reach] = mosaic
@@ -54,7 +54,7 @@ def mirrored(mosaic: NDArray, reach: int) -> NDArray:
 
 
 def _mirror_images(size: int, reach: int) -> tuple[NDArray, NDArray]:
-    """Which samples stand before the first and after the last of `size`; mirrored again where reach exceeds it."""
+    """Return the indices of `reach` mirrored samples before the first and after the last of `size`."""
     period = 2 * (size - 1)
     beyond = np.concatenate([np.arange(-reach, 0), np.arange(size, size + reach)]) % period
     beyond = np.minimum(beyond, period - beyond)
@@ -62,7 +62,7 @@ def _mirror_images(size: int, reach: int) -> tuple[NDArray, NDArray]:
 
 
 def in_tiles(mosaic: NDArray, reach: int, method: Callable[[NDArray, NDArray], None]) -> NDArray:
-    """Three planes of a frame, 2 x 2 or larger, filled by a method that reaches so many samples far.
+    """Return the three planes of a frame, 2 x 2 or larger, filled by a method that reads `reach` samples around a tile.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def in_tiles(mosaic: NDArray, reach: int, method: Callable[[NDArray, NDArray], N
     reach : int
         Even.
     method : callable
-        Gets the (3, h, w) view to fill and the (h + 2 reach, w + 2 reach) mosaic around it.
+        Called with the (3, h, w) view to fill and the (h + 2 reach, w + 2 reach) mosaic around it.
 
     Returns
     -------
@@ -90,13 +90,13 @@ def in_tiles(mosaic: NDArray, reach: int, method: Callable[[NDArray, NDArray], N
 
 
 def _even_share(size: int, most: int) -> int:
-    """An even number, at most `most`, that divides the size into about equal parts."""
+    """Return an even number, at most `most`, that divides the size into roughly equal parts."""
     parts = -(-size // most)
     return 2 * -(-size // (2 * parts))
 
 
 def quarter(framed: NDArray, reach: int, place: tuple[int, int], down: int = 0, right: int = 0) -> NDArray:
-    """View of the samples at (down, right) from every site (y, x) of the cell, in a tile and one pixel around it."""
+    """Return a view of the samples at (down, right) from each site of the cell, for a tile and a pixel around it."""
     offset = reach - 1
     (first, last), (start, stop) = (
         (offset + (site + 1) % 2 + move, size - offset + move)
@@ -108,18 +108,18 @@ def quarter(framed: NDArray, reach: int, place: tuple[int, int], down: int = 0, 
 def follow_green(
     planes: NDArray, framed: NDArray, reach: int, pattern: str, differences: Mapping[str, NDArray]
 ) -> None:
-    """Fill red and blue of a tile: green minus the bilinear mean of G - R and of G - B.
+    """Fill red and blue of a tile: green minus the bilinearly interpolated G - R and G - B.
 
     Parameters
     ----------
     planes : (3, h, w) array
-        Green is there already.
+        Green is already filled.
     framed : (h + 2 reach, w + 2 reach) array
-        The mosaic; measured samples are taken over bit for bit.
+        The mosaic; measured samples are copied bit for bit.
     pattern : str
     differences : mapping
-        "R" and "B" to the quarter planes of G - R and G - B. Sums pair opposite neighbours, so that mirror images stay
-        equal.
+        "R" and "B" to the quarter planes of G - R and G - B. Sums pair opposite neighbours, so that mirrored input
+        gives exactly mirrored results.
     """
     green = planes[GREEN]
     rows, columns = green.shape
@@ -145,17 +145,17 @@ def follow_green(
 
 
 def own(differences: NDArray, place: tuple[int, int], shape: tuple[int, ...]) -> NDArray:
-    """Of a quarter plane, what stands in the tile itself."""
+    """Return the part of a quarter plane that belongs to the tile itself."""
     (row, column), (rows, columns) = place, shape
     return differences[row : row + len(range(row, rows, 2)), column : column + len(range(column, columns, 2))]
 
 
 def one_line(mosaic: NDArray, pattern: str, method: Callable[[NDArray, int], NDArray]) -> NDArray:
-    """A frame of one row or one column, which holds two colours, or one if it is a single pixel.
+    """Demosaic a frame of one row or one column, which contains two colours, or one if it is a single pixel.
 
-    It has no neighbours across: it is interpolated along its length only, and a colour it does not contain is the mean
-    of the colours it does. `method` gets the line and the offset of its green samples, and gives the colour of the
-    even samples and the colour of the odd ones, both everywhere.
+    It is interpolated along its length only; a colour it does not contain is the mean of those it does. `method` gets
+    the line and the offset of its green samples, and returns the colour of the even samples and that of the odd ones,
+    each at all positions.
     """
     places = {place: COLOURS.index(c) for c, sites in phase(pattern).items() for place in sites}
     along = [places[0, 0], places[(0, 1) if mosaic.shape[0] == 1 else (1, 0)]]
@@ -174,14 +174,14 @@ def one_line(mosaic: NDArray, pattern: str, method: Callable[[NDArray, int], NDA
 
 
 def _line_parts(line: NDArray) -> Iterator[tuple[int, NDArray, NDArray]]:
-    """For even and odd samples: their offset, and the samples before and after them, mirrored at the ends."""
+    """Yield, for even and odd samples, their offset and the samples before and after them, mirrored at the ends."""
     framed = np.concatenate([line[1:2], line, line[-2:-1]])
     for offset in (0, 1):
         yield offset, framed[offset : line.size : 2], framed[2 + offset :: 2]
 
 
 def line_nearest(line: NDArray, green: int) -> NDArray:
-    """The partner in the pair of samples, as a method for `one_line`."""
+    """Return the other sample of the pair; a method for `one_line`."""
     pair = np.stack([line, line])
     for offset, before, after in _line_parts(line):
         pair[1 - offset, offset::2] = after if offset == 0 else before
@@ -189,7 +189,7 @@ def line_nearest(line: NDArray, green: int) -> NDArray:
 
 
 def line_bilinear(line: NDArray, green: int) -> NDArray:
-    """The mean of the samples before and after, as a method for `one_line`."""
+    """Return the mean of the samples before and after; a method for `one_line`."""
     pair = np.stack([line, line])
     for offset, before, after in _line_parts(line):
         pair[1 - offset, offset::2] = (before + after) * line.dtype.type(0.5)
@@ -197,7 +197,7 @@ def line_bilinear(line: NDArray, green: int) -> NDArray:
 
 
 def line_following(line: NDArray, green: int, differences: NDArray) -> NDArray:
-    """Green, and the other colour as green minus the difference, which holds at the samples that are not green."""
+    """Return green, and the other colour as green minus the difference, given at the samples that are not green."""
     pair = np.stack([line, line])
     pair[green, 1 - green :: 2] += differences[1 - green :: 2]
     pair[1 - green] = pair[green] - line_bilinear(differences, green)[1 - green]

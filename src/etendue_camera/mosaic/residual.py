@@ -1,41 +1,43 @@
-"""Demosaicing with two estimators of green, for fine grey detail and for saturated edges; red and blue follow by local
-slopes on green.
+"""Demosaicing with two estimators of green, one for fine grey detail and one for saturated edges; red and blue follow
+green by local slopes.
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
-Out: planes (3, y, x) of red, green, blue in the same unit; measured samples untouched.
+Out: planes (3, y, x) of red, green, blue in the same unit; measured samples are unchanged.
 
-In every row and column two colours alternate; m is the sample, o the mean of its two neighbours, which have the other
-colour. Both estimators give D = green - other at all samples, along rows and along columns:
+In every row and column two colours alternate. Let m be the sample and o the mean of its two neighbours, which have the
+other colour. Both estimators give D = green - other at all samples, along rows and along columns:
 
 *Smooth.* The missing colour is o plus a quarter of m's second difference (Hamilton and Adams, US patent 5629734).
-Along the line D is a slow signal plus the noise of that estimate; the linear minimum-mean-square-error estimate of D
-and its error come from the local variances of both, and rows and columns are weighted by their inverse errors (L. Zhang
-and X. Wu, "Color demosaicking via directional linear minimum mean square-error estimation", 2005). Nine samples that an
-edge crosses have a mean that is none of theirs; so D stays (ours) between the least and the greatest of the 3 x 3
-estimates around it, and errs by no more than half of what lies between. Best where the colours share their detail.
+Along the line D is a slow signal plus the noise of that estimate. The linear minimum-mean-square-error estimate of D
+and its error are computed from the local variances of both; rows and columns are weighted by their inverse errors
+(L. Zhang and X. Wu, "Color demosaicking via directional linear minimum mean square-error estimation", 2005). Across an
+edge, the mean of nine samples can differ from all of them. Therefore (our addition) D is clipped to the minimum and
+maximum of the 3 x 3 estimates around it, and its assumed error is at most half that range. Best where the colours share
+their detail.
 
-*Sharp.* Residual interpolation: m is predicted from o by a guided filter, and what the prediction leaves is
+*Sharp.* Residual interpolation: m is predicted from o by a guided filter, and the residual of the prediction is
 interpolated (D. Kiku, Y. Monno, M. Tanaka and M. Okutomi, "Residual interpolation for color image demosaicking", 2013).
-Ours is its slope part alone: with a = cov(m, o) / var(o) of what the 3 x 3 mean leaves of both, averaged over windows,
-the missing colour is a m + the mean of the neighbours' (m - a o). The offset of the guided filter drops out. The four
-half-lines from a pixel are weighted by 1 / (sum of |change of D| around their first sample)^2 (after I. Pekkucuksen and
-Y. Altunbasak, "Gradient based threshold free color filter array interpolation", 2010). Best where colours have detail
-of their own.
+Here only the slope of the guided filter is used: a = cov(m, o) / var(o), after subtracting the 3 x 3 means from both,
+averaged over windows. The missing colour is a m + the mean of the neighbours' (m - a o); the filter's offset cancels.
+The four half-lines from a pixel are weighted by 1 / (sum of |change of D| around their first sample)^2 (after
+I. Pekkucuksen and Y. Altunbasak, "Gradient based threshold free color filter array interpolation", 2010). Best where
+the colours differ in their detail.
 
-*Mixed* (ours): sharp + (smooth - sharp) / (1 + 1e5 s^4 d), where s tells how much of the change of the smooth
-estimator's D survives smoothing along the line (noise does not, coloured edges do), and d is the energy of smooth -
-sharp against that of the mosaic's own changes. Both are ratios of sums over 9 x 9 pixels.
+*Mixed* (ours): sharp + (smooth - sharp) / (1 + 1e5 s^4 d). Here s is the fraction of the change of the smooth
+estimator's D that survives smoothing along the line (noise does not, coloured edges do), and d is the energy of
+smooth - sharp relative to that of the mosaic's own changes. Both are ratios of sums over 9 x 9 pixels.
 
-Red and blue: slope a of the colour on green over the 9 x 9 pixels around each of its samples, between 0 and 2 and
-pulled towards 1 where there is little to see; a green + the interpolated (sample - a green).
+Red and blue: a is the slope of the colour on green over the 9 x 9 pixels around each of its samples, limited to 0 to 2
+and pulled towards 1 where there is little detail. The colour is a green + the interpolated (sample - a green).
 
-*Again*: with all three colours at hand, o no longer needs the mean of neighbours, and the sharp estimate is repeated.
-It replaces the mixed one in so far as that trusted the smooth one (iterating gains where colours share their detail,
-and loses elsewhere: Y. Monno, D. Kiku, M. Tanaka and M. Okutomi, "Adaptive residual interpolation for color and
-multispectral image demosaicking", 2017). Red and blue then follow the new green.
+*Repeated*: once all three colours are known, o is taken from them instead of the mean of neighbours, and the sharp
+estimate is repeated. It replaces the mixed estimate to the degree that the mixed one relied on the smooth one
+(iterating helps where colours share their detail, and harms elsewhere: Y. Monno, D. Kiku, M. Tanaka and M. Okutomi,
+"Adaptive residual interpolation for color and multispectral image demosaicking", 2017). Red and blue are then computed
+from the new green.
 
-All bounds are relative to the local mean square: the method has no unit. A pixel reaches no farther than `REACH`
-pixels.
+All constants are relative to the local mean square, so the method works in any unit. A pixel depends on pixels up to
+`REACH` away.
 """
 
 import numpy as np
@@ -62,31 +64,31 @@ from etendue_camera.sensor.cfa import COLOURS, phase
 
 FIRST_REACH, SECOND_REACH, CHROMA_REACH = 18, 12, 12
 REACH = FIRST_REACH + CHROMA_REACH + SECOND_REACH + CHROMA_REACH
-FLOOR = 1e-4  # of the local mean square: energies well below it, 1 % of the local level, say nothing
-EVEN = 1e-5  # of the same: rows and columns count alike where both err by less
+FLOOR = 1e-4  # of the local mean square: energies well below it (1 % of the local level) carry no information
+EVEN = 1e-5  # of the same: rows and columns have equal weights where both errors are smaller
 PULL = 4e-3  # the same for slopes on green, of the mean of the two colours' squared levels
-CHOICE = 1e5  # smooth and sharp count alike where s^4 d is its inverse
-TINY = 1e-30  # of the squared peak: keeps ratios defined where all is black
+CHOICE = 1e5  # smooth and sharp have equal weights where s^4 d is its inverse
+TINY = 1e-30  # of the squared peak: keeps ratios finite where everything is black
 
 
 def residual(mosaic: NDArray, pattern: str) -> NDArray:
-    """Green from two estimators along rows and columns, mixed by local statistics; red and blue by local slopes on it.
+    """Estimate green by two estimators along rows and columns, mixed by local statistics; red and blue by local slopes.
 
-    Takes and gives what a method does (see `frame`); the planes may leave the range of the mosaic: negative values are
-    kept.
+    Arguments, result and errors are those of every method (see `frame`). Results may leave the range of the mosaic;
+    negative values are kept.
 
     Notes
     -----
-    Mean CPSNR by `benchmarks/demosaic.py`: 41.2 dB on Kodak and 36.4 dB on McMaster pictures. Channels are expected to
-    be balanced: where grey is not grey to it, it cannot tell detail that the colours share.
+    Mean CPSNR by `benchmarks/demosaic.py`: 41.2 dB on Kodak and 36.4 dB on McMaster pictures. Channels should be
+    white-balanced: otherwise the method cannot recognise detail that the colours share.
 
     Constant planes are exact to rounding, linear ones (each with its own slopes) to 1e-7 inside the border; grey detail
-    near the sampling limit is not kept grey. Five pixels inside a dark neutral corner colours err by 0.001 of the white
-    beside it, four pixels inside by 0.0045. Beside isolated samples on black results reach 4 times their height.
-    Scaling by powers of two, mirroring, moving the window by any number of pixels, a change of sign, and swapping red
-    with blue change the result accordingly, bit for bit; transposing does up to rounding. Single precision is within
-    2e-6 of full scale on photographs, 1e-5 on the worst artificial mosaics of the tests. Frames of one line, which have
-    no second direction, get `demosaic.colour_difference`.
+    near the sampling limit does not stay grey. Inside a dark neutral corner, colours err by 0.001 of the adjacent white
+    five pixels from the edge, and by 0.0045 four pixels from it. Next to isolated samples on black, results reach 4
+    times their height. Scaling by powers of two, mirroring, shifting the window by any number of pixels, changing the
+    sign, and swapping red with blue change the result accordingly, bit for bit; transposing does up to rounding. Single
+    precision is within 2e-6 of full scale on photographs, 1e-5 on the worst artificial mosaics of the tests. Frames of
+    one line, which have no second direction, use `bilinear.colour_difference`.
     """
     mosaic = checked(mosaic, pattern)
     if 1 in mosaic.shape:
@@ -94,7 +96,7 @@ def residual(mosaic: NDArray, pattern: str) -> NDArray:
     places = phase(pattern)
     kind = mosaic.dtype if mosaic.dtype.itemsize > 2 else np.dtype(np.float32)
     work = mosaic.astype(kind)
-    # a power of two brings the largest sample near 1, so that squares neither overflow nor vanish
+    # scale by a power of two so that the largest sample is near 1, and squares neither overflow nor underflow
     peak, limit = np.max(np.abs(work), where=np.isfinite(work), initial=0.0), -np.finfo(kind).minexp
     factor = float(2.0 ** -np.clip(np.frexp(peak)[1], -limit, limit)) if peak > 0 else 1.0
     work *= kind.type(factor)
@@ -102,7 +104,7 @@ def residual(mosaic: NDArray, pattern: str) -> NDArray:
     def method(planes: NDArray, framed: NDArray) -> None:
         sign = np.full(framed.shape, -1, kind)
         for y, x in places["G"]:
-            sign[y::2, x::2] = 1  # every reach is even: the pattern of what is left is that of the frame
+            sign[y::2, x::2] = 1  # every reach is even, so an array reduced by it keeps the pattern of the frame
         _tile(planes, framed, sign, [places[COLOURS[c]][0] for c in (RED, BLUE)])
 
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
@@ -139,7 +141,7 @@ def _tile(planes: NDArray, mosaic: NDArray, sign: NDArray, places: list[tuple[in
 
 
 def _green(difference: NDArray, mosaic: NDArray, sign: NDArray) -> NDArray:
-    """The sample where it is green, and the sample plus (green - other) elsewhere."""
+    """Return the sample where it is green, and the sample plus (green - other) elsewhere."""
     green = 1 - sign
     green *= difference
     scaled(green, 0.5)
@@ -148,7 +150,7 @@ def _green(difference: NDArray, mosaic: NDArray, sign: NDArray) -> NDArray:
 
 
 def _others(green: NDArray, colours: list[NDArray], places: list[tuple[int, int]]) -> list[NDArray]:
-    """At each sample the other colour of its row, and the other colour of its column, from planes that are complete."""
+    """Return the other colour of each sample's row, and that of its column, from complete planes."""
     in_row, in_column = green.copy(), green.copy()
     for plane, (row, column) in zip(colours, places, strict=True):
         in_row[row::2, 1 - column :: 2] = plane[row::2, 1 - column :: 2]
@@ -157,12 +159,12 @@ def _others(green: NDArray, colours: list[NDArray], places: list[tuple[int, int]
 
 
 def _mixed(mosaic: NDArray, sign: NDArray, level: NDArray, sharp: NDArray) -> tuple[NDArray, NDArray]:
-    """D from both estimators, right at red and blue samples, and the part that the smooth one has in it."""
+    """Return D mixed from both estimators, valid at red and blue samples, and the weight of the smooth one."""
     smooth, lasting = _smooth(mosaic, sign, level)
     sharp, smooth, own = meet(sharp, smooth, sign)
     gap = smooth - sharp
     energy = gap * gap
-    energy *= 1 - own  # 2 at red and blue samples; at green ones rows and columns speak of different colours
+    energy *= 1 - own  # 2 at red and blue samples; at green ones rows and columns refer to different colours
     change = np.add(*meet(*(np.square(slope(mosaic, axis)) for axis in (0, 1))))
     energy, change, floor, lasting = meet(
         square(energy, nine), square(change, nine), scaled(level * 81, FLOOR), lasting
@@ -180,7 +182,7 @@ def _mixed(mosaic: NDArray, sign: NDArray, level: NDArray, sharp: NDArray) -> tu
 
 
 def _smooth(mosaic: NDArray, sign: NDArray, level: NDArray) -> tuple[NDArray, NDArray]:
-    """D after Zhang and Wu, and how much of its change survives smoothing, to the fourth power."""
+    """Return D after Zhang and Wu, and the fraction of its change that survives smoothing, to the fourth power."""
     estimates, energies = [], []
     for axis in (1, 0):
         other = scaled(pair(mosaic, axis, 2), -0.25)
@@ -204,9 +206,9 @@ def _smooth(mosaic: NDArray, sign: NDArray, level: NDArray) -> tuple[NDArray, ND
 
 
 def _likeliest(rough: NDArray, slow: NDArray, axis: int, level: NDArray) -> tuple[NDArray, NDArray]:
-    """The signal in `rough` along a line, if `slow` tells its mean and variance, and its expected squared error."""
+    """Return the signal in `rough` along a line and its expected squared error; `slow` gives its mean and variance."""
     mean = scaled(nine(slow, axis), 1 / 9)
-    variance = np.square(moved(slow, axis, 0, 4) - mean)  # of every other sample: slow is slow
+    variance = np.square(moved(slow, axis, 0, 4) - mean)  # every other sample suffices, since slow varies slowly
     for by in (2, 4):
         deviations = [np.square(moved(slow, axis, way * by, 4) - mean) for way in (1, -1)]
         variance += np.add(*deviations)
@@ -230,8 +232,9 @@ def _likeliest(rough: NDArray, slow: NDArray, axis: int, level: NDArray) -> tupl
 
 
 def _sharp(mosaic: NDArray, others: list[NDArray], sign: NDArray, level: NDArray) -> NDArray:
-    """D by slopes, from the half-lines on which it changes least; `others` has the other colour of each row and
-    column.
+    """Return D by slopes, weighted towards half-lines on which it changes least.
+
+    `others` are the other colour of each sample's row and of its column.
     """
     parts = []
     for axis, other in zip((1, 0), others, strict=True):
@@ -252,7 +255,7 @@ def _sharp(mosaic: NDArray, others: list[NDArray], sign: NDArray, level: NDArray
 
 
 def _by_slope(mosaic: NDArray, other: NDArray, axis: int, level: NDArray) -> NDArray:
-    """The missing colour of each line: a m + mean of the neighbours' (m - a o)."""
+    """Return the missing colour along each line: a m + the mean of the neighbours' (m - a o)."""
 
     def window(values: NDArray, along: Sum) -> NDArray:
         return along(three(values, 1 - axis, 2), axis, 2)
@@ -276,7 +279,7 @@ def _by_slope(mosaic: NDArray, other: NDArray, axis: int, level: NDArray) -> NDA
 
 
 def _difference(mosaic: NDArray, other: NDArray, sign: NDArray) -> NDArray:
-    """Green minus the other colour, from the sample minus the other colour."""
+    """Return green minus the other colour; ``other`` is the estimate of the colour that a sample lacks."""
     mosaic, other, sign = meet(mosaic, other, sign)
     difference = mosaic - other
     difference *= sign
@@ -284,7 +287,7 @@ def _difference(mosaic: NDArray, other: NDArray, sign: NDArray) -> NDArray:
 
 
 def _follow(mosaic: NDArray, green: NDArray, place: tuple[int, int]) -> NDArray:
-    """Red or blue, `CHROMA_REACH` less far; `place` is its site in the cell."""
+    """Return red or blue, on an area smaller by `CHROMA_REACH` per side; `place` is its site in the cell."""
     row, column = place
     samples, guide = (np.ascontiguousarray(a[row::2, column::2]) for a in (mosaic, green))
     sample_mean, guide_mean = (scaled(square(a, three), 1 / 9) for a in (samples, guide))
@@ -305,7 +308,7 @@ def _follow(mosaic: NDArray, green: NDArray, place: tuple[int, int]) -> NDArray:
     rest = samples - a * guide
     (inner,) = within(CHROMA_REACH, green.shape, green)
     plane = np.empty_like(inner)
-    lost = 10 - CHROMA_REACH  # the first of `a` stands there, counted from the first sample inside
+    lost = 10 - CHROMA_REACH  # position of the first element of `a`, from the first sample inside
     for y in (0, 1):
         for x in (0, 1):
             target = plane[y::2, x::2]

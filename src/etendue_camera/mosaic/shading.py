@@ -1,8 +1,9 @@
 """Lens shading correction: gains that flatten a frame of uniform light, from known falloff or from a flat field.
 
-In:  relative illumination; tables of gains by image height; a flat field seen through a mask.
+In:  relative illumination; tables of gains by image height; a flat field behind a mask.
 Out: gains; tables.
-Sources: a gain is the inverse of the relative illumination; black stays black, as 0 of a linearised mosaic is no light.
+Sources: a gain is the inverse of the relative illumination. Black is unchanged: 0 in a linearised mosaic means no
+light.
 """
 
 import csv
@@ -17,11 +18,11 @@ from etendue import require
 from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import cfa
 
-PIECES = 16  # of the curve through a flat field, evenly spaced in the area of the frame
+PIECES = 16  # of the curve through a flat field, each covering the same area of the frame
 
 
 class GainTable(NamedTuple):
-    """Gains by image height: nodes (rows,) in mm from 0 upwards, gains (rows, columns), names of the columns."""
+    """Gains by image height: nodes (rows,) in mm from 0 upwards, gains (rows, columns), column names."""
 
     heights_mm: FloatArray
     gains: FloatArray
@@ -29,21 +30,21 @@ class GainTable(NamedTuple):
 
 
 def gain_of(relative: ArrayLike, strength: float, largest: float) -> FloatArray:
-    """Return gains that correct a relative illumination, fully or in part.
+    """Return gains that correct a relative illumination, fully or partly.
 
     Parameters
     ----------
     relative : (...) array, 1
         At or above 0; 1 on the axis.
     strength : float
-        Share of the correction, 0 to 1: the gain is 1 + strength (1/relative - 1).
+        Fraction of the correction, 0 to 1: the gain is 1 + strength (1/relative - 1).
     largest : float
         Upper limit of the gains, at least 1.
 
     Returns
     -------
     (...) array, dtype of relative
-        At most ``largest``; exactly 1 where the relative illumination is 1, or the strength 0.
+        At most ``largest``; exactly 1 where the relative illumination is 1, or if the strength is 0.
 
     Raises
     ------
@@ -56,17 +57,17 @@ def gain_of(relative: ArrayLike, strength: float, largest: float) -> FloatArray:
     if not np.all(relative >= 0):
         raise ValueError(f"relative goes down to {np.nanmin(relative):g} or is NaN; it must be at or above 0")
     kind = relative.dtype.type
-    held = np.maximum(relative, kind(1e-30))  # an unlit corner has the largest gain, not an infinite one
+    held = np.maximum(relative, kind(1e-30))  # an unlit corner gets the largest gain, not an infinite one
     return np.asarray(np.minimum(1 + kind(strength) * (1 / held - 1), kind(largest)))
 
 
 def read_gains(file: str | Path) -> GainTable:
-    """A table from a CSV file: ``height_mm,gain`` for all channels, or ``height_mm,R,G,B`` for each.
+    """Read a table from a CSV file: ``height_mm,gain`` for all channels, or ``height_mm,R,G,B``.
 
     Parameters
     ----------
     file : path
-        One row a height, from 0 on the axis upwards; lines that start with # are comments.
+        One row per height, ascending from 0 on the axis; lines that start with # are comments.
 
     Returns
     -------
@@ -75,8 +76,8 @@ def read_gains(file: str | Path) -> GainTable:
     Raises
     ------
     ValueError
-        If the header or a row cannot be read, heights do not start at 0 or do not ascend, or a gain is not above 0; the
-        text names the row.
+        If the header or a row cannot be read, heights do not start at 0 or do not ascend, or a gain is not above 0. The
+        message names the row.
     """
     with open(file, newline="", encoding="utf-8-sig") as opened:
         rows = [
@@ -104,7 +105,7 @@ def read_gains(file: str | Path) -> GainTable:
 
 
 def write_gains(file: str | Path, table: GainTable) -> None:
-    """Write a table as `read_gains` reads it, to the last bit."""
+    """Write a table that `read_gains` restores to the last bit."""
     with open(file, "w", newline="", encoding="utf-8") as opened:
         writer = csv.writer(opened, lineterminator="\n")
         writer.writerow(["height_mm", *table.columns])
@@ -123,38 +124,37 @@ def calibrated(
     first_row: int = 0,
     first_column: int = 0,
 ) -> GainTable:
-    """The table of a camera from a flat field, as its maker measures it: straight lines through each channel, by image
-    height.
+    """Calibrate a camera's table from a flat field, as its manufacturer would: gains of each channel by image height.
 
     Parameters
     ----------
     flat : (y, x) array, any unit
-        Linearised mosaic of even light, black at 0; the mean of many frames, where they are noisy.
+        Linearised mosaic of uniform light, black at 0; the mean of many frames if they are noisy.
     mask : cfa.Mask
     y_mm, x_mm : (y,), (x,) array, mm
-        Positions from the axis. The axis stands inside the frame.
+        Positions relative to the axis, which must lie inside the frame.
     rows : int
-        Of the table, at least 2; evenly spaced from the axis to the farthest pixel.
+        Number of rows of the table, at least 2; evenly spaced from the axis to the farthest pixel.
     first_row, first_column : int
-        First pixel of the frame on the sensor.
+        Position of the frame's first pixel on the sensor.
 
     Returns
     -------
     GainTable
-        One column for each channel, 1 on the axis.
+        One column per channel, 1 on the axis.
 
     Raises
     ------
     ValueError
-        If shapes do not fit, the axis is outside of the frame, a channel has pixels at fewer than 8 heights, or one is
-        not above 0.
+        If shapes do not fit, the axis is outside the frame, a channel has pixels at fewer than 8 heights, or its curve
+        is not above 0 everywhere.
 
     Notes
     -----
-    Least squares of a cubic spline over all pixels of a channel, in the square of the height: even about the axis, and
-    with as many pixels to each of its pieces. Straight lines between the rows err most: 3e-5 of the light for cos4 to
-    39 degrees with 129 rows, falling with the square of their number. A kink, where a rim begins to cut, is rounded
-    over a sixteenth of the area.
+    A cubic spline in the square of the height is fitted to all pixels of a channel by least squares: it is even about
+    the axis, and each of its pieces covers equally many pixels. The largest error comes from the straight lines between
+    the rows: 3e-5 of the light for cos4 up to 39 degrees with 129 rows, falling with the square of their number. A
+    kink, where a rim begins to vignette, is rounded over a sixteenth of the area.
     """
     flat = np.asarray(flat)
     require.shape(
@@ -189,7 +189,7 @@ def calibrated(
 
 
 def _curve(where: FloatArray, values: FloatArray, nodes: FloatArray) -> FloatArray:
-    """Values at nodes of the smooth curve closest to the points, both on 0 to 1: a cubic spline."""
+    """Return the cubic spline closest to the points, at nodes; positions and nodes are between 0 and 1."""
     places, group, count = np.unique(where, return_inverse=True, return_counts=True)
     means = np.bincount(group, values) / count
     pieces = max(1, min(PIECES, places.size // 8))

@@ -3,8 +3,8 @@
 In:  a linearised mosaic (y, x), 1 at clipping; the mask of its filters; whites by channel.
 Out: whites, gains, balanced mosaics, the level shown as white, the angle between two whites.
 Sources: Buchsbaum 1980, J. Franklin Inst. 310 (grey world); Land and McCann 1971, J. Opt. Soc. Am. 61 (white patch);
-Finlayson and Trezzi 2004, Color Imaging Conf. 12 (a power between the two). What they share: an estimate is as good as
-its assumption about the scene.
+Finlayson and Trezzi 2004, Color Imaging Conf. 12 (a power between the two). Each estimate is as good as its assumption
+about the scene.
 """
 
 import numpy as np
@@ -26,38 +26,38 @@ def cell_means(
     first_row: int = 0,
     first_column: int = 0,
 ) -> tuple[FloatArray, int]:
-    """Return the mean of each channel over small cells of a mosaic, for cells that are neither clipped nor dark.
+    """Return the mean of each channel over small cells of a mosaic, omitting clipped and dark cells.
 
     Parameters
     ----------
     mosaic : (y, x) array, 1 at clipping
     mask : cfa.Mask
     cell : int, pixel
-        Side of the cells, at least 1; rounded up to whole periods of the mask, so that a cell holds every channel.
+        Side of the cells, at least 1; rounded up to whole periods of the mask, so that a cell contains every channel.
     ceiling : float
-        A cell with a value at or above it is left out.
+        Cells with a value at or above it are omitted.
     lowest : float
-        A cell whose mean is below it is left out.
+        Cells with a mean below it are omitted.
     first_row, first_column : int
-        First pixel of the mosaic on the sensor.
+        Position of the mosaic's first pixel on the sensor.
 
     Returns
     -------
     means : (channel, n) array of float64
-        Of the n cells that are left, n may be 0.
+        Of the n remaining cells; n may be 0.
     cells : int
-        How many there were. Rows and columns beyond the last whole cell are not looked at.
+        Number of all cells. Rows and columns beyond the last whole cell are ignored.
 
     Raises
     ------
     ValueError
-        If the mosaic is no finite (y, x) array with pixels, the cell is below 1, or the frame has no pixel of a
+        If the mosaic is not a finite (y, x) array with pixels, the cell is below 1, or the frame has no pixel of a
         channel.
 
     Notes
     -----
-    Cells are taken or left as a whole, so that all channels look at the same places: if pixels were left out one by
-    one, the channel that clips first would see less of what is bright, and the estimate would lean away from it.
+    Cells are used or omitted as a whole, so that all channels are averaged over the same places. If pixels were omitted
+    one by one, the channel that clips first would miss bright places, and the estimate would be biased against it.
     """
     mosaic = np.asarray(mosaic)
     require.shape(
@@ -67,7 +67,7 @@ def cell_means(
         "(y, x) with pixels, all of them finite",
     )
     require.allowed(cell >= 1, "cell", cell, "whole numbers from 1")
-    # whole periods, at least ``cell``, no more than the frame holds; a frame below one period is one cell
+    # whole periods, at least ``cell``, but no more than the frame has; a frame below one period is one cell
     sides = [
         max(min(-(-cell // period) * period, size // period * period), min(size, period))
         for size, period in zip(mosaic.shape, mask.period, strict=True)
@@ -96,8 +96,8 @@ def grey_world(means: FloatArray, power: float = 1.0) -> FloatArray:
     means : (channel, n) array
         At least one cell.
     power : float
-        1 or above: 1 is the plain mean, large ones lean towards the brightest cells. Negative values count as 0 above
-        1.
+        1 or above: 1 is the plain mean, larger values emphasise the brightest cells. Above 1, negative values count as
+        0.
 
     Returns
     -------
@@ -109,9 +109,7 @@ def grey_world(means: FloatArray, power: float = 1.0) -> FloatArray:
         Without cells, or for a power below 1 or infinite.
     """
     means = _some(means)
-    require.allowed(
-        1 <= power < np.inf, "power", power, "finite numbers from 1; of an infinite one there is white_patch"
-    )
+    require.allowed(1 <= power < np.inf, "power", power, "finite numbers from 1; for an infinite power use white_patch")
     if power == 1:
         return means.mean(axis=1)
     above = np.maximum(means, 0.0)
@@ -128,7 +126,7 @@ def white_patch(means: FloatArray, quantile: float = 0.99) -> FloatArray:
     means : (channel, n) array
         At least one cell.
     quantile : float
-        Above 0, at most 1. Below 1 a few hot pixels or glints do not decide.
+        Above 0, at most 1. Below 1, a few hot pixels or glints do not dominate.
 
     Returns
     -------
@@ -155,7 +153,7 @@ def _some(means: FloatArray) -> FloatArray:
 
 
 def angle_between(one: ArrayLike, other: ArrayLike) -> float:
-    """Return the angle between two whites, whatever their level.
+    """Return the angle between two whites; their levels do not matter.
 
     Parameters
     ----------
@@ -174,7 +172,7 @@ def angle_between(one: ArrayLike, other: ArrayLike) -> float:
 
     Notes
     -----
-    Source: Kahan's 2 atan(|u - v| / |u + v|) of the unit vectors; the arc cosine of their product has no digits left
+    Source: Kahan's 2 atan(|u - v| / |u + v|) of the unit vectors; the arc cosine of their product loses all digits
     below 1e-6 degrees. Error: below 4e-16 relative to 1 rad.
     """
     units = []
@@ -195,21 +193,21 @@ def lifted(responses: ArrayLike, floor: float) -> tuple[FloatArray, int]:
     Parameters
     ----------
     responses : (n,) array
-        Of cones or of a camera's channels.
+        Responses of cones or of a camera's channels.
     floor : float
-        Share of the largest response to which weaker ones are lifted, at least 0 and below 1; 0 lifts nothing.
+        Fraction of the largest response to which weaker ones are raised, at least 0 and below 1; 0 raises none.
 
     Returns
     -------
     responses : (n,) array of float64
     count : int
-        How many were lifted.
+        Number of raised responses.
 
     Raises
     ------
     ValueError
-        If no response is above 0, one is not finite, or the floor is out of range; with a floor of 0 also for a
-        response below 1e-9 of the largest: its gain would be infinite, negative, or nothing but noise.
+        If no response is above 0, one is not finite, or the floor is out of range. With a floor of 0, also for a
+        response below 1e-9 of the largest: its gain would be infinite, negative or mere noise.
     """
     found = np.asarray(responses, np.float64)
     require.allowed(0 <= floor < 1, "floor", floor, "numbers from 0 and below 1")
@@ -228,9 +226,9 @@ def lifted(responses: ArrayLike, floor: float) -> tuple[FloatArray, int]:
 
 
 def gains_of(white: ArrayLike) -> FloatArray:
-    """Return gains that make all channels of a white equal to its largest: at least 1, so that clipped values do not
-    fall
-    below their level.
+    """Return gains that make all channels of a white equal to its largest.
+
+    They are at least 1, so that clipped values do not fall below the clipping level.
 
     Parameters
     ----------
@@ -245,7 +243,7 @@ def gains_of(white: ArrayLike) -> FloatArray:
     Raises
     ------
     ValueError
-        For a channel that vanishes.
+        If a channel vanishes.
     """
     found, _ = lifted(white, 0.0)
     return found.max() / found
@@ -257,25 +255,25 @@ def display_white(white: float, clipped: float, fixed: bool = False) -> float:
     Parameters
     ----------
     white : float, above 0
-        What the scene's white would read if nothing clipped.
+        Level of the scene white if nothing clipped.
     clipped : float, above 0
-        The lowest level at which a balanced channel clips.
+        Lowest level at which a balanced channel clips.
     fixed : bool
-        Whether brightness is that of the camera, not that of the scene.
+        Whether brightness is set by the camera instead of the scene.
 
     Returns
     -------
     float
-        ``clipped`` at most, so that what is clipped is never grey.
+        At most ``clipped``, so that clipped areas are never grey.
 
     Raises
     ------
     ValueError
-        For levels at or below 0, or without a value.
+        If a level is at or below 0, or NaN.
     """
     require.that(
         white > 0 and 0 < clipped < np.inf,
-        f"white is {white!r} and clipping begins at {clipped!r}; allowed are numbers above 0",
+        f"white is {white!r} and clipping begins at {clipped!r}; allowed: numbers above 0",
     )
     return clipped if fixed else min(white, clipped)
 
@@ -297,24 +295,24 @@ def balanced(
         In the order of ``mask.channels``.
     mask : cfa.Mask
     first_row, first_column : int
-        First pixel of the mosaic on the sensor.
+        Position of the mosaic's first pixel on the sensor.
     ceiling : float
-        Where all channels end; inf: nowhere.
+        Level at which all channels are clipped; inf: no clipping.
 
     Returns
     -------
     (..., y, x) array, dtype of mosaic
-        A channel with gain 1 keeps its bits below the ceiling.
+        A channel with gain 1 is unchanged below the ceiling, bit for bit.
 
     Raises
     ------
     ValueError
-        If there is not one gain for each channel, or the mosaic has fewer than two dims.
+        If the number of gains differs from that of the channels, or the mosaic has fewer than two dims.
     """
     mosaic, gains = np.asarray(mosaic), np.asarray(gains, np.float64)
     require.that(
         mosaic.ndim >= 2 and gains.shape == (len(mask.channels),),
-        f"mosaic has shape {mosaic.shape} and gains {gains.shape}; allowed are (..., y, x) and ({len(mask.channels)},)",
+        f"mosaic has shape {mosaic.shape} and gains {gains.shape}; allowed: (..., y, x) and ({len(mask.channels)},)",
     )
     found = np.empty_like(mosaic)
     for channel, gain in zip(mask.channels, gains, strict=True):

@@ -1,9 +1,9 @@
 """The Airy pattern and its energy as functions of v = pi r/(lambda N), to rounding for any v.
 
 In:  v, 0 or above (array, dimensionless).
-Out: pattern, slope, encircled and outside energy (dimensionless); a polynomial evaluator.
+Out: pattern, slope, energy inside and outside a radius (dimensionless); a polynomial evaluator.
 Sources: Born and Wolf, Principles of Optics, section 8.5; NIST Digital Library of Mathematical Functions
-(DLMF) sections 10.8 and 10.17. `diffraction` holds the same quantities with lengths and units.
+(DLMF) sections 10.8 and 10.17. `diffraction` provides the same quantities as functions of lengths.
 """
 
 from math import factorial
@@ -23,7 +23,7 @@ _ENCIRCLED_SERIES = [
 
 
 def horner(coefficients: list[float], x: Floats) -> Floats:
-    """Polynomial with the constant term first, in the precision of x."""
+    """Evaluate a polynomial, constant term first, in the precision of x."""
     value = coefficients[-1] + 0.0 * x
     for coefficient in coefficients[-2::-1]:
         value = value * x + coefficient
@@ -31,7 +31,7 @@ def horner(coefficients: list[float], x: Floats) -> Floats:
 
 
 def _hankel_terms(order: int, count: int = 18) -> list[float]:
-    """Coefficients a_k of Hankel's expansions of J_order (DLMF 10.17.1)."""
+    """Return the coefficients a_k of Hankel's expansions of J_order (DLMF 10.17.1)."""
     terms = [1.0]
     for k in range(1, count):
         terms.append(terms[-1] * (4 * order**2 - (2 * k - 1) ** 2) / (8.0 * k))
@@ -47,12 +47,12 @@ _P1, _Q1 = _alternating(_hankel_terms(1)[0::2]), _alternating(_hankel_terms(1)[1
 
 
 def _outside_far(v: Floats) -> Floats:
-    """J0^2 + J1^2 from Hankel's expansions: a smooth part and a ripple 1/(2v) times smaller."""
+    """Return J0^2 + J1^2 from Hankel's expansions: a smooth part, and a ripple smaller by a factor of 1/(2v)."""
     inverse = 1.0 / v
     square = inverse * inverse
     p0, p1 = horner(_P0, square), horner(_P1, square)
     q0, q1 = inverse * horner(_Q0, square), inverse * horner(_Q1, square)
-    # an infinite v has no phase, and no ripple either
+    # an infinite v has no phase and no ripple
     phase = np.where(np.isinf(v), 0.0, 2.0 * v)
     even, odd = p0 * p0 + q1 * q1, q0 * q0 + p1 * p1
     ripple = 0.5 * (even - odd) * np.sin(phase) - (p1 * q1 - p0 * q0) * np.cos(phase)
@@ -60,9 +60,10 @@ def _outside_far(v: Floats) -> Floats:
 
 
 def amplitude(v: Floats) -> Floats:
-    """2 J1(v)/v; below 1e-4 the series, because J1 underflows before v does; 0 at infinity. v is 0 or above.
+    """Return 2 J1(v)/v for v of 0 or above; 0 at infinity. Below 1e-4 a series is used, because J1 underflows before v
+    does.
 
-    Error: 5e-16 relative for v < 1, and beyond 1e-15 v times the envelope 2 sqrt(2/(pi v^3)), up to v = 1e8.
+    Error: 5e-16 relative for v < 1; beyond, 1e-15 v times the envelope 2 sqrt(2/(pi v^3)), up to v = 1e8.
     """
     small = v < 1e-4
     bessel = 2.0 * scipy.special.j1(np.where(small, 1.0, v)) / np.where(small, 1.0, v)
@@ -70,15 +71,15 @@ def amplitude(v: Floats) -> Floats:
 
 
 def pattern(v: Floats) -> Floats:
-    """[2 J1(v)/v]^2, the square of `amplitude`; the sign of v does not matter.
+    """Return [2 J1(v)/v]^2, the square of `amplitude`; the sign of v does not matter.
 
-    Error: 1e-15 relative for v < 1, and beyond 1e-15 v times the envelope 8/(pi v^3), up to v = 1e8.
+    Error: 1e-15 relative for v < 1; beyond, 1e-15 v times the envelope 8/(pi v^3), up to v = 1e8.
     """
     return (amplitude(np.abs(v)) ** 2)[()]
 
 
 def slope(v: FloatArray) -> FloatArray:
-    """Derivative of the pattern, -8 J1(v) J2(v) / v^2; v may be negative."""
+    """Return the derivative of the pattern, -8 J1(v) J2(v) / v^2; v may be negative."""
     safe = np.where(np.abs(v) < 1e-8, 1.0, v)
     return np.where(
         np.abs(v) < 1e-8, -0.5 * v, -8.0 * scipy.special.j1(safe) * scipy.special.jv(2, safe) / (safe * safe)
@@ -86,7 +87,7 @@ def slope(v: FloatArray) -> FloatArray:
 
 
 def hermite_table(highest: float, step: float) -> FloatArray:
-    """Cubics of the pattern between v = 0 and ``highest``: (intervals, 4) coefficients in v/step - index, constant
+    """Return cubics of the pattern from v = 0 to ``highest``: (intervals, 4) coefficients in v/step - index, constant
     first.
     """
     v = step * np.arange(int(highest / step) + 3)
@@ -98,8 +99,9 @@ def hermite_table(highest: float, step: float) -> FloatArray:
 
 
 def from_hermite_table(table: FloatArray, step: float, v: FloatArray) -> FloatArray:
-    """The pattern at v (0 or above, within the table), from `hermite_table` of the same step. Error: 0.625/384
-    step^4.
+    """Return the pattern at v (0 or above, within the table) from a `hermite_table` of this step.
+
+    Error: 0.625/384 step^4.
     """
     place = v * (1.0 / step)
     index = place.astype(np.intp)
@@ -109,18 +111,18 @@ def from_hermite_table(table: FloatArray, step: float, v: FloatArray) -> FloatAr
 
 
 def encircled(v: Floats) -> Floats:
-    """1 - J0^2 - J1^2; below 1 its power series. Error: below 2e-15 relative for v from 1e-12 to 1e8."""
+    """Return 1 - J0^2 - J1^2; below v = 1 by its power series. Error: below 2e-15 relative for v from 1e-12 to 1e8."""
     power = np.minimum(v, _SERIES_BELOW) ** 2 / 4.0
     series = power * horner(_ENCIRCLED_SERIES, power)
     return np.where(v < _SERIES_BELOW, series, 1.0 - outside(v))[()]
 
 
 def outside(v: Floats) -> Floats:
-    """J0^2 + J1^2. Error: below 3e-15 relative for v from 1e-12 to 1e8.
+    """Return J0^2 + J1^2. Error: below 3e-15 relative for v from 1e-12 to 1e8.
 
-    Squaring library Bessel functions loses digits in proportion to v, because each rounds its own phase
-    (6e-11 at v = 2e6, although the sum of squares hardly depends on the phase). Above 30 the two asymptotic
-    expansions are therefore squared and summed on paper first.
+    Squaring library Bessel functions loses digits in proportion to v, because each function rounds its own phase (6e-11
+    at v = 2e6, although the sum of squares hardly depends on the phase). Above 30 the sum of the squared asymptotic
+    expansions is therefore evaluated in closed form.
     """
     near = np.minimum(v, _ASYMPTOTIC_ABOVE)
     far = np.maximum(v, _ASYMPTOTIC_ABOVE)

@@ -1,13 +1,13 @@
-"""What a perfect lens with a round hole in its light does: the annular aperture of mirror lenses, in closed form.
+"""A perfect lens with a central obstruction: the annular aperture of mirror lenses, in closed form.
 
 In:  radius (um) or radial spatial frequency (cycles/um), wavelength (um), working f-number of the full circle,
      obstruction.
-Out: transfer function and point spread function; exactly those of the circle where nothing is obstructed.
+Out: transfer function and point spread function; without an obstruction exactly those of the circle.
 Sources: O'Neill, Transfer function for an annular aperture, Journal of the Optical Society of America 46 (1956), 285;
 Born and Wolf, Principles of Optics, section 8.6.2.
 
-The obstruction is the diameter of the dark disc over that of the aperture. The f-number is that of the whole circle:
-the light that the disc takes away, eps^2 of it, belongs to the transmittance or the t-number.
+The obstruction eps is the diameter of the dark disc over that of the aperture. The f-number is that of the whole
+circle: the fraction eps^2 of light blocked by the disc belongs to the transmittance or the T-number.
 """
 
 from math import factorial
@@ -22,7 +22,9 @@ _SEGMENT_SERIES = [(-1) ** k / factorial(2 * k + 3) for k in range(9)]
 
 
 def annular_intensity(r: Floats, wavelength: Floats, f_number: Floats, obstruction: float) -> Floats:
-    """Point spread function relative to its peak, [(a(v) - eps^2 a(eps v)) / (1 - eps^2)]^2 with a(v) = 2 J1(v)/v.
+    """Return the point spread function relative to its peak, [(a(v) - eps^2 a(eps v)) / (1 - eps^2)]^2.
+
+    Here a(v) = 2 J1(v)/v.
 
     Parameters
     ----------
@@ -31,7 +33,7 @@ def annular_intensity(r: Floats, wavelength: Floats, f_number: Floats, obstructi
     wavelength, f_number : float, um and 1
         Above 0.
     obstruction : float, 1
-        From 0 (the Airy pattern) to below 1 (towards J0(v)^2).
+        From 0 (the Airy pattern) to below 1 (approaching J0(v)^2).
 
     Returns
     -------
@@ -41,7 +43,7 @@ def annular_intensity(r: Floats, wavelength: Floats, f_number: Floats, obstructi
     Raises
     ------
     ValueError
-        For a wavelength or an f-number that is not above 0 and an obstruction outside [0, 1).
+        For a wavelength or f-number that is not above 0, or an obstruction outside [0, 1).
 
     Notes
     -----
@@ -57,9 +59,9 @@ def annular_intensity(r: Floats, wavelength: Floats, f_number: Floats, obstructi
 
 
 def annular_psf_density(r: Floats, wavelength: Floats, f_number: Floats, obstruction: float) -> Floats:
-    """Point spread function (um-2) with unit energy over the plane: pi (1 - eps^2)/(4 (lambda N)^2) at its peak.
+    """Return the point spread function (um-2), whose integral over the plane is 1.
 
-    Parameters, errors and exceptions as in `annular_intensity`.
+    Its peak is pi (1 - eps^2)/(4 (lambda N)^2). Parameters, errors and exceptions are those of `annular_intensity`.
     """
     require.must(0.0 <= obstruction < 1.0, "obstruction", obstruction, "at least 0 and below 1")
     peak = np.pi * (1.0 - obstruction) * (1.0 + obstruction) / (4.0 * diffraction.spot(wavelength, f_number) ** 2)
@@ -67,7 +69,7 @@ def annular_psf_density(r: Floats, wavelength: Floats, f_number: Floats, obstruc
 
 
 def annular_otf(frequency: Floats, wavelength: Floats, f_number: Floats, obstruction: float) -> Floats:
-    """Transfer function of a diffraction-limited annular aperture in incoherent light.
+    """Return the transfer function of a diffraction-limited annular aperture in incoherent light.
 
     Parameters
     ----------
@@ -81,21 +83,21 @@ def annular_otf(frequency: Floats, wavelength: Floats, f_number: Floats, obstruc
     Returns
     -------
     (...) array, 1
-        Exactly 1 at zero, exactly 0 at the cut-off 1/(lambda N) and beyond, never negative; for obstruction 0 exactly
-        `diffraction.circular_otf`.
+        Exactly 1 at zero frequency, exactly 0 at the cut-off 1/(lambda N) and beyond, never negative. For obstruction 0
+        exactly `diffraction.circular_otf`.
 
     Raises
     ------
     ValueError
-        As `annular_intensity`.
+        As for `annular_intensity`.
 
     Notes
     -----
-    Source: O'Neill 1956, as areas: the shifted annulus overlaps itself by circle on circle, plus hole on hole, minus
-    twice circle on hole, over pi (1 - eps^2). The last is the lens between two circles, from half angles that keep
-    their digits where the circles touch.
-    Error: 1e-15/(1 - eps^2) absolute (float64; 1e-7/(1 - eps^2) in float32, worked in float64 inside): the difference
-    of the areas.
+    Source: O'Neill 1956, as areas over pi (1 - eps^2): the overlap of the shifted annulus with itself is that of circle
+    on circle, plus hole on hole, minus twice circle on hole. The last area is bounded by two arcs and computed from
+    half angles, which stay accurate where the circles touch.
+    Error: 1e-15/(1 - eps^2) absolute in float64, from the difference of the areas; 1e-7/(1 - eps^2) in float32, which
+    is computed in float64 internally.
     """
     require.must(0.0 <= obstruction < 1.0, "obstruction", obstruction, "at least 0 and below 1")
     if obstruction == 0.0:
@@ -112,24 +114,24 @@ def annular_otf(frequency: Floats, wavelength: Floats, f_number: Floats, obstruc
 
 
 def disc_overlap(distance: Floats, radius: float) -> Floats:
-    """Area that a disc of a radius below 1 shares with the unit disc, in units of pi.
+    """Return the overlap area of the unit disc and a disc of a radius below 1, in units of pi.
 
     Parameters
     ----------
     distance : (...) array, 1
-        Between the centres, 0 or above.
+        Distance between the centres, 0 or above.
     radius : float, 1
         In (0, 1).
 
     Returns
     -------
     (...) array, 1
-        radius^2 while the small disc lies inside, 0 once the two are apart.
+        radius^2 where the small disc lies inside, 0 where the discs do not touch.
 
     Notes
     -----
-    Two circular segments (y - sin y)/2, with sin^2(y/4) from products of differences (Heron), not from the law of
-    cosines.
+    The sum of two circular segments (y - sin y)/2. sin^2(y/4) is computed from products of differences (Heron) rather
+    than from the law of cosines, to avoid cancellation.
     Error: 3e-16 absolute.
     """
     distance = np.asarray(distance, float)
@@ -144,7 +146,7 @@ def disc_overlap(distance: Floats, radius: float) -> Floats:
 
 
 def _segment(y: FloatArray) -> FloatArray:
-    """y - sin y, as a series below 1.04."""
+    """Return y - sin y, as a series below 1.04."""
     near = np.minimum(y, 1.04)
     square = near * near
     return np.where(y < 1.04, near * square * airy.horner(_SEGMENT_SERIES, square), y - np.sin(y))

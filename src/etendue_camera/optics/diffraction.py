@@ -1,13 +1,13 @@
-"""What a perfect lens with a circular aperture does to a point of light.
+"""Image of a point formed by a perfect lens with a circular aperture.
 
 In:  radius (um) or radial spatial frequency (cycles/um), wavelength (um), f-number.
 Out: the Airy pattern, its encircled energy, its transfer function, its energy per pixel, resolution limits.
-Sources: Born and Wolf, Principles of Optics, section 8.5; Goodman, Introduction to Fourier Optics, section
-6.3; seed paper eqs. 3 and 4, of which eq. 3 is misprinted (its argument grows without bound towards the
-centre) and the 2.44 of eq. 4 is kept with all its digits.
+Sources: Born and Wolf, Principles of Optics, section 8.5; Goodman, Introduction to Fourier Optics, section 6.3; seed
+paper eqs. 3 and 4. Eq. 3 is misprinted: its argument grows without bound towards the centre. The 2.44 of eq. 4 is used
+with all its digits.
 
-Throughout v = pi r / (lambda N). N is the working f-number: see `radiometry.working_f_number`. A wavelength or an
-f-number that is not above 0 is a ValueError.
+Throughout, v = pi r / (lambda N), where N is the working f-number (see `radiometry.working_f_number`). A wavelength or
+f-number that is not above 0 raises ValueError.
 """
 
 from math import factorial
@@ -21,13 +21,13 @@ from etendue_camera.optics import airy
 AIRY_DIAMETER = 2.43933978253300891
 """Diameter of the first dark ring in lambda N: twice the first zero of J1 over pi."""
 RAYLEIGH = 1.21966989126650445
-"""Rayleigh's separation in lambda N: one spot on the other's first dark ring."""
+"""Rayleigh separation in lambda N: the peak of one spot lies on the first dark ring of the other."""
 SPARROW = 0.947155252709185545
-"""Sparrow's separation in lambda N: the dip between two spots disappears."""
+"""Sparrow separation in lambda N, at which the dip between two spots disappears."""
 
 
 def airy_intensity(r: Floats, wavelength: Floats, f_number: Floats) -> Floats:
-    """Airy pattern relative to its peak, [2 J1(v)/v]^2.
+    """Return the Airy pattern relative to its peak, [2 J1(v)/v]^2.
 
     Parameters
     ----------
@@ -50,21 +50,20 @@ def airy_intensity(r: Floats, wavelength: Floats, f_number: Floats) -> Floats:
 
     Notes
     -----
-    Error: 1e-15 relative for v < 1, and 1e-15 v times the pattern's envelope 8/(pi v^3) beyond, for v up to
-    1e8: the rounding of v itself, which the argument of any Bessel function carries. Relative error means
-    nothing at a dark ring.
+    Error: 1e-15 relative for v < 1. For larger v, up to 1e8, 1e-15 v times the envelope of the pattern, 8/(pi v^3):
+    this is the rounding of v itself, which any Bessel function inherits. Relative error is meaningless at a dark ring.
     """
     v = _argument(r, wavelength, f_number)
     return airy.pattern(v)
 
 
 def airy_psf_density(r: Floats, wavelength: Floats, f_number: Floats) -> Floats:
-    """Point spread function with unit energy over the plane, pi / (4 (lambda N)^2) [2 J1(v)/v]^2.
+    """Return the point spread function, pi / (4 (lambda N)^2) [2 J1(v)/v]^2, whose integral over the plane is 1.
 
     Parameters
     ----------
     r, wavelength, f_number
-        As in `airy_intensity`, with its errors.
+        As for `airy_intensity`, which also lists the exceptions.
 
     Returns
     -------
@@ -72,7 +71,7 @@ def airy_psf_density(r: Floats, wavelength: Floats, f_number: Floats) -> Floats:
 
     Notes
     -----
-    Error: as `airy_intensity`.
+    Error: as for `airy_intensity`.
     """
     return np.pi / (4.0 * spot(wavelength, f_number) ** 2) * airy_intensity(r, wavelength, f_number)
 
@@ -80,37 +79,38 @@ def airy_psf_density(r: Floats, wavelength: Floats, f_number: Floats) -> Floats:
 def airy_psf_stack(
     y: FloatArray, x: FloatArray, wavelengths: FloatArray, f_number: float, tolerance: float = 0.0
 ) -> FloatArray:
-    """Airy point spread functions on one grid at many wavelengths.
+    """Return Airy point spread functions on one grid for many wavelengths.
 
     Parameters
     ----------
     y : (ny,) array, um
     x : (nx,) array, um
-        Positions from the centre of the spot. Rows and columns that are mirror images to the last bit are computed
-        once: an even grid about the centre, spacing x (i - n // 2), costs an eighth of its samples.
+        Positions relative to the centre of the spot. Rows and columns that are exact mirror images are computed once:
+        on a symmetric grid, spacing x (i - n // 2), only an eighth of the samples are evaluated.
     wavelengths : (bands,) array, um
         Above 0.
     f_number : float, 1
         Working f-number, above 0.
     tolerance : float, 1
-        Largest error relative to the peak. 0: the closed form everywhere; above it a table of the pattern may be used.
+        Largest error relative to the peak. With 0 the closed form is used everywhere; otherwise a table of the pattern
+        may be used.
 
     Returns
     -------
     (bands, ny, nx) array, um-2
-        Unit energy over the plane, as `airy_psf_density`; float32 if y and x are.
+        Integrates to 1 over the plane, as `airy_psf_density`; float32 if y and x are.
 
     Raises
     ------
     ValueError
-        For positions that are not one-dimensional, wavelengths or an f-number not above 0, a negative tolerance.
+        For positions that are not one-dimensional, a wavelength or f-number that is not above 0, or a tolerance outside
+        [0, 1).
 
     Notes
     -----
-    The pattern is a function of v = pi r/(lambda N) alone: one table serves all wavelengths. It holds values and
-    slopes; cubic interpolation between them errs by step^4/384 times the fourth derivative, which is largest at the
-    centre, 5/8.
-    Error: that of `airy_psf_density` with tolerance 0; measured below the tolerance else.
+    The pattern depends only on v = pi r/(lambda N), so one table of values and slopes serves all wavelengths. The error
+    of cubic interpolation is step^4/384 times the fourth derivative, which is largest at the centre, where it is 5/8.
+    Error: that of `airy_psf_density` for tolerance 0; otherwise the measured error is below the tolerance.
     """
     y, x, bands = np.asarray(y), np.asarray(x), np.atleast_1d(np.asarray(wavelengths, float))
     require.that(y.ndim == 1 and x.ndim == 1, f"y has shape {y.shape} and x {x.shape}; both must be one-dimensional")
@@ -139,43 +139,44 @@ def airy_psf_stack(
 
 
 def airy_encircled(r: Floats, wavelength: Floats, f_number: Floats) -> Floats:
-    """Share of the energy inside a circle, 1 - J0(v)^2 - J1(v)^2.
+    """Return the fraction of the energy inside a circle, 1 - J0(v)^2 - J1(v)^2.
 
     Parameters
     ----------
     r, wavelength, f_number
-        As in `airy_intensity`, with its errors.
+        As for `airy_intensity`, which also lists the exceptions.
 
     Returns
     -------
     (...) array, 1
-        In [0, 1], growing with the radius.
+        In [0, 1], increasing with the radius.
 
     Notes
     -----
-    Source: Lord Rayleigh 1881; Born and Wolf section 8.5.2. The printed form is all error for small v
-    (200 % at 1e-9), so below v = 1 its power series is used.
+    Source: Lord Rayleigh 1881; Born and Wolf section 8.5.2. The printed form cancels for small v (error 200 % at 1e-9),
+    so below v = 1 its power series is used.
     Error: below 2e-15 relative for v up to 1e8.
     """
     return airy.encircled(_argument(r, wavelength, f_number))
 
 
 def airy_outside(r: Floats, wavelength: Floats, f_number: Floats) -> Floats:
-    """Share of the energy outside a circle, J0(v)^2 + J1(v)^2: what a kernel cut at that radius loses.
+    """Return the fraction of the energy outside a circle, J0(v)^2 + J1(v)^2: the loss of a kernel truncated at that
+    radius.
 
     Parameters
     ----------
     r, wavelength, f_number
-        As in `airy_intensity`, with its errors.
+        As for `airy_intensity`, which also lists the exceptions.
 
     Returns
     -------
     (...) array, 1
-        In [0, 1], about 2/(pi v) far out.
+        In [0, 1], about 2/(pi v) for large v.
 
     Notes
     -----
-    Source: as `airy_encircled`. Error: below 3e-15 relative for v up to 1e8 (10 m at f/1).
+    Source: as for `airy_encircled`. Error: below 3e-15 relative for v up to 1e8 (10 m at f/1).
     """
     return airy.outside(_argument(r, wavelength, f_number))
 
@@ -185,7 +186,7 @@ _SINE_SERIES = [(-1) ** k / factorial(2 * k + 3) for k in range(8)]
 
 
 def circular_otf(frequency: Floats, wavelength: Floats, f_number: Floats) -> Floats:
-    """Transfer function of a diffraction-limited circular aperture in incoherent light.
+    """Return the transfer function of a diffraction-limited circular aperture in incoherent light.
 
     Parameters
     ----------
@@ -197,7 +198,7 @@ def circular_otf(frequency: Floats, wavelength: Floats, f_number: Floats) -> Flo
     Returns
     -------
     (...) array, 1
-        Falls from exactly 1 at zero to exactly 0 at the cut-off 1/(lambda N) and beyond.
+        Decreases from exactly 1 at zero frequency to exactly 0 at the cut-off 1/(lambda N) and beyond.
 
     Raises
     ------
@@ -206,16 +207,16 @@ def circular_otf(frequency: Floats, wavelength: Floats, f_number: Floats) -> Flo
 
     Notes
     -----
-    Source: Goodman eq. 6-32, (2/pi)(acos nu - nu sqrt(1 - nu^2)) with nu = f lambda N. Near the cut-off the
-    two terms cancel (9e-10 of the value at nu = 1 - 1e-4), so above nu = 0.87 it is (y - sin y)/pi with y = 2
+    Source: Goodman eq. 6-32, (2/pi)(acos nu - nu sqrt(1 - nu^2)) with nu = f lambda N. Near the cut-off the two terms
+    cancel (error 9e-10 of the value at nu = 1 - 1e-4), so above nu = 0.87 it is computed as (y - sin y)/pi with y = 2
     acos nu, as a series.
-    Error: below 2e-15 (float64) and 1e-6 (float32) relative for a given nu; the rounding of nu adds its own,
-    which is 1.5/(1 - nu) times larger near the cut-off.
+    Error: below 2e-15 (float64) and 1e-6 (float32) relative for a given nu. The rounding error of nu comes on top,
+    amplified by 1.5/(1 - nu) near the cut-off.
 
     Examples
     --------
     >>> from etendue_camera.optics.diffraction import circular_otf
-    >>> circular_otf([0.0, 0.25, 0.5], wavelength=0.5, f_number=4.0).round(3).tolist()  # half the cut-off in the middle
+    >>> circular_otf([0.0, 0.25, 0.5], wavelength=0.5, f_number=4.0).round(3).tolist()  # the middle is half the cut-off
     [1.0, 0.391, 0.0]
     """
     nu = np.asarray(np.abs(frequency) * spot(wavelength, f_number))
@@ -226,34 +227,34 @@ def circular_otf(frequency: Floats, wavelength: Floats, f_number: Floats) -> Flo
 
 
 def cutoff_frequency(wavelength: Floats, f_number: Floats) -> Floats:
-    """Frequency (cycles/um) from which a diffraction-limited lens passes nothing, 1/(lambda N)."""
+    """Return the cut-off frequency (cycles/um) of a diffraction-limited lens, 1/(lambda N)."""
     return 1.0 / spot(wavelength, f_number)
 
 
 def airy_diameter(wavelength: Floats, f_number: Floats) -> Floats:
-    """Diameter (um) of the first dark ring, 2.4393... lambda N; seed paper eq. 4 rounds it to 2.44."""
+    """Return the diameter (um) of the first dark ring, 2.4393... lambda N; seed paper eq. 4 rounds it to 2.44."""
     return AIRY_DIAMETER * spot(wavelength, f_number)
 
 
 def rayleigh_separation(wavelength: Floats, f_number: Floats) -> Floats:
-    """Distance (um) of two spots one of which sits on the other's first dark ring, 1.2196... lambda N."""
+    """Return the distance (um) at which one spot lies on the first dark ring of the other, 1.2196... lambda N."""
     return RAYLEIGH * spot(wavelength, f_number)
 
 
 def sparrow_separation(wavelength: Floats, f_number: Floats) -> Floats:
-    """Distance (um) at which the dip between two equal incoherent spots disappears, 0.9471... lambda N."""
+    """Return the distance (um) at which the dip between two equal incoherent spots disappears, 0.9471... lambda N."""
     return SPARROW * spot(wavelength, f_number)
 
 
 def pixel_airy(row: Floats, column: Floats, pitch: float, wavelength: float, f_number: float) -> FloatArray:
-    """Share of an Airy spot's energy that falls on one square pixel, the spot centred on pixel (0, 0).
+    """Return the fraction of the energy of an Airy spot centred on pixel (0, 0) that falls on a square pixel.
 
     Parameters
     ----------
     row, column : (...) array of whole numbers, pixel
-        Which pixel; broadcast against each other.
+        Index of the pixel; broadcast against each other.
     pitch : float, um
-        Side of the pixel, which is sensitive all over; above 0.
+        Side of the pixel, whose whole area is sensitive; above 0.
     wavelength, f_number : float, um and 1
         Above 0.
 
@@ -265,46 +266,46 @@ def pixel_airy(row: Floats, column: Floats, pitch: float, wavelength: float, f_n
     Raises
     ------
     ValueError
-        For row or column that is not whole, and for pitch, wavelength or f-number not above 0.
+        For a row or column that is not a whole number, or a pitch, wavelength or f-number that is not above 0.
 
     Notes
     -----
-    The energy in a sector of angle dphi that ends at radius R is the encircled energy times dphi/(2 pi), so
-    the share is that quantity integrated along the pixel's outline, dphi = d ds / (d^2 + s^2) along an edge
-    at distance d. Far from the centre the energy outside R takes its place (round a closed outline the
-    difference is 1 or 0: whether the centre is inside), which keeps the digits of faint pixels.
-    Gauss-Legendre on every edge, with nodes in proportion to pitch/(lambda N).
-    Error: below 1e-15 absolute, and for pixels wider than a dark ring (pitch/(lambda N) of 1 and above: every camera at
-    f/1) below 1e-14 + 2e-15 x the distance in pixels relative, a rounding of the four edges, which exceed their sum by
-    as much: 2e-14 at 39 pixels, 4e-13 at 1000, 1e-10 at 100 000 (21 pixels against 25 digits, pitch/(lambda N) from 1
-    to 40). Narrower ones the same but on a dark ring, where relative errors mean nothing; 3e-11 for 2e-9 of the energy,
-    from 0.003 on and up to 39 rows and columns away.
+    The energy in a sector of angle dphi that ends at radius R is the encircled energy times dphi/(2 pi). The fraction
+    is that quantity integrated along the outline of the pixel, with dphi = d ds / (d^2 + s^2) along an edge at distance
+    d. Far from the centre the energy outside R is integrated instead, which preserves the digits of faint pixels;
+    around a closed outline the two differ by 1 if the centre is inside and by 0 if not. Each edge is integrated by
+    Gauss-Legendre quadrature with a number of nodes that grows with pitch/(lambda N).
+    Error: below 1e-15 absolute. For pixels wider than a dark ring (pitch/(lambda N) of 1 and above: every camera at
+    f/1), the relative error is below 1e-14 + 2e-15 x the distance in pixels: 2e-14 at 39 pixels, 4e-13 at 1000, 1e-10
+    at 100 000 (21 pixels against 25 digits, pitch/(lambda N) from 1 to 40). It grows with distance because the four
+    edges exceed their sum by as much. Narrower pixels reach the same except on a dark ring, where relative error is
+    meaningless: 3e-11 for 2e-9 of the energy, for pitch/(lambda N) from 0.003 and up to 39 rows and columns away.
     """
     scale = np.pi * pitch / spot(wavelength, f_number)
     require.positive("pitch", pitch, " um")
     row, column = np.broadcast_arrays(np.abs(np.asarray(row, float)), np.abs(np.asarray(column, float)))
     if not (np.all(row == np.rint(row)) and np.all(column == np.rint(column))):
         raise ValueError(f"row is {row} and column is {column}; they must be whole numbers of pixels")
-    # eight pixels share a value; the far one of row and column comes first
+    # eight pixels share a value by symmetry: sort row and column so that the larger comes first
     pairs = np.stack([np.maximum(row, column).ravel(), np.minimum(row, column).ravel()])
     distinct, back = np.unique(pairs, axis=1, return_inverse=True)
     return _pixel_energy(distinct[0], distinct[1], scale)[back].reshape(row.shape)[()]
 
 
 def two_point_saddle(separation: Floats) -> tuple[Floats, Floats]:
-    """How deep the dip is between two equal incoherent Airy spots.
+    """Return the depth of the dip between two equal incoherent Airy spots, and where their peaks lie.
 
     Parameters
     ----------
     separation : (...) array, lambda/NA
-        Distance of the two spots, 0 or above. lambda/NA is 2 lambda N.
+        Distance between the spots, 0 or above. lambda/NA is 2 lambda N.
 
     Returns
     -------
     ratio : (...) array, 1
-        Brightness midway over the brightness of a peak; exactly 1 where the two have merged.
+        Brightness midway between the spots over that of a peak; exactly 1 where they have merged.
     offset : (...) array, lambda/NA
-        Distance of a peak from the midpoint, exactly 0 where the two have merged.
+        Distance of a peak from the midpoint; exactly 0 where they have merged.
 
     Raises
     ------
@@ -313,16 +314,16 @@ def two_point_saddle(separation: Floats) -> tuple[Floats, Floats]:
 
     Notes
     -----
-    Source: seed paper figure 2; the merging point is Sparrow's, 0.4735776 lambda/NA. The peak
-    is where 8 J1 J2 / v^2 of one spot balances that of the other, by bisection to the last bit.
-    Error: below 1e-15 for the ratio; for the offset 1e-15 times its sensitivity to the separation s, which is
-    s / (2 (s - Sparrow's)) close to Sparrow's separation.
+    Source: seed paper figure 2. The spots merge at the Sparrow separation, 0.4735776 lambda/NA. The peak is where the
+    slopes 8 J1 J2 / v^2 of the two spots cancel, found by bisection to the last bit.
+    Error: below 1e-15 for the ratio. For the offset, 1e-15 times its sensitivity to the separation s, which is s / (2
+    (s - s0)) close to the Sparrow separation s0.
     """
     separation = np.asarray(separation, float)
     require.must(separation >= 0.0, "separation", separation, "0 or above")
     half = np.pi * separation
     merged = 2.0 * separation <= SPARROW
-    # one sign change of the slope between the bounds: at most 1 inwards of a spot once the two stand apart
+    # the slope changes sign once between the bounds: the peak of a resolved spot lies at most 1 inside its centre
     low = np.where(half > 1.9, half - 1.0, 0.0)
     high = half + 0.5
     for _ in range(64):
@@ -335,7 +336,7 @@ def two_point_saddle(separation: Floats) -> tuple[Floats, Floats]:
 
 
 def spot(wavelength: Floats, f_number: Floats) -> Floats:
-    """lambda N in um, a plain float where it is a scalar so that float32 arrays stay float32."""
+    """Return lambda N in um; a plain float where it is a scalar, so that float32 arrays stay float32."""
     require.positive("wavelength", wavelength, " um")
     require.positive("f_number", f_number)
     product = np.asarray(wavelength) * f_number
@@ -347,7 +348,7 @@ def _argument(r: Floats, wavelength: Floats, f_number: Floats) -> Floats:
 
 
 def _pixel_energy(row: FloatArray, column: FloatArray, scale: float) -> FloatArray:
-    """`pixel_airy` for one row of pixels, scale being v per pixel."""
+    """Compute `pixel_airy` for a one-dimensional array of pixels; ``scale`` is v per pixel."""
     nodes, weights = np.polynomial.legendre.leggauss(32 + int(np.ceil(1.5 * scale)))
     near = scale * np.hypot(row + 0.5, column + 0.5) < 1.5
     total = np.zeros(row.shape)
@@ -359,13 +360,13 @@ def _pixel_energy(row: FloatArray, column: FloatArray, scale: float) -> FloatArr
                 v = scale * radius
                 energy = np.where(near, airy.encircled(v), -airy.outside(v))
                 total += weight * np.copysign(1.0, side) * energy * distance / radius**2
-    # half the node spacing over the full turn; the centre pixel holds everything that is not outside
+    # half the node spacing over a full turn; for the centre pixel the integral is minus the energy outside it
     inside = (row == 0.0) & (column == 0.0) & ~near
     return inside + total / (4.0 * np.pi)
 
 
 def _otf(nu: FloatArray) -> FloatArray:
-    """Inside the cut-off only, (n,): in blocks that stay in a core's cache, the series only where it is needed."""
+    """Compute the transfer function of (n,) values of nu below 1, in blocks that fit in the cache of a core."""
     out = np.empty_like(nu)
     for start in range(0, nu.size, _BLOCK):
         block = nu[start : start + _BLOCK]
@@ -374,7 +375,7 @@ def _otf(nu: FloatArray) -> FloatArray:
         near = angle < 0.5
         y = 2.0 * angle[near]
         square = y * y
-        # (y - sin y)/pi; the terms left out are below 1e-17 of it for y < 1.04
+        # (y - sin y)/pi; the omitted terms are below 1e-17 of it for y < 1.04
         found[near] = y * square * airy.horner(_SINE_SERIES, square) / np.pi
         found[block == 0.0] = 1.0
         out[start : start + _BLOCK] = found

@@ -1,12 +1,12 @@
-"""Veiling glare: the share of the light that a lens scatters far from where it belongs.
+"""Veiling glare: the fraction of the light that a lens scatters far from its image point.
 
-In:  spatial frequencies (cycles/um), shares of the light (1), the width (um) and power of the tail.
+In:  spatial frequencies (cycles/um), fractions of the light (1), the width (um) and power of the tail.
 Out: transfer functions, real, 1 at zero frequency, never negative.
 Sources: Hankel transform of (1 + (r/r0)^2)^(-p/2) (Gradshteyn and Ryzhik 6.565.4); veiling glare index after ISO 9358.
 
-Two parts. A tail spreads light around every point, less with distance: scatter by surfaces and dust. A veil spreads
-light evenly over all of the frame: many reflections between surfaces. Both keep the light: what a point loses, its
-surroundings get.
+Glare has two parts. A tail, from scatter by surfaces and dust, spreads light around every point and decreases with
+distance. A veil, from multiple reflections between surfaces, spreads light uniformly over the frame. Both conserve
+light: what a point loses, its surroundings receive.
 """
 
 from math import gamma
@@ -19,7 +19,7 @@ from etendue_camera.arrays import FloatArray, Floats
 
 
 def tail_psf(radius: Floats, r0: float, power: float = 3.0) -> Floats:
-    """Light per area of the tail, (p - 2)/(2 pi r0^2) (1 + (r/r0)^2)^(-p/2); its integral over the plane is 1.
+    """Return the PSF of the tail, (p - 2)/(2 pi r0^2) (1 + (r/r0)^2)^(-p/2), whose integral over the plane is 1.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def tail_psf(radius: Floats, r0: float, power: float = 3.0) -> Floats:
     r0 : float, um
         Width of the core of the tail, above 0.
     power : float, 1
-        Power at which it falls far out, above 2: a tail of power 2 has no end.
+        Exponent p of the decay, above 2: for a power of 2 the integral diverges.
 
     Returns
     -------
@@ -43,13 +43,13 @@ def tail_psf(radius: Floats, r0: float, power: float = 3.0) -> Floats:
 
 
 def tail_within(radius: Floats, r0: float, power: float = 3.0) -> Floats:
-    """Share of the tail's light inside a radius, 1 - (1 + (r/r0)^2)^(1 - p/2).
+    """Return the fraction of the tail's light inside a radius, 1 - (1 + (r/r0)^2)^(1 - p/2).
 
     Parameters
     ----------
     radius, r0 : um
     power : float, 1
-        As in `tail_psf`, with its errors.
+        As for `tail_psf`, which also lists the exceptions.
 
     Notes
     -----
@@ -60,24 +60,24 @@ def tail_within(radius: Floats, r0: float, power: float = 3.0) -> Floats:
 
 
 def tail_otf(frequency: Floats, r0: float, power: float = 3.0) -> Floats:
-    """Transfer function of the tail.
+    """Return the transfer function of the tail.
 
     Parameters
     ----------
     frequency : (...) array, cycles/um
-        Radial.
+        Radial frequency.
     r0, power : float
-        As in `tail_psf`, with its errors.
+        As for `tail_psf`, which also lists the exceptions.
 
     Returns
     -------
     (...) array, 1
-        In [0, 1], exactly 1 at zero, falling.
+        In [0, 1], exactly 1 at zero frequency, decreasing.
 
     Notes
     -----
-    Source: 2^(1 - n)/Gamma(n) x^n K_n(x) with x = 2 pi r0 f and n = p/2 - 1. Closed forms where they exist: exp(-x) for
-    p = 3, (1 + x) exp(-x) for p = 5.
+    Source: 2^(1 - n)/Gamma(n) x^n K_n(x) with x = 2 pi r0 f and n = p/2 - 1. Closed forms are used where they exist:
+    exp(-x) for p = 3, (1 + x) exp(-x) for p = 5.
     Error: below 1e-14 absolute for powers from 2.01 to 10 (1500 random cases against 50 digits).
     """
     _check(r0, power)
@@ -87,37 +87,37 @@ def tail_otf(frequency: Floats, r0: float, power: float = 3.0) -> Floats:
     if power == 5.0:
         return (1.0 + x) * np.exp(-x)
     order = 0.5 * power - 1.0
-    safe = np.clip(x, 1e-30, 700.0)  # K overflows below, and is nothing above
+    safe = np.clip(x, 1e-30, 700.0)  # K overflows below this range, and is 0 above
     value = 2.0 ** (1.0 - order) / gamma(order) * safe**order * scipy.special.kv(order, safe)
     value = np.where(x == 0, 1.0, np.where(x > 700.0, 0.0, np.minimum(value, 1.0)))
     return value.astype(np.result_type(x, np.float32), copy=False)[()]
 
 
 def glare_otf(radial: FloatArray, fraction: float, veil: float, r0: float, power: float = 3.0) -> FloatArray:
-    """Transfer function of a lens that scatters: what stays, the tail, and at zero frequency the veil.
+    """Return the transfer function of a lens with glare: unscattered light, the tail, and the veil at zero frequency.
 
     Parameters
     ----------
     radial : (...) array, cycles/um
     fraction, veil : float, 1
-        Shares of the light in the tail and in the veil; 0 or above, together at most 1.
+        Fractions of the light in the tail and in the veil; 0 or above, with a sum of at most 1.
     r0, power : float
-        Of the tail, as in `tail_psf`.
+        Parameters of the tail, as for `tail_psf`.
 
     Returns
     -------
     (...) array, 1
-        (1 - fraction - veil) + fraction T(f), and exactly 1 at zero.
+        (1 - fraction - veil) + fraction T(f), and exactly 1 at zero frequency.
 
     Raises
     ------
     ValueError
-        For shares out of range.
+        For fractions out of range.
 
     Notes
     -----
-    The veil is the mean of the frame, which is the frame's component at frequency zero and at no other: on sampled
-    planes it is a transfer function, exactly. Contrast falls to 1 - veil at the lowest frequency there is.
+    The veil is the mean of the frame, which contributes at frequency zero only. On sampled planes it is therefore
+    exactly a transfer function. Contrast falls to 1 - veil at the lowest non-zero frequency.
     """
     require.that(
         fraction >= 0 and veil >= 0 and fraction + veil <= 1,

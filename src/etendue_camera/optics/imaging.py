@@ -1,13 +1,12 @@
-"""From the pupil to the image of a point: spread function and transfer function of an aberrated lens.
+"""From the pupil to the image of a point: point spread function and transfer function of an aberrated lens.
 
-In:  share of each pupil cell that is open (1), optical path over the pupil (um), wavelength (um), working f-number.
+In:  open fraction of each pupil cell (1), optical path over the pupil (um), wavelength (um), working f-number.
 Out: point spread function (um-2) at any positions (um); transfer function at any frequencies (cycles/um).
 Sources: Goodman, Introduction to Fourier Optics, sections 6.3-6.4; Hopkins, Proceedings of the Royal Society A 231
 (1955), 91, and Stokseth, JOSA 59 (1969), 1314, for defocus; matrix Fourier transforms after Soummer, Optics Express 15
 (2007), 15935.
 
-The sensor sees the pupil in units of lambda N_w: a cell of width c pupil radii adds a wave of frequency c/(2 lambda
-N_w).
+Image coordinates scale with lambda N_w: a pupil cell at c pupil radii contributes a wave of frequency c/(2 lambda N_w).
 """
 
 from collections.abc import Callable
@@ -23,7 +22,7 @@ from etendue_camera.optics.pupil import cell_centres, lagrange_weights
 
 ComplexArray = NDArray[np.complexfloating]
 
-_POINTS = 6  # of the polynomial between lattice shifts
+_POINTS = 6  # lattice shifts per interpolating polynomial
 _BLOCK = 2**18  # elements of a block of Gauss points, 2 MB
 
 
@@ -36,38 +35,39 @@ def pupil_psf(
     x: FloatArray,
     reach: float = 1.0,
 ) -> FloatArray:
-    """Point spread function of a sampled pupil at any rows and columns.
+    """Return the point spread function of a sampled pupil at any rows and columns.
 
     Parameters
     ----------
     amplitude : (n, n) array, 1
-        Share of each cell that is open (`pupil.amplitude`).
+        Open fraction of each cell (`pupil.amplitude`).
     path : (n, n) array, um
-        Optical path at the cells' centres; None: no aberrations.
+        Optical path at the cell centres; None for no aberrations.
     wavelength, f_number : float, um and 1
-        Above 0; the working f-number.
+        Above 0; f_number is the working f-number.
     y, x : (ny,) and (nx,) arrays, um
-        Positions from the image of the chief ray.
+        Positions relative to the chief-ray image point.
     reach : float, 1
-        Half the side of the square of cells, in pupil radii.
+        Half the side of the square covered by the cells, in pupil radii.
 
     Returns
     -------
     (ny, nx) array, um-2
-        Unit energy over the plane.
+        Integrates to 1 over the plane.
 
     Raises
     ------
     ValueError
-        For arrays that do not fit, wavelength or f-number not above 0, positions beyond lambda N_w n/(2 reach): there
-        the samples repeat themselves.
+        For arrays whose shapes do not match, a wavelength or f-number that is not above 0, or positions beyond lambda
+        N_w n/(2 reach), where the sampled pupil aliases.
 
     Notes
     -----
-    Two matrix products (a matrix Fourier transform), with frequencies of the pupil in proportion to lambda N_w: no grid
-    of positions is imposed. Where the pupil is its own mirror image the sums are folded into cosines of half the size.
-    Error: clear circle at f/2.8 against the Airy pattern over 512 x 512 samples of 0.5 um, 128, 256 and 512 cells:
-    5e-5, 1.2e-5 and 3e-6 of the peak, falling like n^-2; with cells in or out 2e-3, 6e-4 and 3e-4.
+    Computed by two matrix products (a matrix Fourier transform), so that the positions are free. Where the pupil is its
+    own mirror image, the sums are folded into cosines of half the size.
+    Error: for a clear circle at f/2.8 against the Airy pattern over 512 x 512 samples of 0.5 um, 5e-5, 1.2e-5 and 3e-6
+    of the peak with 128, 256 and 512 cells, decreasing as n^-2. Cells that are either open or closed would give 2e-3,
+    6e-4 and 3e-4.
     """
     scale = 2.0 * spot(wavelength, f_number)
     require.that(
@@ -80,8 +80,8 @@ def pupil_psf(
     farthest = max(np.abs(np.asarray(y)).max(initial=0.0), np.abs(np.asarray(x)).max(initial=0.0))
     if not farthest <= 0.25 * scale * samples / reach:
         raise ValueError(
-            f"positions reach {farthest:g} um, but {samples} samples of the pupil carry "
-            f"{0.25 * scale * samples / reach:g} um; use more"
+            f"positions reach {farthest:g} um, but {samples} samples of the pupil cover only "
+            f"{0.25 * scale * samples / reach:g} um; use more samples"
         )
     pupil = amplitude if path is None else amplitude * np.exp(2j * np.pi / wavelength * path)
     centres = cell_centres(samples, reach) / scale
@@ -94,12 +94,12 @@ def pupil_psf(
 
 
 def pupil_lattice(amplitude: FloatArray, path: FloatArray, wavelength: float) -> ComplexArray:
-    """What aberrations change in the transfer function, at shifts of the pupil by whole cells.
+    """Return the change of the transfer function due to aberrations, at pupil shifts by whole cells.
 
     Parameters
     ----------
     amplitude : (n, n) array, 1
-        Share of each cell that is open.
+        Open fraction of each cell.
     path : (n, n) array, um
     wavelength : float, um
         Above 0.
@@ -107,19 +107,20 @@ def pupil_lattice(amplitude: FloatArray, path: FloatArray, wavelength: float) ->
     Returns
     -------
     (2n + 5, 2n + 5) complex array, 1
-        Transfer function with aberrations minus that without; no shift in the middle, exactly 0 there; the outermost
-        three rows and columns lie at or beyond the cut-off and are 0.
+        Transfer function with aberrations minus that without. Zero shift is in the middle, where the value is exactly
+        0. The outermost three rows and columns lie at or beyond the cut-off and are 0.
 
     Raises
     ------
     ValueError
-        For arrays that do not fit, a wavelength that is not above 0 and a pupil that lets nothing through.
+        For arrays whose shapes do not match, a wavelength that is not above 0, or a pupil that is closed everywhere.
 
     Notes
     -----
-    Source: the transfer function is the pupil's autocorrelation over its area (Goodman eq. 6-28), by two fast
-    transforms. The difference is kept because what is wrong with a sampled pupil is wrong with both: the corner of the
-    transfer function at zero frequency, where cells overlap themselves, and the weights of the edge cancel.
+    Source: the transfer function is the autocorrelation of the pupil over its area (Goodman eq. 6-28), computed by two
+    fast Fourier transforms. The difference is returned because both terms share the errors of a sampled pupil, which
+    cancel: the cusp of the transfer function at zero frequency, where cells overlap themselves, and the weights of the
+    edge cells.
     """
     require.that(
         amplitude.ndim == 2 and amplitude.shape[0] == amplitude.shape[1] and path.shape == amplitude.shape,
@@ -140,7 +141,7 @@ def pupil_lattice(amplitude: FloatArray, path: FloatArray, wavelength: float) ->
 def from_lattice(
     lattice: ComplexArray, fy: FloatArray, fx: FloatArray, wavelength: float, f_number: float, reach: float = 1.0
 ) -> ComplexArray:
-    """The change of the transfer function at rows and columns of frequencies, from `pupil_lattice`.
+    """Interpolate the change of the transfer function from `pupil_lattice` at rows and columns of frequencies.
 
     Parameters
     ----------
@@ -148,7 +149,7 @@ def from_lattice(
     fy, fx : (ny,) and (nx,) arrays, cycles/um
     wavelength, f_number : float, um and 1
     reach : float, 1
-        Half the side of the square of cells, in pupil radii.
+        Half the side of the square covered by the cells, in pupil radii.
 
     Returns
     -------
@@ -157,7 +158,7 @@ def from_lattice(
 
     Notes
     -----
-    Polynomials through six lattice shifts along either axis, as two sparse matrix products.
+    Interpolates with polynomials through six lattice shifts along each axis, as two sparse matrix products.
     """
     samples = (lattice.shape[0] - 5) // 2
     scale = spot(wavelength, f_number) * samples / reach  # lattice steps per cycle/um
@@ -168,35 +169,35 @@ def from_lattice(
 def radial_changes(
     amplitude: FloatArray, path: Callable[[FloatArray], FloatArray], wavelengths: FloatArray
 ) -> FloatArray:
-    """What round aberrations change in the transfer function of a round pupil, at shifts by whole cells.
+    """Return the change of the transfer function due to rotationally symmetric aberrations, at shifts by whole cells.
 
     Parameters
     ----------
     amplitude : (n, n) array, 1
-        Share of each cell that is open, over the square around the unit circle.
+        Open fraction of each cell of the square around the unit circle; a circle or an annulus.
     path : callable
-        Optical path (um) of the squared distance from the pupil's centre.
+        Optical path (um) as a function of the squared distance from the centre of the pupil.
     wavelengths : (bands,) array, um
 
     Returns
     -------
     (bands, n + 1) array, 1
-        At nu = 0, 1/n, ... 1 in units of 1/(lambda N_w); real, exactly 0 at both ends. See `from_radial`.
+        At nu = 0, 1/n, ... 1 in units of 1/(lambda N_w); real, exactly 0 at both ends. Interpolate with `from_radial`.
 
     Raises
     ------
     ValueError
-        As `pupil_lattice`.
+        As for `pupil_lattice`.
 
     Notes
     -----
-    As `pupil_lattice`, along one axis: every row of cells is correlated with itself, so n^2 log n operations suffice.
+    Method of `pupil_lattice` along one axis: each row of cells is correlated with itself, in n^2 log n operations.
     """
     samples = amplitude.shape[0]
     total = _area(amplitude, wavelengths)
     half = samples // 2
     centres = cell_centres(samples)
-    weights = np.where(centres[half:] == 0.0, 1.0, 2.0)  # rows below are those above
+    weights = np.where(centres[half:] == 0.0, 1.0, 2.0)  # the lower half equals the upper
     changes = np.zeros((len(wavelengths), samples + 1))
     block = max(1, 2**19 // samples)
     for start in range(half, samples, block):
@@ -214,7 +215,7 @@ def radial_changes(
 
 
 def from_radial(nodes: FloatArray, values: FloatArray, nu: FloatArray) -> FloatArray:
-    """Values at growing nodes from 0 to 1, at |frequency| lambda N_w: a cubic spline; 0 beyond the cut-off."""
+    """Interpolate values at ascending nodes from 0 to 1 by a cubic spline at nu = |frequency| lambda N_w; 0 beyond."""
     return np.where(nu < 1.0, scipy.interpolate.CubicSpline(nodes, values)(np.minimum(nu, 1.0)), 0.0)
 
 
@@ -225,20 +226,20 @@ def radial_otf(
     obstruction: float = 0.0,
     nodes: int = 48,
 ) -> FloatArray:
-    """Transfer function of a round pupil with round aberrations, to rounding.
+    """Return the transfer function of a circle or annulus with rotationally symmetric aberrations, exact to rounding.
 
     Parameters
     ----------
     nu : (...) array, 1
         Frequency in units of the cut-off 1/(lambda N_w), 0 or above.
     path : callable
-        Optical path (um) of the squared distance from the pupil's centre, smooth over the unit disc.
+        Optical path (um) as a function of the squared distance from the centre of the pupil, smooth over the unit disc.
     wavelength : float, um
         Above 0.
     obstruction : float, 1
         From 0 to below 1.
     nodes : int
-        Of either Gauss rule: at least 20 plus 7 for each wave of path per pupil radius.
+        Number of nodes of each Gauss rule; give at least 20 plus 7 per wave of path per pupil radius.
 
     Returns
     -------
@@ -248,14 +249,14 @@ def radial_otf(
     Raises
     ------
     ValueError
-        For a wavelength or nodes not above 0, or an obstruction outside [0, 1).
+        For a wavelength that is not above 0, fewer than 1 node, or an obstruction outside [0, 1).
 
     Notes
     -----
-    Source: Hopkins 1955, the integral of cos(2 pi (W(u + nu) - W(u - nu))/lambda) over the area that the shifted pupils
-    share: disc on disc, plus hole on hole, minus twice disc on hole. Each area is two circular segments, on which
-    x = R cos(p), y = R sin(p) t makes the integrand smooth and Gauss's rule exponentially exact.
-    Error: 1e-13/(1 - eps^2) absolute (up to three waves of defocus, 48 nodes).
+    Source: Hopkins 1955, the integral of cos(2 pi (W(u + nu) - W(u - nu))/lambda) over the overlap of the shifted
+    pupils: disc on disc, plus hole on hole, minus twice disc on hole. Each overlap consists of two circular segments.
+    On them x = R cos(p), y = R sin(p) t makes the integrand smooth, so that the Gauss rule converges exponentially.
+    Error: 1e-13/(1 - eps^2) absolute for obstruction eps (up to three waves of defocus, 48 nodes).
     """
     require.positive("wavelength", wavelength, " um")
     require.must(0.0 <= obstruction < 1.0, "obstruction", obstruction, "at least 0 and below 1")
@@ -271,10 +272,10 @@ def radial_otf(
 
 
 def radial_nodes(obstruction: float, count: int) -> FloatArray:
-    """Frequencies (in cut-offs) from 0 to 1 at which to tabulate a radial transfer function: ``count`` to a smooth
-    piece.
+    """Return frequencies (in cut-offs) from 0 to 1 at which to tabulate a radial transfer function, ``count`` per
+    smooth piece.
 
-    They crowd where one piece meets the next: where the shifted hole touches the aperture or itself, and at both ends.
+    They cluster where two pieces meet: where the shifted hole touches the aperture or itself, and at both ends.
     """
     joints = np.unique(
         [0.0, 1.0, *(v for v in (0.5 * (1 - obstruction), obstruction, 0.5 * (1 + obstruction)) if obstruction)]
@@ -284,21 +285,21 @@ def radial_nodes(obstruction: float, count: int) -> FloatArray:
 
 
 def steepest_slope(path: FloatArray, amplitude: FloatArray, reach: float = 1.0) -> float:
-    """Steepest slope of an optical path along either axis of the open pupil.
+    """Return the steepest slope of an optical path along either axis of the open pupil.
 
     Parameters
     ----------
     path : (n, n) array, um
     amplitude : (n, n) array, 1
-        Share of each cell that is open.
+        Open fraction of each cell.
     reach : float, 1
-        Half the side of the square of cells, in pupil radii.
+        Half the side of the square covered by the cells, in pupil radii.
 
     Returns
     -------
     float, um per pupil radius
-        From differences of neighbouring open cells. Eight cells across the pupil for each wave of it keep the steps of
-        what is correlated below half a wave.
+        From differences of neighbouring open cells. Use at least eight cells across the pupil per wave of slope: steps
+        of the correlated phase then stay below half a wave.
     """
     open_ = amplitude > 0.0
     both = (open_[1:] & open_[:-1], open_[:, 1:] & open_[:, :-1])
@@ -307,8 +308,9 @@ def steepest_slope(path: FloatArray, amplitude: FloatArray, reach: float = 1.0) 
 
 
 def _waves(position: FloatArray, centres: FloatArray, even: bool) -> tuple[Array, slice]:
-    """Waves of the cells at the positions, and the cells they belong to: cosines of one half where the pupil is
-    even.
+    """Return the waves of the cells at the positions, and the slice of cells they belong to.
+
+    For an even pupil these are cosines of one half of the cells.
     """
     position, samples = np.asarray(position, float).ravel(), centres.size
     if not even:
@@ -325,7 +327,7 @@ def _area(amplitude: FloatArray, wavelength: Floats) -> float:
 
 
 def _between(place: FloatArray, samples: int) -> scipy.sparse.csr_array:
-    """Sparse matrix from a lattice of 2 samples + 5 steps, 0 in the middle, to places between them."""
+    """Return the sparse matrix that interpolates a lattice of 2 samples + 5 steps, 0 in the middle, at any places."""
     size = 2 * samples + 5
     t = place + (samples + 2)
     first = np.clip(np.floor(t).astype(np.intp) - (_POINTS // 2 - 1), 0, size - _POINTS)
@@ -336,7 +338,7 @@ def _between(place: FloatArray, samples: int) -> scipy.sparse.csr_array:
 
 
 def _power(rows: FloatArray, weights: FloatArray) -> FloatArray:
-    """Power spectrum of rows, padded to twice their length, summed with weights."""
+    """Return the power spectrum of rows, padded to twice their length, summed with weights."""
     wave = scipy.fft.fft(rows, 2 * rows.shape[1], axis=1, workers=1)
     return weights @ (wave.real**2 + wave.imag**2)
 
@@ -344,8 +346,9 @@ def _power(rows: FloatArray, weights: FloatArray) -> FloatArray:
 def _segment_integral(
     own: float, other: float, shift: FloatArray, path: Callable[[FloatArray], FloatArray], wavelength: float, nodes: int
 ) -> FloatArray:
-    """Over the part of a disc of radius ``own`` beyond the common chord with another at distance 2 shift; half of
-    both segments.
+    """Integrate over the segment of a disc of radius ``own`` beyond its common chord with another at distance 2 shift.
+
+    Returns half of the sum over both segments.
     """
     points, weights = np.polynomial.legendre.leggauss(nodes)
     t, wt = 0.5 * (1.0 + points), 0.5 * weights

@@ -1,10 +1,10 @@
-"""Transfer functions of real lenses: a Gaussian blur, a radial table, a measured picture of a point.
+"""Transfer functions of real lenses: a Gaussian blur, a radial PSF table, a measured image of a point.
 
 In:  spatial frequencies (cycles/um); blur widths, radii and sample spacings (um); the point spread function.
-Out: transfer functions, 1 at zero frequency: real where the blur is symmetric, complex for a picture.
+Out: transfer functions, 1 at zero frequency: real where the blur is symmetric, complex for an image.
 Sources: the Fourier and Hankel transforms (Goodman, Introduction to Fourier Optics, sections 2.1 and 2.3).
-The seed paper's PSF_lens (eq. 1) comes from an optical design program; a table or a picture is what such a
-program, or a measurement, hands over.
+PSF_lens of the seed paper (eq. 1) comes from an optical design program. Such programs, and measurements, export a table
+or an image.
 """
 
 from math import log, pi, sqrt
@@ -20,18 +20,18 @@ from etendue_camera.arrays import FloatArray, Floats
 FWHM_OF_SIGMA = 2.0 * sqrt(2.0 * log(2.0))
 """Full width at half maximum of a Gaussian of standard deviation 1."""
 
-_BLOCK = 2**20  # elements of a frequency x radius block, 8 MB
+_BLOCK = 2**20  # elements of a block of frequencies x radii, 8 MB
 
 
 def gaussian_otf(fy: FloatArray, fx: FloatArray, sigma: float) -> FloatArray:
-    """Transfer function of a round Gaussian blur, exp(-2 pi^2 sigma^2 (fy^2 + fx^2)).
+    """Return the transfer function of a round Gaussian blur, exp(-2 pi^2 sigma^2 (fy^2 + fx^2)).
 
     Parameters
     ----------
     fy, fx : arrays that broadcast, cycles/um
-        (ny, 1) and (1, nx) cost ny + nx exponentials.
+        Shapes (ny, 1) and (1, nx) need only ny + nx exponentials.
     sigma : float, um
-        Standard deviation along either axis, 0 or above.
+        Standard deviation along each axis, 0 or above.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def gaussian_otf(fy: FloatArray, fx: FloatArray, sigma: float) -> FloatArray:
 
 
 def gaussian_sigma_from_fwhm(fwhm: Floats) -> Floats:
-    """Standard deviation of the Gaussian with a given full width at half maximum, in the same unit.
+    """Return the standard deviation of the Gaussian with a given full width at half maximum, in the same unit.
 
     Raises
     ------
@@ -65,19 +65,19 @@ def gaussian_sigma_from_fwhm(fwhm: Floats) -> Floats:
 
 
 def mean_square_radius(radius: FloatArray, psf: FloatArray) -> float:
-    """Mean of the squared radius of a round point spread function, um^2, of the size of its values where some are
-    negative.
+    """Return the mean squared radius (um^2) of a round point spread function, weighted by the absolute values.
 
     Parameters
     ----------
     radius : (n,) array, um
     psf : (n,) array, any unit per area
-        As in `radial_psf_otf`.
+        As for `radial_psf_otf`.
 
     Notes
     -----
-    2 pi^2 times it bounds the second derivative of the transfer function by frequency, as J0 bends by 1/2 at most.
-    Between radii both are polynomials, for which four points of Gauss's rule are exact.
+    2 pi^2 times the result bounds the second derivative of the transfer function with respect to frequency, because the
+    second derivative of J0 is at most 1/2. Between radii the integrands are polynomials, for which four Gauss points
+    are exact.
     """
     nodes, weights = scipy.special.roots_legendre(4)
     half = 0.5 * np.diff(radius)[:, None]
@@ -88,16 +88,16 @@ def mean_square_radius(radius: FloatArray, psf: FloatArray) -> float:
 
 
 def radial_psf_otf(frequency: Floats, radius: FloatArray, psf: FloatArray) -> Floats:
-    """Transfer function of a round point spread function given as a table.
+    """Return the transfer function of a round point spread function given as a table.
 
     Parameters
     ----------
     frequency : (...) array, cycles/um
         Radial spatial frequency; the sign does not matter.
     radius : (n,) array, um
-        From 0, growing, at least two; they need not be evenly spaced.
+        At least two values, ascending from 0; they need not be evenly spaced.
     psf : (n,) array, any unit per area
-        Linear between the radii, zero beyond the last. Its scale cancels.
+        Interpolated linearly between the radii, zero beyond the last. Its scale cancels.
 
     Returns
     -------
@@ -107,16 +107,16 @@ def radial_psf_otf(frequency: Floats, radius: FloatArray, psf: FloatArray) -> Fl
     Raises
     ------
     ValueError
-        For radii that do not start at 0 or do not grow, for lengths that differ, for values that are not
-        finite and for a total energy that is not above 0.
+        For radii that do not start at 0 or do not ascend, lengths that differ, values that are not finite, or a total
+        energy that is not above 0.
 
     Notes
     -----
-    Source: Hankel transform of order zero, the integral of psf J0(2 pi f r) r dr over that of psf r dr. Each
-    piece of the table takes as many Gauss points as its phase asks for. Many frequencies (a grid) are
-    interpolated from a Chebyshev series in f, which converges to rounding because the table ends.
-    Error: below 3e-15 absolute for the piecewise linear function, for up to 100 cycles over the table. The
-    table itself errs by its spacing squared times the second derivative of the true function, over 8.
+    Source: Hankel transform of order zero, the integral of psf J0(2 pi f r) r dr over that of psf r dr. The number of
+    Gauss points per piece of the table grows with the phase. Many frequencies (a grid) are interpolated from a
+    Chebyshev series in f, which converges to rounding because the table has a finite extent.
+    Error: below 3e-15 absolute for the piecewise linear function, for up to 100 cycles over the table. The table itself
+    deviates from the true function by up to its spacing squared times the second derivative, over 8.
     """
     frequency = np.asarray(frequency)
     if not np.issubdtype(frequency.dtype, np.floating):
@@ -124,7 +124,7 @@ def radial_psf_otf(frequency: Floats, radius: FloatArray, psf: FloatArray) -> Fl
     nodes, weights = _table_quadrature(radius, psf, float(np.max(np.abs(frequency), initial=0.0)))
     flat = np.abs(frequency).ravel().astype(float)
     highest = flat.max(initial=0.0)
-    # an entire function of exponential type 2 pi R: degree pi R f_max, and a margin for the last digits
+    # an entire function of exponential type 2 pi R needs degree pi R f_max, plus a margin for the last digits
     degree = int(np.ceil(np.pi * nodes[-1] * highest)) + 40
     if flat.size <= 2 * degree:
         values = _hankel(flat, nodes, weights)
@@ -145,20 +145,20 @@ def psf_image_otf(
     spacing: float,
     centre: Literal["sample", "centroid"] = "sample",
 ) -> NDArray[np.complexfloating]:
-    """Transfer function of a picture of a point, at any frequencies that form a grid.
+    """Return the transfer function of an image of a point on a grid of any frequencies.
 
     Parameters
     ----------
     fy : (ny,) or (ny, 1) array, cycles/um
     fx : (nx,) or (1, nx) array, cycles/um
-        Need not be related to the picture's own size.
+        They need not be related to the size of the image.
     image : (my, mx) array, any unit
         The point spread function, background removed; small negative noise is allowed.
     spacing : float, um
-        Between samples, above 0.
+        Distance between samples, above 0.
     centre : {"sample", "centroid"}
-        Where the optical axis is: the picture's centre sample, (my // 2, mx // 2), so that a point off that
-        sample shifts the image as measured; or the picture's centroid, so that nothing shifts.
+        Origin: the centre sample (my // 2, mx // 2), so that a point away from it shifts the result as measured; or the
+        centroid, so that nothing shifts.
 
     Returns
     -------
@@ -168,14 +168,14 @@ def psf_image_otf(
     Raises
     ------
     ValueError
-        For a picture that is not two-dimensional and finite with a sum above 0, a spacing that is not above
-        0 and an unknown centre.
+        For an image that is not two-dimensional and finite with a sum above 0, a spacing that is not above 0, or an
+        unknown centre.
 
     Notes
     -----
-    Source: discrete Fourier sum as two matrix products. It repeats every 1/spacing: frequencies beyond
-    1/(2 spacing) ask for what the picture does not hold.
-    Error: below 1e-15 absolute (float64), 1e-7 (float32), for pictures of 64 by 64 samples.
+    Source: discrete Fourier sum as two matrix products. It repeats every 1/spacing, so the result is meaningless beyond
+    1/(2 spacing).
+    Error: below 1e-15 absolute (float64), 1e-7 (float32), for images of 64 by 64 samples.
     """
     image = np.asarray(image)
     require.that(
@@ -199,7 +199,7 @@ def psf_image_otf(
 
 
 def _table_quadrature(radius: FloatArray, psf: FloatArray, highest: float) -> tuple[FloatArray, FloatArray]:
-    """Nodes and weights of the integral of psf r dr, fine enough for frequencies up to highest."""
+    """Return nodes and weights of the integral of psf r dr, fine enough for frequencies up to ``highest``."""
     radius, psf = np.asarray(radius, float), np.asarray(psf, float)
     require.that(
         radius.ndim == 1 and radius.shape == psf.shape and radius.size >= 2,
@@ -225,7 +225,7 @@ def _table_quadrature(radius: FloatArray, psf: FloatArray, highest: float) -> tu
 
 
 def _hankel(frequency: FloatArray, nodes: FloatArray, weights: FloatArray) -> FloatArray:
-    """Sum of weights J0(2 pi f r), in blocks of bounded memory."""
+    """Return the sum of weights J0(2 pi f r), computed in blocks to bound memory."""
     rows = max(1, _BLOCK // nodes.size)
     blocks = np.array_split(frequency, range(rows, frequency.size, rows))
     return np.concatenate([scipy.special.j0(np.outer(2.0 * np.pi * block, nodes)) @ weights for block in blocks])

@@ -1,12 +1,12 @@
-"""The exit pupil as samples: how much of each cell the aperture covers, exactly, and the transfer function of a
-polygon.
+"""The sampled exit pupil: the exact open fraction of each cell, and the transfer function of a polygonal aperture.
 
 In:  number of cells, shape of the aperture (circle, annulus, regular polygon with straight or rounded blades).
-Out: covered fractions of a square grid of cells (1), cell centres and outlines in units of the pupil radius.
-Sources: areas between grid lines and arcs or edges, integrated by hand; the covariogram of a convex polygon.
+Out: open fractions of a square grid of cells (1), cell centres and outlines in units of the pupil radius.
+Sources: areas between grid lines and arcs or edges, integrated analytically; the covariogram of a convex polygon.
 
-Lengths are in units of the radius of the circle that the f-number names. A polygon has that circle's area, so that its
-light is the same; its corners reach beyond 1 (1.0996 for six blades). An annulus has that circle as its outer edge.
+Lengths are in units of the radius of the circle to which the f-number refers. A polygon has the area of that circle, so
+that it passes the same light; its corners extend beyond 1 (1.0996 for six blades). An annulus has that circle as its
+outer edge.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from etendue_camera.arrays import FloatArray
 
 Shape = Literal["circular", "annular", "polygonal"]
 
-_FACETS = 256  # straight pieces that stand for the arcs of rounded blades
+_FACETS = 256  # chords that approximate the arcs of rounded blades
 _TURNS, _CHORDS = 256, 512  # directions and lengths of the table behind `PolygonOtf`
 
 
@@ -34,11 +34,11 @@ class Aperture:
     obstruction : float, 1
         Radius of a dark central disc, from 0 to below 1; only an annular aperture has one.
     blades : int
-        Of a polygon, 3 to 64.
+        Number of blades of a polygon, 3 to 64.
     rotation : float, rad
-        Turns the polygon from +x towards +y; at 0 a corner lies on +x.
+        Rotation of the polygon from +x towards +y; at 0 a corner lies on +x.
     rounding : float, 1
-        Curvature of the blades: 0 straight, 1 that of the circle through the corners.
+        Curvature of the blades: 0 is straight, 1 is that of the circle through the corners.
 
     Raises
     ------
@@ -68,32 +68,32 @@ class Aperture:
             polygon(self.blades, self.rotation, self.rounding)
 
     def outline(self) -> FloatArray | None:
-        """Corners of a polygon, (k, 2) as y and x; None for a circle."""
+        """Return the corners of a polygon, (k, 2) as y and x; None for a circle or an annulus."""
         return polygon(self.blades, self.rotation, self.rounding) if self.shape == "polygonal" else None
 
     def reach(self) -> float:
-        """The largest radius of the pupil: 1 for a circle."""
+        """Return the largest radius of the pupil: 1 for a circle."""
         outline = self.outline()
         return 1.0 if outline is None else float(np.hypot(*outline.T).max())
 
     def area(self) -> float:
-        """Of what lets light through, in units of pi."""
+        """Return the open area, in units of pi."""
         return (1.0 - self.obstruction) * (1.0 + self.obstruction)
 
 
 def cell_edges(samples: int, reach: float = 1.0) -> FloatArray:
-    """The samples + 1 lines between cells from -reach to reach, mirror images of each other to the last bit."""
+    """Return the samples + 1 cell boundaries from -reach to reach, exactly symmetric about 0."""
     require.must(samples >= 2, "samples", samples, "at least 2")
     return (reach / samples) * (2.0 * np.arange(samples + 1) - samples)
 
 
 def cell_centres(samples: int, reach: float = 1.0) -> FloatArray:
-    """Centres of the cells between `cell_edges`, mirror images of each other to the last bit."""
+    """Return the centres of the cells between `cell_edges`, exactly symmetric about 0."""
     return (reach / samples) * (2.0 * np.arange(samples) + (1.0 - samples))
 
 
 def amplitude(aperture: Aperture, samples: int, reach: float | None = None) -> FloatArray:
-    """The clear pupil: how much of each of samples x samples cells the aperture leaves open.
+    """Return the open fraction of each of samples x samples cells of the pupil.
 
     Parameters
     ----------
@@ -101,17 +101,18 @@ def amplitude(aperture: Aperture, samples: int, reach: float | None = None) -> F
     samples : int
         Cells across the pupil, at least 2.
     reach : float, 1
-        Half the side of the square of cells; that of the aperture unless given.
+        Half the side of the square covered by the cells; default: the reach of the aperture.
 
     Returns
     -------
     (samples, samples) array, 1
-        In [0, 1]: exactly covered fractions. Their sum times the area of a cell is the area of the aperture.
+        In [0, 1], exact. The sum times the area of a cell is the area of the aperture.
 
     Notes
     -----
-    Weighting by area makes the error of what is summed over the pupil fall like samples^-2; with cells that are in or
-    out it falls like samples^-1.5, unevenly, and is 10-100 times larger at 128 to 512 samples (`benchmarks/pupil.py`).
+    With exact fractions the error of sums over the pupil decreases as samples^-2. With cells that are either open or
+    closed it decreases irregularly as samples^-1.5, and is 10-100 times larger at 128 to 512 samples
+    (`benchmarks/pupil.py`).
     Error: 1e-16 samples^2 absolute.
     """
     edges = cell_edges(samples, aperture.reach() if reach is None else reach)
@@ -123,13 +124,13 @@ def amplitude(aperture: Aperture, samples: int, reach: float | None = None) -> F
 
 
 def disc_cover(y_edges: FloatArray, x_edges: FloatArray, radius: float = 1.0) -> FloatArray:
-    """Fraction of each cell inside a disc about the origin.
+    """Return the fraction of each cell inside a disc about the origin.
 
     Parameters
     ----------
     y_edges : (ny + 1,) array
     x_edges : (nx + 1,) array
-        Growing; in the unit of the radius.
+        Ascending; in the unit of the radius.
     radius : float
         Above 0.
 
@@ -144,15 +145,15 @@ def disc_cover(y_edges: FloatArray, x_edges: FloatArray, radius: float = 1.0) ->
 
     Notes
     -----
-    The area left of x and below y is the integral over y of x clipped to the half chord sqrt(R^2 - y^2), known in
-    closed form; a cell is its second difference. Error: 2e-16 R^2 over the area of a cell.
+    The area left of x and below y is the integral over y of x clipped to the half chord sqrt(R^2 - y^2), which has a
+    closed form. The area in a cell is its second difference. Error: 2e-16 R^2 over the area of a cell.
     """
     require.positive("radius", radius)
     y = np.clip(np.asarray(y_edges, float), -radius, radius)[:, None]
     x = np.asarray(x_edges, float)[None, :]
     inside = np.clip(x, -radius, radius)
     half = np.sqrt((radius - inside) * (radius + inside))
-    under = np.clip(y, -half, half)  # where the line at x, not the arc, is the border
+    under = np.clip(y, -half, half)  # the part bounded by the line at x rather than by the arc
     arc = _half_disc(y, radius) - np.where(
         np.abs(y) < half, _half_disc(y, radius), np.copysign(_half_disc(half, radius), y)
     )
@@ -162,22 +163,22 @@ def disc_cover(y_edges: FloatArray, x_edges: FloatArray, radius: float = 1.0) ->
 
 
 def polygon(blades: int, rotation: float = 0.0, rounding: float = 0.0) -> FloatArray:
-    """Outline of a regular polygon with area pi.
+    """Return the outline of a regular polygon with area pi.
 
     Parameters
     ----------
     blades : int
         3 to 64.
     rotation : float, rad
-        From +x towards +y; at 0 a corner lies on +x.
+        Rotation from +x towards +y; at 0 a corner lies on +x.
     rounding : float, 1
-        Curvature of the blades in units of that of the circle through the corners, 0 to 1.
+        Curvature of the blades relative to the circle through the corners, 0 to 1.
 
     Returns
     -------
     (k, 2) array
-        Corners y, x, turning from +x towards +y. Rounded blades are at least 256 chords in all, with the same
-        area: 4e-5 of the radius from the arcs they stand for.
+        Corners y, x, in order from +x towards +y. Rounded blades are approximated by at least 256 chords in total with
+        the same area, within 4e-5 of the radius from the arcs.
 
     Raises
     ------
@@ -189,7 +190,7 @@ def polygon(blades: int, rotation: float = 0.0, rounding: float = 0.0) -> FloatA
     require.must(np.isfinite(rotation), "rotation", rotation, "finite")
     straight = rounding < 1e-9
     pieces = 1 if straight else ceil(_FACETS / blades)
-    half = sin(pi / blades)  # of a chord between corners on the unit circle
+    half = sin(pi / blades)  # half the chord between neighbouring corners on the unit circle
     t = np.linspace(-1.0, 1.0, pieces + 1)[:-1]
     if straight:
         along, out = half * t, np.full(t.shape, cos(pi / blades))
@@ -205,14 +206,14 @@ def polygon(blades: int, rotation: float = 0.0, rounding: float = 0.0) -> FloatA
 
 
 def polygon_cover(outline: FloatArray, y_edges: FloatArray, x_edges: FloatArray) -> FloatArray:
-    """Fraction of each cell inside a convex polygon.
+    """Return the fraction of each cell inside a convex polygon.
 
     Parameters
     ----------
     outline : (k, 2) array
         Corners y, x in order.
     y_edges, x_edges : (ny + 1,) and (nx + 1,) arrays
-        Growing; in the unit of the outline.
+        Ascending; in the unit of the outline.
 
     Returns
     -------
@@ -220,7 +221,7 @@ def polygon_cover(outline: FloatArray, y_edges: FloatArray, x_edges: FloatArray)
 
     Notes
     -----
-    Between neighbouring corners and grid lines both borders are straight: the area left of x is a quadratic there.
+    Between neighbouring corners and grid lines both borders are straight, so the area left of x is quadratic there.
     Error: 1e-15 over the area of a cell.
     """
     y_edges, x_edges = np.asarray(y_edges, float), np.asarray(x_edges, float)
@@ -236,24 +237,25 @@ def polygon_cover(outline: FloatArray, y_edges: FloatArray, x_edges: FloatArray)
 
 
 class PolygonOtf:
-    """Transfer function of a clear polygonal pupil in focus, from the area it shares with itself when shifted.
+    """Transfer function of a clear polygonal pupil in focus, from the overlap with its shifted copy.
 
     Parameters
     ----------
     blades, rotation, rounding
-        As in `polygon`.
+        As for `polygon`.
 
     Notes
     -----
-    Source: a convex figure shifted by s along a direction shares with itself the integral over its parallel chords of
-    max(0, L - s). Between corners the chord L is linear, so the integral is exact. Exact values for 256 directions in
-    the angle after which everything repeats, linear between them; cubic in s over the largest chord.
+    Source: the overlap of a convex figure with itself, shifted by s along a direction, is the integral of max(0, L - s)
+    over its parallel chords. Between corners the chord length L is linear, so the integral is exact. Values are
+    tabulated for 256 directions of one angular period, and interpolated linearly between directions and cubically in s
+    over the largest chord.
     Error: 6e-6 absolute for 3 to 64 blades (measured against the exact integral).
     """
 
     def __init__(self, blades: int, rotation: float = 0.0, rounding: float = 0.0) -> None:
         outline = polygon(blades, rotation, rounding)
-        self.rotation = rotation  # the values have their kinks at corners, where table lines lie
+        self.rotation = rotation  # the values have kinks in the directions of corners, which the table hits exactly
         self.period = np.pi / blades * (1 if blades % 2 else 2)
         self.longest = np.empty(_TURNS + 2)
         self.table = np.empty((_TURNS + 2, _CHORDS + 1))
@@ -266,17 +268,15 @@ class PolygonOtf:
             values[_TURNS:] = values[:2]
 
     def __call__(self, nu_y: FloatArray, nu_x: FloatArray) -> FloatArray:
-        """At frequencies in units of 1/(lambda N), arrays that broadcast; 1 at zero, 0 beyond the outline's own
-        cut-off.
-        """
+        """Evaluate at frequencies in units of 1/(lambda N), arrays that broadcast; 1 at zero, 0 beyond the cut-off."""
         return self.at(2.0 * np.hypot(nu_y, nu_x), self.place(nu_y, nu_x))
 
     def place(self, nu_y: FloatArray, nu_x: FloatArray) -> FloatArray:
-        """Where in the table a direction is, [0, 256]: the same at every wavelength."""
+        """Return the position of a direction in the table, [0, 256]; it is the same at every wavelength."""
         return np.mod(np.arctan2(nu_y, nu_x) - self.rotation, self.period) * (_TURNS / self.period)
 
     def at(self, shift: FloatArray, place: FloatArray) -> FloatArray:
-        """At shifts (pupil radii) along directions given by their `place`; arrays of one shape."""
+        """Evaluate at shifts (pupil radii) along directions given by their `place`; arrays of one shape."""
         found = np.zeros(shift.shape)
         base = np.minimum(place.astype(np.intp), _TURNS)
         part = place - base
@@ -285,7 +285,7 @@ class PolygonOtf:
         rows, weight = base[inside], part[inside]
         total = np.zeros(rows.shape)
         for offset, share in ((0, 1.0 - weight), (1, weight)):
-            # every direction by its own largest chord: the cut-off stays sharp
+            # scale by the largest chord of each direction, so that the cut-off stays sharp
             column = np.minimum(shift[inside] / self.longest[rows + offset], 1.0) * _CHORDS
             first = np.clip(column.astype(np.intp) - 1, 0, _CHORDS - 3)
             flat = (rows + offset) * (_CHORDS + 1) + first
@@ -297,7 +297,7 @@ class PolygonOtf:
 
 
 def lagrange_weights(t: FloatArray, points: int) -> list[FloatArray]:
-    """Weights of the values at 0, 1, ... points - 1 for the polynomial through them, at t."""
+    """Return the weights at t of the polynomial through values at 0, 1, ... points - 1."""
     weights = []
     for k in range(points):
         weight = np.ones_like(t)
@@ -309,13 +309,13 @@ def lagrange_weights(t: FloatArray, points: int) -> list[FloatArray]:
 
 
 def _half_disc(y: FloatArray, radius: float) -> FloatArray:
-    """Integral of sqrt(R^2 - t^2) from 0 to y."""
+    """Return the integral of sqrt(R^2 - t^2) from 0 to y."""
     y = np.clip(y, -radius, radius)
     return 0.5 * (y * np.sqrt((radius - y) * (radius + y)) + radius * radius * np.arcsin(y / radius))
 
 
 def _borders(outline: FloatArray, lines: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Smallest and largest x of a convex outline, turning from +x towards +y, on each line of constant y."""
+    """Return the smallest and largest x of a convex outline, ordered from +x towards +y, on each line of constant y."""
     y, x = outline.T
     bottom, top = (np.flatnonzero(np.abs(y - end) < 1e-12) for end in (y.min(), y.max()))
     right, left = (
@@ -326,13 +326,15 @@ def _borders(outline: FloatArray, lines: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def _walk(outline: FloatArray, start: np.intp, stop: np.intp) -> FloatArray:
-    """Corners from one to another, in order round the outline."""
+    """Return the corners from one to another, in order around the outline."""
     count = (stop - start) % len(outline) + 1
     return outline[(start + np.arange(count)) % len(outline)]
 
 
 def _mean_below(border: FloatArray, x: FloatArray) -> FloatArray:
-    """Mean over each strip of min(x, border), the border running straight between the strip's two lines."""
+    """Return the mean over each strip of min(x, border), where the border is straight between the two lines of the
+    strip.
+    """
     low, high = (pick(border[:-1], border[1:])[:, None] for pick in (np.minimum, np.maximum))
     over = np.clip(x, low, high) - low
     width = np.where(high > low, high - low, 1.0)
@@ -340,7 +342,7 @@ def _mean_below(border: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def _chords(outline: FloatArray, angle: float) -> tuple[FloatArray, FloatArray]:
-    """Lines across a direction and the chords along it, at every corner; between them the chords are linear."""
+    """Return offsets across a direction and chord lengths along it at every corner; chords are linear in between."""
     turned_y = outline[:, 0] * cos(angle) - outline[:, 1] * sin(angle)
     turned_x = outline[:, 0] * sin(angle) + outline[:, 1] * cos(angle)
     lines = np.unique(turned_y)
@@ -349,7 +351,7 @@ def _chords(outline: FloatArray, angle: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _shared(lines: FloatArray, chords: FloatArray, shifts: FloatArray) -> FloatArray:
-    """Integral over the lines of max(0, chord - shift)."""
+    """Return the integral over the lines of max(0, chord - shift)."""
     low, high = (pick(chords[:-1], chords[1:])[:, None] for pick in (np.minimum, np.maximum))
     over = np.clip(high - shifts, 0.0, high - low)
     width = np.where(high > low, high - low, 1.0)

@@ -1,12 +1,12 @@
-"""How far band-limited light falls below zero where a grid cuts the lens' transfer function off.
+"""Undershoot below zero of band-limited light on a grid that truncates the transfer function of the lens.
 
 In:  Nyquist frequency of the grid over the cut-off of the lens.
-Out: undershoot of a point as a share of its peak, and of any scene as a share of its brightest value.
-Sources: the discrete Fourier transform of the cut transfer function (Goodman, Introduction to Fourier Optics, eq.
+Out: undershoot of a point relative to its peak, and of any scene relative to its brightest value.
+Sources: the discrete Fourier transform of the truncated transfer function (Goodman, Introduction to Fourier Optics, eq.
 6-32).
 
-Light that a grid resolves up to the cut-off has no undershoot. Below that, the point spread function on the grid is
-that of the square of frequencies which is left, and its dark rings are negative.
+A grid whose Nyquist frequency reaches the cut-off has no undershoot. On a coarser grid only a square of frequencies is
+left, so that the dark rings of the point spread function become negative.
 """
 
 from functools import lru_cache
@@ -17,17 +17,19 @@ import scipy
 from etendue import require
 from etendue_camera.optics.diffraction import circular_otf
 
-SIDE = 128  # samples of the plane on which the point is looked at
+SIDE = 128  # samples along each side of the plane on which the point is evaluated
 
 LARGEST_OF_A_POINT = 0.0191
-"""Undershoot of a point behind a perfect lens at the worst of all gratings: Nyquist at 0.68 of the cut-off."""
+"""Undershoot of a point behind a perfect lens on the worst grid, whose Nyquist frequency is 0.68 of the cut-off."""
 LARGEST_OF_A_SCENE = 0.0628
-"""The same of any scene, over its brightest value: Nyquist at 0.60 of the cut-off."""
+"""Undershoot of any scene relative to its brightest value on the worst grid, whose Nyquist frequency is 0.60 of the
+cut-off.
+"""
 
 
 @lru_cache(maxsize=4096)
 def undershoot(ratio: float) -> tuple[float, float]:
-    """How negative samples of light behind a perfect circular lens can be.
+    """Return how far samples of light behind a perfect circular lens can fall below zero.
 
     Parameters
     ----------
@@ -37,11 +39,11 @@ def undershoot(ratio: float) -> tuple[float, float]:
     Returns
     -------
     point : float, 1
-        Undershoot of a single bright sample, over its peak behind the lens. At most 0.0191.
+        Undershoot of a single bright sample relative to its peak behind the lens. At most 0.0191.
     scene : float, 1
-        Undershoot of any scene without negative light, over its brightest sample: the sum of what is negative in the
-        point spread function. At most 0.0628. A scene reaches it if it is bright exactly where the point spread
-        function is negative.
+        Upper bound on the undershoot of any non-negative scene relative to its brightest sample: the sum of the
+        negative values of the point spread function. At most 0.0628. A scene reaches it if it is bright exactly where
+        the point spread function is negative.
 
     Raises
     ------
@@ -50,8 +52,9 @@ def undershoot(ratio: float) -> tuple[float, float]:
 
     Notes
     -----
-    On a plane of 128 x 128 samples; against 256 x 256 both change by 0.2 %. Exactly 0 from a ratio of 1 on. At the
-    samples; between them, where a pixel that is no whole multiple of the spacing looks, a point falls further.
+    Evaluated on a plane of 128 x 128 samples; with 256 x 256 both values change by 0.2 %. Exactly 0 for ratios of 1 and
+    above. The values hold at the samples. Between samples, which are read where the pixel pitch is not a whole multiple
+    of the spacing, the undershoot of a point is larger.
     """
     require.positive("ratio", ratio)
     if ratio >= 1:

@@ -1,13 +1,12 @@
-"""Aberrations of the wavefront in the exit pupil: Zernike and Seidel terms, defocus, Strehl ratio.
+"""Wavefront aberrations in the exit pupil: Zernike and Seidel terms, defocus, Strehl ratio.
 
 In:  pupil coordinates y, x in pupil radii (the f-number's circle), coefficients (um of optical path), image heights.
 Out: optical path (um) over the pupil; its rms; the Strehl ratio.
 Sources: ANSI Z80.28 and OSA standard indices; Noll, Journal of the Optical Society of America 66 (1976), 207; Hopkins,
 Wave Theory of Aberrations (1950); Welford, Aberrations of Optical Systems; Mahajan, JOSA 73 (1983), 860.
 
-Signs: a positive optical path W adds exp(+2 pi i W/lambda) to the pupil and moves light along its gradient: the ray
-through (y, x) lands 2 N_w grad W away, on the side of the image towards which W grows. Pupil and image axes are
-parallel.
+Signs: a positive optical path W multiplies the pupil by exp(+2 pi i W/lambda) and moves light along its gradient: the
+ray through (y, x) lands 2 N_w grad W away, towards the side on which W increases. Pupil and image axes are parallel.
 """
 
 from dataclasses import dataclass
@@ -24,7 +23,7 @@ Index = Literal["noll", "ansi"]
 
 
 def noll_order(j: int) -> tuple[int, int]:
-    """Radial order n and signed azimuthal order m of Noll's index, which starts at 1 (m < 0: sine).
+    """Return the radial order n and signed azimuthal order m of a Noll index, which starts at 1 (m < 0: sine).
 
     Raises
     ------
@@ -33,13 +32,13 @@ def noll_order(j: int) -> tuple[int, int]:
     """
     require.that(not j < 1 and j == int(j), f"j is {j}; Noll's index is a whole number from 1")
     n = (isqrt(8 * j - 7) - 1) // 2
-    place = j - n * (n + 1) // 2 - 1  # within the order
+    place = j - n * (n + 1) // 2 - 1  # position within the radial order
     m = 2 * ((place + 1) // 2) if n % 2 == 0 else 2 * (place // 2) + 1
     return n, m if j % 2 == 0 else -m
 
 
 def ansi_order(j: int) -> tuple[int, int]:
-    """Radial order n and signed azimuthal order m of the ANSI/OSA index, which starts at 0 (m < 0: sine).
+    """Return the radial order n and signed azimuthal order m of an ANSI/OSA index, which starts at 0 (m < 0: sine).
 
     Raises
     ------
@@ -52,14 +51,14 @@ def ansi_order(j: int) -> tuple[int, int]:
 
 
 def zernike(n: int, m: int, y: Floats, x: Floats) -> Floats:
-    """Zernike polynomial, orthonormal over the unit disc: its rms there is 1 (n > 0).
+    """Return a Zernike polynomial, orthonormal over the unit disc: its rms there is 1 (n > 0).
 
     Parameters
     ----------
     n, m : int
         Radial order and signed azimuthal order: cos(m t) for m >= 0, sin(|m| t) for m < 0, t from +x towards +y.
     y, x : arrays that broadcast, 1
-        Pupil coordinates; beyond the unit circle the polynomial goes on.
+        Pupil coordinates; the polynomial continues beyond the unit circle.
 
     Returns
     -------
@@ -68,13 +67,13 @@ def zernike(n: int, m: int, y: Floats, x: Floats) -> Floats:
     Raises
     ------
     ValueError
-        For n < 0, |m| > n or n - m odd.
+        For n < 0, |m| > n or odd n - m.
 
     Notes
     -----
-    Source: Noll 1976 eqs. 1-3, the radial part as rho^|m| times a Jacobi polynomial by its three-term recurrence: the
-    sum of factorials that books print loses all digits near order 40.
-    Error: 1e-14 relative to the largest value for n <= 40 inside the disc.
+    Source: Noll 1976 eqs. 1-3. The radial part is rho^|m| times a Jacobi polynomial, evaluated by its three-term
+    recurrence; the textbook sum of factorials loses all digits near order 40.
+    Error: 1e-14 relative to the largest value, for n <= 40 inside the disc.
     """
     require.that(
         not n < 0 and not abs(m) > n and not (n - m) % 2,
@@ -90,7 +89,7 @@ def zernike(n: int, m: int, y: Floats, x: Floats) -> Floats:
 
 
 def zernike_orders(count: int, index: Index = "noll") -> list[tuple[int, int]]:
-    """(n, m) of the first ``count`` terms.
+    """Return (n, m) of the first ``count`` terms.
 
     Raises
     ------
@@ -102,24 +101,24 @@ def zernike_orders(count: int, index: Index = "noll") -> list[tuple[int, int]]:
 
 
 def zernike_sum(coefficients: tuple[float, ...], y: Floats, x: Floats, index: Index = "noll") -> Floats:
-    """Wavefront of Zernike coefficients.
+    """Return the wavefront of Zernike coefficients.
 
     Parameters
     ----------
     coefficients : sequence of float, um
-        The first is piston: Noll's 1, or ANSI's 0.
+        The first is piston: index 1 (Noll) or 0 (ANSI).
     y, x : arrays that broadcast, 1
     index : {"noll", "ansi"}
 
     Returns
     -------
     broadcast array, um
-        The rms over the unit disc is the root of the sum of squares of all but the first.
+        Its rms over the unit disc is the root sum of squares of all coefficients but the first.
 
     Raises
     ------
     ValueError
-        For an unknown index and coefficients that are not finite.
+        For an unknown index, or coefficients that are not finite.
     """
     require.that(np.all(np.isfinite(coefficients)), f"coefficients are {coefficients}; they must be finite")
     total = np.zeros(np.broadcast(y, x).shape)
@@ -131,10 +130,10 @@ def zernike_sum(coefficients: tuple[float, ...], y: Floats, x: Floats, index: In
 
 @dataclass(frozen=True)
 class Seidel:
-    """Wavefront coefficients of the third order, um of optical path at the edge of the pupil and at full image height.
+    """Third-order (Seidel) wavefront coefficients, in um of optical path at the pupil edge and full image height.
 
-    W = W040 rho^4 + W131 h rho^3 cos t + W222 h^2 rho^2 cos^2 t + W220 h^2 rho^2 + W311 h^3 rho cos t, with h the image
-    height over the full one and t counted from the direction of the image point.
+    W = W040 rho^4 + W131 h rho^3 cos t + W222 h^2 rho^2 cos^2 t + W220 h^2 rho^2 + W311 h^3 rho cos t, where h is the
+    image height relative to the full height and t the pupil angle from the direction of the image point.
     """
 
     w040: float = 0.0
@@ -144,14 +143,15 @@ class Seidel:
     w311: float = 0.0
 
     def at(self, y: Floats, x: Floats, height_y: float, height_x: float) -> Floats:
-        """Optical path (um) at pupil coordinates y, x for an image point at the heights, in units of the full height.
+        """Return the optical path (um) at pupil coordinates y, x for an image point at heights relative to the full
+        height.
 
-        W311 is left out: a tilt moves the image, and `tilt` says how far.
+        W311 is omitted because it only moves the image; `tilt` returns by how much.
 
         Notes
         -----
-        Source: Hopkins 1950. Written in dot products of height and pupil vectors, which need no angle on the axis.
-        Error: 4e-16 relative to the sum of the terms' sizes.
+        Source: Hopkins 1950. Computed from dot products of height and pupil vectors, which need no angle on the axis.
+        Error: 4e-16 relative to the sum of the absolute terms.
         """
         square = y * y + x * x
         along = height_y * y + height_x * x
@@ -159,18 +159,18 @@ class Seidel:
         return square * (self.w040 * square + self.w131 * along + self.w220 * height) + self.w222 * along * along
 
     def tilt(self, height_y: float, height_x: float) -> tuple[float, float]:
-        """Slopes (um per pupil radius) along y and x of the W311 term: the image moves by 2 N_w times these."""
+        """Return the y and x slopes (um per pupil radius) of the W311 term; the image moves by 2 N_w times these."""
         height = self.w311 * (height_y * height_y + height_x * height_x)
         return height * height_y, height * height_x
 
 
 def defocus(shift: float, f_number: float, y: Floats, x: Floats) -> Floats:
-    """Optical path over the pupil of an image that lies behind the sensor.
+    """Return the optical path over the pupil due to defocus.
 
     Parameters
     ----------
     shift : float, um
-        From the sensor to the image, positive where the image lies behind it.
+        Distance from the sensor to the image, positive where the image lies behind the sensor.
     f_number : float, 1
         Working f-number, above 0.
     y, x : arrays that broadcast, 1
@@ -183,14 +183,13 @@ def defocus(shift: float, f_number: float, y: Floats, x: Floats) -> Floats:
     Raises
     ------
     ValueError
-        For an f-number that is not above 0, a shift that is not finite, and pupil coordinates beyond 2 f_number.
+        For an f-number that is not above 0, a shift that is not finite, or pupil coordinates beyond 2 f_number.
 
     Notes
     -----
-    Source: the path between two spheres of a lens that keeps the sine condition, shift (1 - cos t) with
-    sin t = rho/(2 N_w), written without a difference. The paraxial W020 rho^2, W020 = shift/(8 N_w^2), is less than
-    that by 1/(16 N_w^2) at the edge: 3.3 % at f/1.4, 0.8 % at f/2.8, 0.1 % at f/8; and after refocusing by 0.25 of
-    that.
+    Source: the path between two spheres for a lens that obeys the sine condition, shift (1 - cos t) with sin t = rho/(2
+    N_w), evaluated without cancellation. The paraxial W020 rho^2, W020 = shift/(8 N_w^2), is smaller by a fraction of
+    1/(16 N_w^2) at the edge: 3.3 % at f/1.4, 0.8 % at f/2.8, 0.1 % at f/8. After refocusing a quarter of that remains.
     Error: 4e-16 relative.
     """
     require.positive("f_number", f_number)
@@ -198,13 +197,13 @@ def defocus(shift: float, f_number: float, y: Floats, x: Floats) -> Floats:
     sine = (np.asarray(y * y + x * x, float)) / (4.0 * f_number * f_number)
     if np.any(sine > 1.0 + 1e-12):
         raise ValueError(
-            f"f_number is {f_number}; an aplanatic pupil reaches to 2 f_number radii, here {2 * f_number:g}"
+            f"f_number is {f_number}; an aplanatic pupil extends to at most 2 f_number radii, here {2 * f_number:g}"
         )
     return shift * (sine / (1.0 + np.sqrt(np.maximum(1.0 - sine, 0.0))))
 
 
 def defocus_w020(shift: Floats, f_number: Floats) -> Floats:
-    """The paraxial defocus coefficient shift/(8 N_w^2), in the unit of the shift; `defocus` says how far it is off.
+    """Return the paraxial defocus coefficient shift/(8 N_w^2), in the unit of the shift; `defocus` states its error.
 
     Raises
     ------
@@ -216,13 +215,14 @@ def defocus_w020(shift: Floats, f_number: Floats) -> Floats:
 
 
 def rms(amplitude: FloatArray, path: FloatArray) -> float:
-    """Standard deviation of the optical path over the pupil, in its unit; amplitude (1) is the share of each cell that
-    is open.
+    """Return the standard deviation of the optical path over the pupil, in its unit.
+
+    Cells are weighted by ``amplitude`` (1), the open fraction of each.
 
     Raises
     ------
     ValueError
-        For an amplitude that sums to nothing.
+        For an amplitude whose sum is not above 0.
     """
     total = float(np.sum(amplitude))
     require.that(total > 0.0, f"amplitude sums to {total}; it must be above 0")
@@ -231,12 +231,13 @@ def rms(amplitude: FloatArray, path: FloatArray) -> float:
 
 
 def strehl_ratio(amplitude: FloatArray, path: FloatArray, wavelength: float) -> float:
-    """Brightness at the centre of the image of a point over that without aberrations, |mean exp(2 pi i W/lambda)|^2.
+    """Return the Strehl ratio |mean exp(2 pi i W/lambda)|^2: the peak of a point image relative to that without
+    aberrations.
 
     Parameters
     ----------
     amplitude : (ny, nx) array, 1
-        Share of each pupil cell that is open.
+        Open fraction of each pupil cell.
     path : (ny, nx) array, um
     wavelength : float, um
         Above 0.
@@ -244,12 +245,12 @@ def strehl_ratio(amplitude: FloatArray, path: FloatArray, wavelength: float) -> 
     Returns
     -------
     float, 1
-        In [0, 1]; exp(-(2 pi rms/lambda)^2) to the fourth power of rms/lambda (Mahajan 1983).
+        In [0, 1]; equal to exp(-(2 pi rms/lambda)^2) up to terms of the fourth power of rms/lambda (Mahajan 1983).
 
     Raises
     ------
     ValueError
-        For a wavelength that is not above 0 and an amplitude that sums to nothing.
+        For a wavelength or a sum of amplitudes that is not above 0.
     """
     require.positive("wavelength", wavelength, " um")
     total = float(np.sum(amplitude))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from etendue import require
 
-NOTICEABLE = 2.3  # CIE 1976 colour difference just noticed, as Lu and Tan take it from Mahy et al. 1994
+NOTICEABLE = 2.3  # just noticeable CIE 1976 colour difference; Lu and Tan take it from Mahy et al. 1994
 NEIGHBOURS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
 
 
@@ -21,12 +21,12 @@ def zipper(picture: ArrayLike, reference: ArrayLike, threshold: float = NOTICEAB
     Parameters
     ----------
     picture, reference : (3, y, x) array, L*a*b*; or (y, x), L*
-        Not RGB: the threshold is one of CIELAB.
+        Not RGB: the threshold is in CIELAB units.
     threshold : float, at least 0
-        Of the change, in CIE 1976 colour difference.
+        Minimum change, in CIE 1976 colour difference.
     falls : bool
-        Whether a difference that became smaller counts too, as in the source. Blur does that; without it only
-        the saw-tooth counts.
+        Whether differences that became smaller count too, as in the source. Blur causes these; without them only
+        the saw-tooth pattern counts.
 
     Returns
     -------
@@ -40,10 +40,10 @@ def zipper(picture: ArrayLike, reference: ArrayLike, threshold: float = NOTICEAB
 
     Notes
     -----
-    Source: Lu and Tan 2003, IEEE Trans. Image Processing 12(10), section IV: of the eight neighbours the one most
-    similar in the reference is taken, and the colour difference to it compared between the two pictures. At the
-    border only neighbours inside the picture count; among equally similar ones the change of smallest size counts,
-    so that mirroring or turning both pictures changes nothing.
+    Source: Lu and Tan 2003, IEEE Trans. Image Processing 12(10), section IV: for each pixel, the most similar of its
+    eight neighbours in the reference is chosen, and the colour difference to it is compared between the two pictures.
+    At the border only neighbours inside the picture count. Among equally similar ones the smallest change counts, so
+    that mirroring or rotating both pictures changes nothing.
     """
     picture, reference = _planes(picture, reference)
     require.only(threshold >= 0, "threshold", repr(threshold), "a number of at least 0")
@@ -62,18 +62,18 @@ def zipper(picture: ArrayLike, reference: ArrayLike, threshold: float = NOTICEAB
 
 
 def false_colour(picture: ArrayLike, reference: ArrayLike) -> float:
-    """Mean error of chroma, weighted by how much detail the reference has at each place.
+    """Return the mean chroma error, weighted by the local detail of the reference.
 
     Parameters
     ----------
     picture, reference : (3, y, x) array, L*a*b*; or (y, x), L*
-        A picture of L* alone has no colour to be false.
+        A picture of L* alone has no chroma, hence no false colour.
 
     Returns
     -------
     float, CIELAB units
-        Sum of w hypot(da*, db*) over the sum of w; w is the range of the reference's L* over the 3 x 3 pixels
-        around. 0 for equal pictures; the plain mean where the reference is flat.
+        Sum of w hypot(da*, db*) over the sum of w, where w is the range of the reference's L* over the surrounding
+        3 x 3 pixels. 0 for equal pictures; the plain mean if the reference is uniform.
 
     Raises
     ------
@@ -83,8 +83,8 @@ def false_colour(picture: ArrayLike, reference: ArrayLike) -> float:
     Notes
     -----
     False colour appears where fine lightness detail aliases into the sparse samples of red and blue. The weight is
-    a local range and not a gradient, because the central difference of the finest lines is 0. A wrong white
-    counts as well; compare pictures of the same balance.
+    a local range instead of a gradient, because the central difference of the finest lines is 0. A wrong white
+    balance counts as well, so compare pictures with the same balance.
     """
     picture, reference = _planes(picture, reference)
     if len(reference) < 3:
@@ -98,7 +98,7 @@ def false_colour(picture: ArrayLike, reference: ArrayLike) -> float:
 
 
 def _distance(planes: NDArray[np.float64], here: tuple[slice, ...], there: tuple[slice, ...]) -> NDArray[np.float64]:
-    """CIE 1976 colour difference between pixels and their neighbours."""
+    """Return the CIE 1976 colour difference between pixels and their neighbours."""
     steps = [plane[here] - plane[there] for plane in planes]
     return np.sqrt(sum(step * step for step in steps))
 

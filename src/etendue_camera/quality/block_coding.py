@@ -1,8 +1,8 @@
-"""What JPEG keeps of a plane: cosine transforms of 8 x 8 pixels, rounded to the steps of a table.
+"""The loss of JPEG on a plane: cosine transforms of 8 x 8 pixels, rounded to the steps of a table.
 
-In:  a plane of 8-bit numbers (y, x), a quantisation table, where the first block begins.
-Out: the plane as a decoder gives it.
-Source: ITU-T T.81 (baseline DCT; entropy coding loses nothing and is left out).
+In:  a plane of 8-bit numbers (y, x), a quantisation table, the position of the first block.
+Out: the plane as a decoder returns it.
+Source: ITU-T T.81 (baseline DCT; entropy coding is lossless and therefore omitted).
 """
 
 import numpy as np
@@ -14,16 +14,16 @@ TOP, MIDDLE = 255.0, 128.0
 
 
 def coded(plane: NDArray, table: NDArray, first: tuple[int, int] = (0, 0)) -> NDArray:
-    """A plane behind coding and decoding.
+    """Return a plane after coding and decoding.
 
     Parameters
     ----------
     plane : (y, x) array, 0 to 255
-        Rounded to whole numbers first.
+        Rounded to whole numbers before coding.
     table : (8, 8) array
-        Steps of the coefficients, frequency along y first.
+        Quantisation steps of the coefficients, frequency along y first.
     first : (int, int), 0 to 7
-        Row and column of a block at which the plane begins.
+        Row and column, within a block, of the plane's first pixel.
 
     Returns
     -------
@@ -31,8 +31,8 @@ def coded(plane: NDArray, table: NDArray, first: tuple[int, int] = (0, 0)) -> ND
 
     Notes
     -----
-    Blocks that go on beyond the plane are filled with its outermost pixels. Decoders differ from each other by one
-    number at most.
+    Blocks that extend beyond the plane are filled with its outermost pixels. Decoders differ from each other by at
+    most one.
     """
     rows, columns = plane.shape
     top, left = first

@@ -1,4 +1,5 @@
-"""Colours of chart patches in a picture, from its four corners, and their colour differences to a reference.
+"""Colours of chart patches in a picture, located by the chart's four corners, and their colour differences to a
+reference.
 
 In:  a picture (channel, y, x), the corners of a grid of patches (pixels); measured and reference L*a*b*.
 Out: mean of every patch and its covariance; colour differences with intervals.
@@ -17,20 +18,20 @@ from numpy.typing import ArrayLike
 from etendue_camera.arrays import FloatArray
 from etendue_camera.colour.difference import delta_e_2000
 
-GAP = 0.1  # between patches, of their pitch
-MIDDLE = 0.5  # side of what is averaged, of the patch
-SMALLEST = 5  # pixels along a side of what is averaged
+GAP = 0.1  # between patches, as a fraction of their pitch
+MIDDLE = 0.5  # side of the averaged area, as a fraction of the patch
+SMALLEST = 5  # minimum side of the averaged area, pixels
 DRAWS = 400
 
 
 def homography(corners: ArrayLike) -> FloatArray:
-    """(3, 3) matrix from the unit square to four corners (4, 2) in x and y: (0, 0), (1, 0), (1, 1), (0, 1) in this
-    order.
+    """Return the (3, 3) matrix from the unit square to four corners (4, 2), x and y, in the order (0, 0), (1, 0),
+    (1, 1), (0, 1).
 
     Raises
     ------
     ValueError
-        Three corners lie on a line.
+        If three corners are collinear.
     """
     points = np.asarray(corners, np.float64)
     square = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
@@ -46,8 +47,8 @@ def homography(corners: ArrayLike) -> FloatArray:
 
 
 def turning(corners: ArrayLike) -> tuple[int, int]:
-    """How many of the four corners turn clockwise as pictures are seen (y down), and how many the other way; (4, 0):
-    in order.
+    """Return how many of the four corners turn clockwise on screen (y down), and how many the other way; (4, 0) means
+    that they are in order.
     """
     points = np.asarray(corners, np.float64)
     ahead = np.roll(points, -1, axis=0) - points
@@ -62,35 +63,35 @@ class Patches:
 
     mean: FloatArray  # (patch, channel)
     covariance: FloatArray  # (patch, channel, channel) of the mean
-    clipped: FloatArray  # (patch,) share of pixels of which a channel is at an end of its scale
-    side: float  # of the smallest area that was averaged, pixels
+    clipped: FloatArray  # (patch,) fraction of pixels with a clipped channel
+    side: float  # of the smallest averaged area, pixels
 
 
 def chart_patches(
     picture: ArrayLike, corners: ArrayLike, rows: int, columns: int, clipped: ArrayLike, gap: float = GAP
 ) -> Patches:
-    """Average the middle of every patch of a grid.
+    """Average the central part of every patch of a grid.
 
     Parameters
     ----------
     picture : (channel, y, x) array, linear
-    corners : (4, 2) array, pixels, x and y from the middle of the first pixel
-        The outer corners of the first patch, the last of its row, the last of all, the first of the last row.
+    corners : (4, 2) array, pixels, x and y from the centre of the first pixel
+        The chart's outer corners, in this order: first patch, last of its row, last patch, first of the last row.
     rows, columns : int
     clipped : (y, x) array of bool
-        Pixels that are not to be believed.
+        Pixels with unreliable values, such as clipped ones.
     gap : float
-        Between patches, of their pitch.
+        Gap between patches, as a fraction of their pitch.
 
     Raises
     ------
     ValueError
-        Corners that are no four corners of a plane, or patches of less than 5 x 5 pixels in their middle.
+        If three corners are collinear, or the central part of a patch is less than 5 pixels wide or high.
 
     Notes
     -----
-    A pixel belongs to a patch where its middle lies in the middle half of the patch. The covariance of the mean is that
-    of the means of 4 x 4 parts of it over their number, so that neighbours may hang together.
+    A pixel belongs to a patch if its centre lies in the central half of the patch. The covariance of the mean is that
+    of the means of 4 x 4 parts, divided by their number; neighbouring pixels may therefore be correlated.
     """
     planes, mask = np.asarray(picture, np.float64), np.asarray(clipped, bool)
     turn = homography(corners)
@@ -106,7 +107,7 @@ def chart_patches(
             side = min(side, *(math.hypot(x[i] - x[i - 1], y[i] - y[i - 1]) for i in range(4)))
             if not side >= SMALLEST:
                 raise ValueError(
-                    f"its patches are {side / MIDDLE:.1f} pixels wide; allowed is at least {SMALLEST / MIDDLE:.0f}"
+                    f"its patches are {side / MIDDLE:.1f} pixels wide; allowed: at least {SMALLEST / MIDDLE:.0f}"
                 )
             top, left = max(math.ceil(y.min()), 0), max(math.ceil(x.min()), 0)
             cut = np.s_[top : math.floor(y.max()) + 1, left : math.floor(x.max()) + 1]
@@ -128,7 +129,7 @@ def chart_patches(
 
 
 def _through(matrix: FloatArray, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points through a homography."""
+    """Map points by a homography."""
     w = matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2]
     return (matrix[0, 0] * u + matrix[0, 1] * v + matrix[0, 2]) / w, (
         matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2]
@@ -137,12 +138,12 @@ def _through(matrix: FloatArray, u: FloatArray, v: FloatArray) -> tuple[FloatArr
 
 @dataclass(frozen=True)
 class ColourErrors:
-    """Colour differences with what noise leaves uncertain."""
+    """Colour differences and their uncertainty due to noise."""
 
     delta_e: FloatArray  # (patch,) CIEDE2000
-    reach: FloatArray  # (patch,) how far noise moves a measured colour, CIEDE2000
+    reach: FloatArray  # (patch,) how far noise can move a measured colour, CIEDE2000
     lab: FloatArray  # (3, patch) measured
-    mean_reach: float  # the same of the mean over patches, and of the largest
+    mean_reach: float  # the same for the mean over patches, and for the largest
     max_reach: float
 
     @property
@@ -158,7 +159,7 @@ def colour_errors(
     rng: int = 0,
     draws: int = DRAWS,
 ) -> ColourErrors:
-    """CIEDE2000 of every patch, and how far its noise could move it.
+    """Return the CIEDE2000 difference of every patch, and how far noise could move it.
 
     Parameters
     ----------
@@ -168,15 +169,15 @@ def colour_errors(
     reference : (3, patch) array, L*a*b*
     confidence : float
     rng : int
-        Seed of the draws.
+        Seed of the random draws.
     draws : int
 
     Returns
     -------
     ColourErrors
-        The true difference of a patch lies within ``reach`` of the one found: that is the distance below which a share
-        ``confidence`` of the draws about the measured colour stay. Wider than need be, and right also where the
-        difference is 0. So with the mean and the largest over patches.
+        The true difference of a patch lies within ``reach`` of the measured one. A fraction ``confidence`` of the draws
+        around the measured colour is closer to it than ``reach``. The interval is wider than necessary, but valid even
+        where the difference is 0. The same holds for the mean and the largest difference over the patches.
     """
     goal = np.asarray(reference, np.float64)
     found = lab_of(patches.mean.T)

@@ -1,8 +1,8 @@
 """Fidelity to a reference: PSNR, SSIM, and statistics of a map of differences.
 
 In:  a picture and its reference on the same pixels, (3, y, x) or (y, x), same units.
-Out: decibels, a similarity of at most 1, figures of a map.
-Sources: Wang, Bovik, Sheikh, Simoncelli 2004 (SSIM); named at each function.
+Out: decibels, a similarity of at most 1, statistics of a map.
+Sources: Wang, Bovik, Sheikh, Simoncelli 2004 (SSIM); others at each function.
 """
 
 from typing import NamedTuple
@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from etendue import require
 
-WINDOW, SPREAD = 11, 1.5  # of SSIM, pixels: width of the window and standard deviation of its weights
+WINDOW, SPREAD = 11, 1.5  # SSIM window, pixels: width, and standard deviation of its weights
 K1, K2 = 0.01, 0.03
 
 
 class MapSpread(NamedTuple):
-    """Figures of a map of differences."""
+    """Statistics of a map of differences."""
 
     mean: float
     median: float
@@ -26,19 +26,19 @@ class MapSpread(NamedTuple):
 
 
 def psnr(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> float:
-    """Peak signal-to-noise ratio: the mean squared error of all values, against the peak.
+    """Return the peak signal-to-noise ratio: the squared peak over the mean squared error of all values.
 
     Parameters
     ----------
     picture, reference : (...) array, same shape
-        Channels count alike, as in the CPSNR of the demosaicing literature.
+        Channels have equal weights, as in the CPSNR of the demosaicing literature.
     peak : float, above 0
-        The value of full scale in the same unit: 1 for linear or encoded pictures, 255 for 8 bit.
+        Full scale in the same unit: 1 for linear or encoded pictures, 255 for 8 bit.
 
     Returns
     -------
     float, dB
-        10 log10(peak^2 / MSE); infinity where the pictures are equal, NaN where one holds NaN.
+        10 log10(peak^2 / MSE); infinity for equal pictures, NaN if one contains NaN.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def psnr(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> float:
 
     Notes
     -----
-    Differences and sums are float64 whatever comes in: float32 sums over a million pixels would cost 4 of 7
+    Differences and sums are float64 for any input: float32 sums over a million pixels would lose 4 of 7
     digits. Error: below 1e-12 dB against long double sums.
 
     Examples
@@ -65,19 +65,19 @@ def psnr(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> float:
 
 
 def ssim_map(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> NDArray[np.float64]:
-    """Structural similarity at every place where the window fits.
+    """Return the structural similarity at every position where the window fits.
 
     Parameters
     ----------
     picture, reference : (..., y, x) array, same shape
-        At least 11 pixels high and wide; leading dims are channels, each for itself.
+        At least 11 pixels high and wide; leading dims are channels, which are compared separately.
     peak : float, above 0
-        The value of full scale.
+        Full scale.
 
     Returns
     -------
     (..., y - 10, x - 10) array, dimensionless
-        1 where the surroundings are equal, lower where they differ; can be negative.
+        1 where the surroundings are equal, lower where they differ; it can be negative.
 
     Raises
     ------
@@ -87,13 +87,13 @@ def ssim_map(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> NDA
     Notes
     -----
     Source: Wang et al. 2004 eq. 13 with its window (11 x 11, Gaussian of 1.5 pixels, weights summing to 1) and
-    K1 = 0.01, K2 = 0.03; variances are those of the weighted window, not of a sample. Error: below 1e-12 against
-    sums over each window (float64), which is the cancellation in E[x^2] - E[x]^2.
+    K1 = 0.01, K2 = 0.03; variances are those of the weighted window, not sample variances. Error: below 1e-12 against
+    sums over each window (float64), due to cancellation in E[x^2] - E[x]^2.
     """
     picture, reference = _pair(picture, reference)
     require.that(
         picture.ndim >= 2 and min(picture.shape[-2:]) >= WINDOW,
-        f"picture has shape {picture.shape}; allowed are at least {WINDOW} x {WINDOW} pixels, the window of SSIM",
+        f"picture has shape {picture.shape}; allowed: at least {WINDOW} x {WINDOW} pixels, the window of SSIM",
     )
     peak = _above_zero("peak", peak)
     x, y = picture.astype(np.float64), reference.astype(np.float64)
@@ -105,12 +105,12 @@ def ssim_map(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> NDA
 
 
 def ssim(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> float:
-    """Mean structural similarity, over the places where the window fits and over the channels; see `ssim_map`."""
+    """Return the mean structural similarity over all window positions and channels; see `ssim_map`."""
     return float(ssim_map(picture, reference, peak).mean())
 
 
 def spread(values: ArrayLike) -> MapSpread:
-    """Mean, median and 95 % point of a map of differences; NaN throughout where it holds NaN.
+    """Return mean, median and 95th percentile of a map of differences; all NaN if it contains NaN.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def spread(values: ArrayLike) -> MapSpread:
 
 
 def _windowed(planes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Means under the window, where it fits."""
+    """Return the weighted means over the window, where it fits."""
     reach = WINDOW // 2
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / SPREAD) ** 2)
     weights /= weights.sum()

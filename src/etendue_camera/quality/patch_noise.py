@@ -1,7 +1,7 @@
 """Noise of one uniform patch of a picture: mean, standard deviation and their ratio, with confidence intervals.
 
-In:  a plane (y, x) of an even field, any unit, or some of its sites.
-Out: mean, sigma and SNR with intervals; how uneven the patch is.
+In:  a plane (y, x) of a uniform field, any unit, or some of its sites.
+Out: mean, sigma and SNR with intervals; the non-uniformity of the patch.
 Sources: ISO 15739:2023 for the quantities (total noise of one frame); the delete-a-group jackknife for the intervals.
 """
 
@@ -14,9 +14,9 @@ from etendue import require
 from etendue_camera.electronics.jackknife import BLOCKS, Estimate, Jackknife, left_out
 from etendue_camera.electronics.rounding import SHEPPARD, SHOWN, in_front
 
-SMALLEST = 2 * BLOCKS  # pixels along y and along x
-LEAST = 4  # pixels of a group
-UNSEEN = 3.7  # of so many pixels that would stand at another number 97.5 % of patches show one
+SMALLEST = 2 * BLOCKS  # minimum size along y and along x, pixels
+LEAST = 4  # minimum number of pixels of a group
+UNSEEN = 3.7  # if so many pixels are expected at another number, 97.5 % of patches contain one
 
 
 @dataclass(frozen=True)
@@ -24,22 +24,18 @@ class PatchNoise:
     """Results of a patch."""
 
     mean: Estimate  # unit of the plane
-    sigma: Estimate  # the same, about a plane that slopes as the patch does
+    sigma: Estimate  # the same, about a fitted plane, which removes the slope of the patch
     snr: Estimate  # mean over sigma
-    slope: float  # change of the fitted plane over the patch, of the mean
-    uneven: (
-        float  # rms of the means of 8 x 8 blocks about that plane, of the mean: what is neither slope nor fine noise
-    )
-    uneven_white: float  # what it would be if the noise of pixels were independent
-    hidden: bool = (
-        False  # rounding leaves open how much noise there is: the interval of sigma says how much there may be
-    )
+    slope: float  # change of the fitted plane over the patch, as a fraction of the mean
+    uneven: float  # rms of 8 x 8 block means about that plane, over the mean: neither slope nor fine noise
+    uneven_white: float  # expected value of the above if the noise of pixels were independent
+    hidden: bool = False  # rounding hides how much noise there is; the interval of sigma covers all possibilities
 
 
 def patch_noise(
     plane: ArrayLike, sites: ArrayLike | None = None, confidence: float = 0.95, unit: str = "1", step: float = 0.0
 ) -> PatchNoise:
-    """Mean and noise of an even patch.
+    """Return mean and noise of a uniform patch.
 
     Parameters
     ----------
@@ -50,29 +46,29 @@ def patch_noise(
     confidence : float
         Between 0 and 1.
     unit : str
-        Of the plane.
+        Unit of the plane.
     step : float
-        Between the numbers that the plane was rounded to; what that adds is taken off.
+        Quantisation step of the plane; the noise that rounding adds is subtracted.
 
     Raises
     ------
     ValueError
-        A patch too small, without pixels in some part of it, or with values that are no numbers.
+        If the patch is too small, has too few pixels in some part, or contains NaN or infinity.
 
     Notes
     -----
-    A plane that is fitted by least squares is taken off first, so that light that falls off is no noise. One frame
-    holds temporal and fixed noise together. Rounding adds 1/12 of its step, in squares, where noise is 0.6 steps or
-    more; below, the interval holds what may have stood in front of it. The interval is a jackknife over
-    8 x 8 blocks of pixels: noise whose neighbours hang together (a demosaiced or compressed picture) widens it, as long
-    as they do so over less than a block. It held sigma in 94 to 95 % of 400 seeds (white noise, 32 x 32 to 128 x 128
-    pixels), and in 89 (32 x 32) to 94.5 % where noise is averaged over 3 x 3 pixels: ``python benchmarks/measure.py``
-    prints it.
+    A least-squares plane is subtracted first, so that falloff does not count as noise. One frame contains temporal and
+    fixed-pattern noise together. Rounding adds 1/12 of the squared step to the variance if noise is at least 0.6 steps;
+    for less noise, the interval covers every noise that could have been there before rounding. The interval is a
+    jackknife over 8 x 8 blocks of pixels: correlation between neighbours (as in demosaiced or compressed pictures)
+    widens it correctly if it extends over less than a block. In 400 seeds it contained sigma in 94 to 95 % (white
+    noise, 32 x 32 to 128 x 128 pixels), and in 89 (32 x 32) to 94.5 % for noise averaged over 3 x 3 pixels;
+    ``python benchmarks/measure.py`` prints this.
     """
     values = np.asarray(plane, np.float64)
     if values.ndim != 2 or min(values.shape, default=0) < SMALLEST:
         raise ValueError(
-            f"the patch has {' x '.join(str(n) for n in values.shape)} pixels; allowed is at least {SMALLEST} x "
+            f"the patch has {' x '.join(str(n) for n in values.shape)} pixels; allowed: at least {SMALLEST} x "
             f"{SMALLEST}"
         )
     used = np.ones(values.shape, bool) if sites is None else np.asarray(sites, bool)
@@ -91,12 +87,12 @@ def patch_noise(
         ],
         1,
     )
-    first = float(values[used][0])  # equal values have no noise, to the last digit
+    first = float(values[used][0])  # subtracted so that equal values have exactly no noise
     found = np.linalg.lstsq(design, values[used] - first, rcond=None)[0]
     rest = np.zeros(values.shape)
     rest[used] = values[used] - first - design @ found
     centre = float(values[used].mean())
-    mean = centre + left_out(rest) / each  # the sloping plane is none of its noise
+    mean = centre + left_out(rest) / each  # the fitted plane does not count as noise
     free = 1 - 3 / each[0]
     variance = left_out(rest**2) / (each * free)
     knife = Jackknife(confidence)

@@ -1,7 +1,7 @@
-"""S-CIELAB: colour difference as an eye at a distance sees it, fine detail blurred away.
+"""S-CIELAB: colour difference as seen from a distance, with fine detail blurred by the eye.
 
 In:  XYZ of a picture and its reference (3, y, x), XYZ of white, samples per degree of visual angle.
-Out: XYZ as blurred by the eye; colour difference of every pixel.
+Out: XYZ after the blur of the eye; colour difference of every pixel.
 Sources: Zhang and Wandell 1996 (SID Digest 27) and 1998; the opponent axes are those of Poirson and Wandell 1993.
 """
 
@@ -18,8 +18,8 @@ from etendue_camera.colour.matrices import apply_matrix
 XYZ_TO_OPPONENT = np.array(
     [[0.2787336, 0.7218031, -0.1065520], [-0.4487736, 0.2898056, 0.0771569], [0.0859513, -0.5899859, 0.5011089]]
 )
-"""Lightness, red-green, blue-yellow, for the 2 degree observer. In print the Z term of red-green is -0.077; the sign
-here is the one that the cones give (Poirson and Wandell's axes times Smith and Pokorny's cones: +0.078)."""
+"""Lightness, red-green, blue-yellow, for the 2 degree observer. The Z term of red-green is printed as -0.077; the sign
+here follows from the cones (Poirson and Wandell's axes times Smith and Pokorny's cones: +0.078)."""
 XYZ_TO_OPPONENT.setflags(write=False)
 
 HALF_WIDTH = float(np.sqrt(np.log(2)))
@@ -38,13 +38,13 @@ FILTERS = MappingProxyType(
     }
 )
 """(weight, spread s in degrees) of the Gaussians exp(-r^2/s^2) of each opponent plane, before the weights of a plane
-are scaled to sum 1. ``published``: the table of 1996. ``half_width``: the widths of the authors' program (0.05, 0.225,
-... degrees) read as half widths at half height, as ISETCam does. Read as full widths they are within 7 % of the
-published ones, so ``half_width`` blurs about twice as far."""
+are scaled to sum 1. ``published``: the table of 1996. ``half_width``: the widths in the authors' program (0.05, 0.225,
+... degrees), read as half widths at half height, as ISETCam does. Read as full widths, they agree with the published
+ones within 7 %; ``half_width`` therefore blurs about twice as far."""
 
 
 def samples_per_degree(pixels_per_length: float, distance: float) -> float:
-    """Pixels in one degree of visual angle, at the middle of the picture.
+    """Return the number of pixels per degree of visual angle, at the centre of the picture.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def samples_per_degree(pixels_per_length: float, distance: float) -> float:
     Raises
     ------
     ValueError
-        If one is not above 0.
+        If an argument is not above 0.
     """
     for name, value in (("pixels_per_length", pixels_per_length), ("distance", distance)):
         require.only(0 < value < np.inf, name, repr(value), "a number above 0")
@@ -68,22 +68,22 @@ def samples_per_degree(pixels_per_length: float, distance: float) -> float:
 
 
 def seen(xyz: ArrayLike, samples: float, filters: str = "published") -> NDArray:
-    """A picture as blurred by the eye: each opponent plane with its own sum of Gaussians.
+    """Return a picture as blurred by the eye: each opponent plane by its own sum of Gaussians.
 
     Parameters
     ----------
     xyz : (3, y, x) array
         Linear.
     samples : float, above 0, 1/degree
-        Pixels per degree of visual angle; `samples_per_degree`. Infinity blurs all to the mean.
+        Pixels per degree of visual angle; see `samples_per_degree`. Infinity blurs everything to the mean.
     filters : str
         ``published`` or ``half_width``; see `FILTERS`.
 
     Returns
     -------
     (3, y, x) array, dtype of xyz (integers become float64)
-        XYZ. A uniform picture comes back as it was. Slightly negative values can appear beside bright, small
-        details: one Gaussian of the lightness filter is negative.
+        XYZ. A uniform picture is unchanged. Slightly negative values can appear next to bright, small details,
+        because one Gaussian of the lightness filter is negative.
 
     Raises
     ------
@@ -92,10 +92,9 @@ def seen(xyz: ArrayLike, samples: float, filters: str = "published") -> NDArray:
 
     Notes
     -----
-    Source: Zhang and Wandell 1996. The picture goes on as its mirror image beyond the border, half a pixel from the
-    outermost samples; under it a Gaussian is a factor exp(-(pi s f)^2) on the cosine transform, so filters are never
-    cut off. (The authors' program cuts them at half a degree, where the negative Gaussian of 4.3 degrees has hardly
-    begun.)
+    Source: Zhang and Wandell 1996. The picture is continued by its mirror image, half a pixel beyond the outermost
+    samples. A Gaussian is then a factor exp(-(pi s f)^2) on the cosine transform, so filters are not truncated. (The
+    authors' program truncates them at half a degree, where the negative Gaussian of 4.3 degrees has hardly begun.)
     Error: below 1e-14 (float64) and 3e-7 (float32) of the largest value, on waves of every frequency.
     """
     xyz = _picture("xyz", xyz)
@@ -115,16 +114,16 @@ def scielab(
     formula: str = "2000",
     filters: str = "published",
 ) -> NDArray:
-    """Colour difference of every pixel, after both pictures were blurred by the eye.
+    """Return the colour difference of every pixel, after blurring both pictures as the eye does.
 
     Parameters
     ----------
     xyz, reference_xyz : (3, y, x) array
         Linear, same shape.
     white_xyz : (3,) array
-        Of the viewer's white, in the same scale; above 0.
+        XYZ of the viewer's white, in the same scale; above 0.
     samples_per_degree : float, above 0, 1/degree
-        Pixels per degree of visual angle. A 100 dpi display at 50 cm has 34.
+        Pixels per degree of visual angle; 34 for a 100 dpi display at 50 cm.
     formula : str
         ``2000`` (CIEDE2000) or ``76`` (distance in CIELAB, as published).
     filters : str
@@ -133,7 +132,7 @@ def scielab(
     Returns
     -------
     (y, x) array
-        About 1 where just visible. For uniform pictures the plain colour difference.
+        About 1 where just noticeable. For uniform pictures, the plain colour difference.
 
     Raises
     ------
@@ -142,7 +141,7 @@ def scielab(
 
     Notes
     -----
-    Source: Zhang and Wandell 1996, 1998; with CIEDE2000 after Johnson and Fairchild 2003.
+    Source: Zhang and Wandell 1996, 1998; with CIEDE2000 following Johnson and Fairchild 2003.
     """
     picture, reference = _picture("xyz", xyz), _picture("reference_xyz", reference_xyz)
     require.equal_shapes("xyz", picture, "reference_xyz", reference)
@@ -152,7 +151,7 @@ def scielab(
 
 
 def _transfer(terms: tuple[tuple[float, float], ...], shape: tuple[int, ...], samples: float) -> NDArray[np.float64]:
-    """Factor on the cosine transform: frequencies are k/2n cycles per pixel."""
+    """Return the factor on the cosine transform, whose frequencies are k/2n cycles per pixel."""
     fy, fx = (np.arange(n) / (2 * n) for n in shape)
     total = sum(weight for weight, _ in terms)
     result = np.zeros(shape)

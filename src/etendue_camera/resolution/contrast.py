@@ -19,14 +19,13 @@ from etendue import require
 from etendue_camera.arrays import Array, FloatArray
 
 Response = Callable[[FloatArray], FloatArray]  # (n,) cycles/um -> (n,), 1 at zero
-FEW, ROUNDS = 32, 3  # parts of a step between nodes
-CUT_OFF = 1e-3  # contrast that counts as none
+FEW, ROUNDS = 32, 3  # subdivisions of a step between nodes, and rounds of subdivision
+CUT_OFF = 1e-3  # contrast below which detail counts as not resolved
 
 
 def mean_otf(otf: FloatArray, weights: FloatArray | None) -> FloatArray:
     """Return the weighted mean over wavelength: (wavelength, f) and (wavelength,) to (f,), 1 where the OTF is 1;
-    negative
-    where contrast is reversed.
+    negative where contrast is reversed.
     """
     share = (
         np.full(otf.shape[0], 1 / otf.shape[0])
@@ -124,7 +123,7 @@ def _solved(
 
 
 def _about(spline: scipy.interpolate.PPoly, level: float, low: float, high: float) -> FloatArray:
-    """Return five places about the crossing of the spline with a level between two nodes."""
+    """Return five frequencies around the crossing of the spline with a level between two nodes."""
     inner = np.linspace(low, high, 2 * FEW + 1)
     guess = float(inner[min(int(np.argmax(spline(inner) < level)), 2 * FEW)])
     return np.clip(guess + (high - low) / FEW * np.arange(-2, 3), 0.5 * low, None)
@@ -145,7 +144,7 @@ def _on_spline(spline: scipy.interpolate.PPoly, bracket: Bracket, grid: FloatArr
 
 
 def _inverse(f: FloatArray, v: FloatArray, level: float) -> float:
-    """Return the frequency at a level, as a polynomial of contrast through the places (Lagrange)."""
+    """Return the frequency at a level by inverse interpolation: the Lagrange polynomial of frequency over contrast."""
     total = 0.0
     for i in range(len(f)):
         others = np.delete(v, i)
@@ -154,7 +153,9 @@ def _inverse(f: FloatArray, v: FloatArray, level: float) -> float:
 
 
 def _narrowed(response: Response, level: float, low: float, high: float) -> float:
-    """Return the last crossing between two frequencies, of which the lower is not below the level, by bisection."""
+    """Return the last crossing between two frequencies by repeated subdivision; at the lower one contrast is not below
+    the level.
+    """
     for _ in range(ROUNDS):
         inner = np.linspace(low, high, FEW + 1)
         first = min(int(np.flatnonzero(response(inner) >= level)[-1]) + 1, FEW)
@@ -192,7 +193,7 @@ class ContrastCurve:
 
     @cached_property
     def energy(self) -> float:
-        """Energy of the line spread, up to the last node."""
+        """Return the energy of the line spread, up to the last node."""
         return float(self._splines[1].integrate(self.grid[0], self.grid[-1]))
 
     def crossings(self, cut_off: float = CUT_OFF, response: Response | None = None) -> tuple[float, float, float]:
@@ -228,8 +229,8 @@ class ContrastCurve:
         """Return the fraction of the line spread energy above Nyquist, which sampling folds back.
 
         The integral of the squared contrast from ``nyquist`` to the last node, over that from 0. The spectrum of a line
-        is white, so this is the part of its energy that sampling turns into false detail; for an edge, whose
-        spectrum falls as 1/f, it is smaller.
+        is white, so this is the fraction of its energy that sampling turns into false detail. For an edge, whose
+        spectrum decreases as 1/f, the fraction is smaller.
 
         Raises
         ------
@@ -238,8 +239,8 @@ class ContrastCurve:
 
         Notes
         -----
-        By a cubic spline through the squared contrast at the nodes: error below 1e-6 for a pixel of 8 um and 512 nodes
-        up to 4 cycles/um.
+        Integrates a cubic spline through the squared contrast at the nodes. Error: below 1e-6 for a pixel of 8 um and
+        512 nodes up to 4 cycles/um.
         """
         require.only(nyquist > 0, "nyquist", nyquist, "a frequency above 0")
         return (

@@ -15,8 +15,7 @@ NEAR = 0.3  # of a crossing: the range of frequencies used to locate it
 
 def falls_to(share: float, frequency: FloatArray, sfr: FloatArray, doubt: FloatArray | None = None) -> float:
     """Return the lowest crossing: located on the rings, then by a cubic through nearby rings, weighted by their
-    standard
-    error; NaN if there is none.
+    standard error; NaN if there is none.
     """
     below = np.flatnonzero(sfr < share)
     if below.size == 0 or below[0] == 0:

@@ -6,8 +6,8 @@ Out: NEQ (quanta per pixel), bits per pixel, bits per pixel along a line, signal
 Sources: Shannon 1949 (capacity of parallel Gaussian channels); Dainty and Shaw 1974 and ICRU 54 (NEQ); Wagner and
 Brown 1985 (ideal observer); Koren, Electronic Imaging 2024 (signal power of a slanted edge).
 
-All three follow from one function of frequency. Detail is relative, a contrast about a mean, so that a gain, or a
-pointwise curve within the noise, changes none of them.
+All three follow from NEQ as a function of frequency. Detail is relative, a contrast about a mean, so that neither a
+gain nor a pointwise curve that is linear within the noise changes them.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def nyquist_square(nodes: int = 48) -> Square:
     Notes
     -----
     Error of the capacity with 48 nodes, relative: below 1e-8 for Gaussian and square pixels, 5e-5 where a diffraction
-    cut-off lies inside the square; of SNRi 2e-4 for spots up to 12 pixels wide
-    (``python benchmarks/information.py --frames 0``).
+    cut-off lies inside the square; of SNRi 2e-4 for spots up to 12 pixels wide (``python benchmarks/information.py
+    --frames 0``).
     """
     require.only(nodes >= 2, "nodes", nodes, "at least 2")
     x, wx = np.polynomial.legendre.leggauss(nodes)
@@ -91,21 +91,21 @@ def neq(signal: ArrayLike, noise: ArrayLike) -> FloatArray:
 
 
 def neq_of_channels(signal: ArrayLike, noise: ArrayLike, singular: float = 1e-10) -> FloatArray:
-    """Return the NEQ of several channels combined, by their best weighted sum at each frequency (Hotelling's
-    observer).
+    """Return the NEQ of several channels combined with optimal weights at each frequency (Hotelling observer).
 
     Parameters
     ----------
     signal : (channel, ...) array
         Mean times transfer function of the same detail in every channel.
     noise : (channel, channel, ...) array
-        Noise power on the diagonal, cross power beside it: Hermitian.
+        Noise power on the diagonal, cross power off it: Hermitian.
     singular : float
-        Relative to the largest power; weaker combinations of channels are ignored as linear dependence from stages.
+        Threshold relative to the largest power: weaker combinations of channels are ignored, as linear dependence
+        caused by stages.
 
     Returns
     -------
-    (...) array, quanta a pixel
+    (...) array, quanta per pixel
         At least the largest of the single channels; their sum if no noise is shared.
     """
     s = np.moveaxis(np.asarray(signal, np.complex128), 0, -1)
@@ -122,7 +122,7 @@ def signal_variance(ratio: float) -> float:
     """Return variance over mean^2 of light uniformly distributed between two levels with this ratio:
     (range/mean)^2 / 12.
 
-    The signal power of Koren: 0.12 for the 4:1 of ISO 12233; at most 1/3, for a ratio from black.
+    The signal power of Koren: 0.12 for the 4:1 of ISO 12233, and at most 1/3, for an infinite ratio.
 
     Raises
     ------
@@ -160,8 +160,8 @@ def capacity(quanta: ArrayLike, square: Square, variance: float) -> float:
 
     Notes
     -----
-    The half is Shannon's: values are real, so that frequencies f and -f are one. Detail beyond the square, which
-    aliases, is excluded from signal and noise.
+    The factor of one half is Shannon's: values are real, so that frequencies f and -f are not independent. Detail
+    beyond the square, which aliases, is excluded from signal and noise.
     """
     require.that(variance >= 0, f"variance is {variance}; it must be at or above 0")
     return 0.5 * square.mean(_bits(np.asarray(quanta, np.float64), variance))
@@ -211,9 +211,9 @@ def ideal_observer(quanta: ArrayLike, spectrum: ArrayLike, square: Square, contr
     spectrum : (m, n) array
         Spectrum of the object, pixel^2, see `gaussian_object`.
     square : Square
-        Nodes must be fine against 1 / size of the object.
+        The spacing of nodes must be small compared with 1 / size of the object.
     contrast : float
-        Contrast of the object relative to the mean about it.
+        Contrast of the object relative to its surroundings.
 
     Returns
     -------

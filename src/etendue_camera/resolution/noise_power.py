@@ -70,8 +70,7 @@ def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
     ----------
     frames : (frame, channel, y, x) array
         At least two frames of the same scene: their mean, which is signal and common noise, is subtracted, and the
-        power
-        is corrected by frames / (frames - 1).
+        power is corrected by frames / (frames - 1).
     block : int, pixels
         Side of adjacent squares whose periodograms are taken, without a window. At least 2.
 
@@ -80,8 +79,7 @@ def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
     (channel, channel, block, block) array
         At ``numpy.fft.fftfreq(block)`` along y and x. The relative standard error of a power is 1 / sqrt(periodograms).
     int
-        Independent periodograms behind each value: one frame less than available, for the subtracted mean.
-
+        Number of independent periodograms in each value; one frame is lost to the subtracted mean.
 
     Raises
     ------
@@ -108,9 +106,9 @@ def expected_periodogram(responses: ArrayLike, variance: ArrayLike, block: int) 
     """Return the expectation of `periodograms` for propagated noise: its power as blurred by a square of ``block``
     pixels.
 
-    The covariance at each lag times the fraction of pixel pairs with that lag in the square (Bartlett's triangle);
-    exact.
-    ``responses`` and ``variance`` as in `spectra` and `carried_power`. Returns (channel, channel, block, block).
+    Exact: the covariance at each lag times the fraction of pixel pairs with that lag in the square (Bartlett's
+    triangle). ``responses`` and ``variance`` as in `spectra` and `carried_power`. Returns (channel, channel, block,
+    block).
     """
     h, v = np.asarray(responses, np.float64), np.asarray(variance, np.float64)
     size = [2 * n for n in h.shape[-2:]]

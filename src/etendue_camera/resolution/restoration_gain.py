@@ -57,8 +57,7 @@ def response_noise_gain(response: ArrayLike, spectrum: ArrayLike | None = None) 
 
 def bilinear_noise_spectrum(fy: ArrayLike, fx: ArrayLike, green: bool) -> NDArray:
     """Return the power spectrum of white noise of a Bayer mosaic after bilinear demosaicing, averaged over the pixels
-    of
-    a tile.
+    of a tile.
 
     Parameters
     ----------

@@ -100,14 +100,13 @@ def star_response(
     Notes
     -----
     A ring of radius r has f = cycles/(2 pi r). Its pixels are fitted by a + b cos(n phi) + c sin(n phi), at their
-    actual
-    positions, so that frequencies above 0.5 cycles/pixel do not alias; noise is subtracted from b^2 + c^2. The centre
-    is refined by Gauss-Newton until the phases are constant.
+    actual positions, so that frequencies above 0.5 cycles/pixel do not alias; noise is subtracted from b^2 + c^2. The
+    centre is refined by Gauss-Newton until the phases are constant.
 
     A ring does not contain a single frequency: for a rotationally symmetric transfer function H it gives n times the
-    integral of
-    H(g) J_n(2 pi g r)/g dg, which is H - f^3 H'''/(6 n^2) to the next order. Error of the MTF50 against the closed form
-    of a Gaussian, noise-free, contrast given: below 0.1 % for 36 cycles and 0.05 % for 144; contrast not given: 1 %.
+    integral of H(g) J_n(2 pi g r)/g dg, which is H - f^3 H'''/(6 n^2) to the next order. Error of the MTF50 against the
+    closed form of a Gaussian, noise-free, contrast given: below 0.1 % for 36 cycles and 0.05 % for 144; contrast not
+    given: 1 %.
     """
     image, (cycles, radius) = np.asarray(picture, np.float64), star
     mask = np.ones(image.shape, np.bool_) if sites is None else np.asarray(sites, np.bool_)
@@ -186,7 +185,7 @@ class _Rings:
     c: FloatArray
     variance: FloatArray  # of b, and of c
     residual: float
-    # of the pixels: ring, offsets from the centre, picture less fit, the two waves
+    # of the pixels: ring, offsets from the centre, picture minus fit, the two waves
     ring: NDArray[np.intp]
     y: FloatArray
     x: FloatArray
@@ -230,7 +229,7 @@ def _rings(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges
 
 
 def _refined(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges: FloatArray) -> FloatArray:
-    """Move the centre to where the sines of all rings have one phase and the smallest residual."""
+    """Move the centre to where the sines of all rings have a common phase and the smallest residual."""
     for _ in range(ROUNDS):
         rings = _rings(image, mask, place, cycles, edges)
         phase = np.angle((rings.b + 1j * rings.c).sum())
@@ -238,7 +237,7 @@ def _refined(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edg
         turned = cycles * size * (np.cos(phase) * rings.sine - np.sin(phase) * rings.cosine)
         squared = rings.y**2 + rings.x**2
         design = np.stack([turned * rings.x / squared, -turned * rings.y / squared], axis=1)
-        # of what the waves of one phase leave, turned by the angle that a shift of the centre makes
+        # what waves of one common phase do not explain, for the change of angle caused by a shift of the centre
         rest = rings.rest + (rings.b[rings.ring] * rings.cosine + rings.c[rings.ring] * rings.sine)
         rest = rest - size * (np.cos(phase) * rings.cosine + np.sin(phase) * rings.sine)
         step = np.linalg.lstsq(design, rest, rcond=None)[0]

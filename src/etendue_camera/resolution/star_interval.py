@@ -2,7 +2,7 @@
 
 In:  a linear picture (y, x), approximate centre and radius of the star (pixels).
 Out: the star's response; MTF50 and MTF10 with intervals; the number of cycles.
-Sources: as `siemens`; draws about the response with its own standard error (parametric bootstrap).
+Sources: as for `siemens`; draws about the response with its own standard error (parametric bootstrap).
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def star_resolution(
     ----------
     picture : (y, x) array, any linear unit with 0 for no light
     centre, radius, contrast, sites
-        As in `siemens.star_response`.
+        As for `siemens.star_response`.
     cycles : int or None
         Periods per turn; None: counted.
     bootstrap : Bootstrap
@@ -99,14 +99,14 @@ def star_resolution(
     Raises
     ------
     ValueError
-        As `siemens.star_response`; if no number of cycles is dominant.
+        As for `siemens.star_response`; also if no number of cycles is dominant.
 
     Notes
     -----
-    The interval includes only noise of independent pixels: not the 1 % error of MTF50 if the contrast is not given. The
-    harmonics of a star of black and white sectors count as noise, so that its intervals are too wide. For sinusoidal
-    stars the coverage of MTF50 was 90 to 93 % over 400 seeds (72 cycles, 125 pixels, noise of 1 and 5 % of the mean):
-    ``python benchmarks/measure.py`` prints it.
+    The interval includes only noise of independent pixels, not the 1 % error of MTF50 if the contrast is not given. For
+    a star of black and white sectors it is too wide, because the harmonics count as noise. For sinusoidal stars the
+    coverage of MTF50 was 90 to 93 % over 400 seeds (72 cycles, 125 pixels, noise of 1 and 5 % of the mean): ``python
+    benchmarks/measure.py`` prints it.
     """
     mask = None if sites is None else np.asarray(sites, np.bool_)
     count = count_cycles(picture, centre, radius, mask) if cycles is None else cycles

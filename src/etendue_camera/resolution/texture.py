@@ -38,7 +38,7 @@ class TextureResponse:
     mtf10: float
     not_reached: bool
     gain: float  # picture over original at frequency 0
-    shift: tuple[float, float]  # of the picture against the original, y and x, pixels
+    shift: tuple[float, float]  # of the picture relative to the original, y and x, pixels
 
 
 def texture_response(
@@ -68,8 +68,7 @@ def texture_response(
         includes it again. None: 1.
     noise : (y, x) array, number or None
         For ``"power"``: a uniformly lit part of a picture from the same camera, of at least 64 x 64 pixels, or the rms
-        of
-        white noise, whose power is subtracted.
+        of white noise, whose power is subtracted.
     gain : float or None
         Picture over original at frequency 0; None: the ratio of their means, for which 0 must mean no light in both.
     rings : int or None
@@ -89,10 +88,11 @@ def texture_response(
     Both are windowed and transformed, the shift between them is found from the cross spectrum's phase and removed, and
     powers are summed over rings. The response of a ring is at its mean frequency, weighted by the original's power.
     Error for 400 x 400 pixels, leaves of 4 to 60 pixels, Gaussians of 0.45 to 1.5 pixels rms: cross, MTF50
-    within 0.5 % noise-free and 1 % with noise of 5 % of the mean. Power, noise known, the same chart: within 1 % for
-    MTF50 up to 0.32 cycles/pixel, 6 % at 0.42, where aliases count as contrast; another piece of such a chart: 13 %,
-    because a few large leaves dominate its power (``python benchmarks/resolution.py``). For linear processing only:
-    content-dependent denoising or sharpening has no transfer function, and the two methods then differ.
+    within 0.5 % noise-free and 1 % with noise of 5 % of the mean. Power, with known noise and the same chart: within 1
+    % for MTF50 up to 0.32 cycles/pixel, and 6 % at 0.42, where aliases count as contrast. With another part of such a
+    chart: 13 %, because a few large leaves dominate its power (``python benchmarks/resolution.py``). For linear
+    processing only: content-dependent denoising or sharpening has no transfer function, and the two methods then
+    differ.
 
     """
     image, ideal = np.asarray(picture, np.float64), np.asarray(original, np.float64)

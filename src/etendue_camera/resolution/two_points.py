@@ -2,9 +2,9 @@
 
 In:  a real transfer function of radial frequency (cycles/um), photon weights by wavelength, separations (um).
 Out: brightness midway over that of a peak (1), Sparrow's and Rayleigh's separation (um).
-Sources: Sparrow 1916: the second derivative midway vanishes. Rayleigh 1879: one point on the other's first dark ring;
-without a dark ring, the same dip as that of two Airy discs then. `diffraction` has the closed forms of the Airy
-disc.
+Sources: Sparrow 1916: the second derivative midway vanishes. Rayleigh 1879: one point lies on the first dark ring of
+the other. Without a dark ring, the separation with the same dip as two Airy discs have at that distance is used.
+`diffraction` has the closed forms for the Airy disc.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from etendue_camera.arrays import FloatArray
 Transfer = Callable[[FloatArray], NDArray]  # (n,) cycles/um -> (n,) or (wavelength, n)
 
 RAYLEIGH_SADDLE = 0.735031662423275
-"""Midway over peak of two Airy discs, one on the other's first dark ring."""
+"""Brightness midway over that of a peak, for two Airy discs at the Rayleigh separation."""
 KINDS = ("point", "line")
 DARK = 1e-3  # relative to the peak; below it a ring counts as dark
 NODES = 400
@@ -38,7 +38,7 @@ RINGS = 33  # distances from a dark ring to twice its radius at which the next b
 class SpreadFunction:
     """The image of one point, or one line, from its transfer function: value and derivatives at distances (n,) in um.
 
-    The first is the integral of 2 pi f H J0(2 pi f r), the other that of 2 H cos(2 pi f r), by Gauss-Legendre nodes.
+    A point gives the integral of 2 pi f H J0(2 pi f r), a line that of 2 H cos(2 pi f r), both on Gauss-Legendre nodes.
     """
 
     frequency: FloatArray
@@ -83,7 +83,8 @@ def spread_of(
         Radial frequency (n,) in cycles/um to the transfer function, (n,) or (wavelength, n); the real part is taken.
         For a lens with a square pixel, that along one direction is used for all directions.
     highest : float, cycles/um
-        Its upper end: the cut-off, or where it is negligible. A cut-off below it costs digits (2e-6 left).
+        Upper end of the integral: the cut-off, or where the transfer function is negligible. A cut-off below
+        ``highest`` reduces the accuracy to 2e-6.
     weights : (wavelength,) array or None
         Photons by wavelength; None: equal bands.
     kind : {"point", "line"}
@@ -121,7 +122,7 @@ def spread_of(
 
 @lru_cache(maxsize=8)
 def _gauss(nodes: int) -> tuple[FloatArray, FloatArray]:
-    """Return places and weights of Gauss's rule, cached: 0.1 s for 400 nodes."""
+    """Return Gauss-Legendre nodes and weights, cached because 400 nodes take 0.1 s."""
     places, width = np.polynomial.legendre.leggauss(nodes)
     places.flags.writeable = width.flags.writeable = False
     return places, width
@@ -142,7 +143,7 @@ def two_point_saddle(
     ----------
     separation : (...) array, um, 0 or above
     otf, highest, weights, kind, nodes
-        As in `spread_of`.
+        As for `spread_of`.
 
     Returns
     -------
@@ -154,7 +155,7 @@ def two_point_saddle(
     Raises
     ------
     ValueError
-        If a separation is negative; as `spread_of`.
+        If a separation is negative; also as for `spread_of`.
 
     Notes
     -----
@@ -174,7 +175,7 @@ def sparrow_separation(
 
     Twice the first distance at which the second derivative of the spread vanishes. NaN if there is none within the
     resolution of ``nodes``. Error: 1e-12 of the Airy disc's 0.947155 lambda N, and 1e-12 of 2 sigma of a Gaussian.
-    Arguments as in `spread_of`.
+    Arguments as for `spread_of`.
     """
     return _sparrow(spread_of(otf, highest, weights, kind, nodes))
 
@@ -193,10 +194,9 @@ def rayleigh_separation(
     A ring is dark if the first minimum of the spread is at most ``dark`` of its peak and a brighter one follows.
     Otherwise (mixed wavelengths, a pixel, an aberrated lens) it is the separation whose midpoint has 0.7350 of a peak's
     brightness, as for two Airy discs at Rayleigh's separation, so that both rules agree where they meet. NaN if there
-    is
-    none.
+    is none.
 
-    Arguments as in `spread_of`. Error: 1e-12 of the Airy disc's 1.219670 lambda N.
+    Arguments as for `spread_of`. Error: 1e-12 of the Airy disc's 1.219670 lambda N.
     """
     spread = spread_of(otf, highest, weights, kind, nodes)
     return _rayleigh(spread, _sparrow(spread), dark)
@@ -207,7 +207,7 @@ def separations(
 ) -> tuple[float, float]:
     """Return Rayleigh's and Sparrow's separation of two points, um, from one spread function.
 
-    Arguments as in `spread_of`; ``within``: relative error allowed for a separation's root, 0: full precision.
+    Arguments as for `spread_of`; ``within``: relative error allowed for a separation's root, 0: full precision.
     """
     spread = spread_of(otf, highest, weights, nodes=nodes)
     sparrow = _sparrow(spread, within)

@@ -1,5 +1,5 @@
-"""Restoration of what blur and noise removed: sharpening, denoising, deconvolution.
+"""Restoration after blur and noise: sharpening, denoising, deconvolution.
 
-In:  planes, and where it is known the transfer function that blurred them.
+In:  planes, and the transfer function that blurred them, if known.
 Out: planes of the same kind.
 """

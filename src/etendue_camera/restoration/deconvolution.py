@@ -1,13 +1,13 @@
-"""Deconvolution with a known transfer function: Wiener's filter and Richardson-Lucy.
+"""Deconvolution with a known transfer function: Wiener filter and Richardson-Lucy.
 
-In:  planes (..., y, x) in any unit; transfer function at the frequencies of the padded plane; what is known of noise
+In:  planes (..., y, x) in any unit; transfer function at the frequencies of the padded plane; properties of noise
      and signal.
 Out: restored planes; the gain at each frequency.
 Sources: N. Wiener, Extrapolation, Interpolation, and Smoothing of Stationary Time Series (1949); W. H. Richardson, J.
 Opt. Soc. Am. 62 (1972) 55; L. B. Lucy, Astron. J. 79 (1974) 745; total variation after N. Dey et al., Microsc. Res.
 Tech. 69 (2006) 260; the discrepancy principle of V. A. Morozov (1966).
 
-Planes are continued by their mirror image, without a seam (``sampling.pad``): neither filter sees the other border.
+Planes are continued seamlessly by their mirror image (``sampling.pad``), so neither filter sees the opposite border.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from numpy.typing import ArrayLike, NDArray
 from etendue import require
 from etendue.transfer import sampling
 
-OUTER_FREQUENCY = 1 / 256  # cycles/pixel, below which a picture's power spectrum is taken as flat
-# times the largest value: a pedestal beside which single precision would keep fewer than 20 bits of a picture
+OUTER_FREQUENCY = 1 / 256  # cycles/pixel; below it the power spectrum of a picture is taken as flat
+# times the largest value: with a larger pedestal, single precision would keep fewer than 20 bits of a picture
 FAR_ABOVE = 16.0
-STEEPEST = 1e-3  # of the largest value: gradients well above it count by direction alone in the total variation
+STEEPEST = 1e-3  # of the largest value: much larger gradients count by direction only in the total variation
 
 
 def frequencies(rows: int, columns: int) -> tuple[NDArray, NDArray]:
-    """Frequencies along y and x, cycles/pixel, of the half spectrum of a padded plane: where a transfer function is
-    needed.
+    """Return the frequencies along y and x, cycles/pixel, of the half spectrum of a padded plane, at which a transfer
+    function is needed.
 
     Parameters
     ----------
@@ -44,29 +44,29 @@ def frequencies(rows: int, columns: int) -> tuple[NDArray, NDArray]:
 
 
 def wiener_gain(transfer: ArrayLike, noise_to_signal: ArrayLike) -> NDArray:
-    """Return the gain of the linear filter with the least mean-square error.
+    """Return the gain of the linear filter with the smallest mean-square error.
 
     Parameters
     ----------
     transfer : (...) array, dimensionless
-        H, real or complex, of any size down to 0.
+        H, real or complex, of any size including 0.
     noise_to_signal : (...) array, dimensionless
-        Power of the noise over that of the undisturbed signal at the same frequencies, at or above 0.
+        Noise power over the power of the undisturbed signal at the same frequencies, at or above 0.
 
     Returns
     -------
     (...) array, dimensionless
-        conj(H) / (|H|^2 + nsr): 1/H where noise is nothing against what H passes, 0 where H is 0; never above
+        conj(H) / (|H|^2 + nsr): 1/H where noise is negligible relative to |H|^2, 0 where H is 0; never above
         1 / (2 sqrt(nsr)). Double precision.
 
     Raises
     ------
     ValueError
-        If noise_to_signal holds negative values or NaN.
+        If noise_to_signal contains negative values or NaN.
 
     Notes
     -----
-    Both terms are divided by max(|Re H|, |Im H|) first, since |H|^2 is 0 in floating point below 1e-162.
+    Both terms are divided by max(|Re H|, |Im H|) first, because |H|^2 underflows to 0 for |H| below 1e-162.
     Error: below 1e-15 relative (reference group wiener_gain).
     """
     transfer = np.asarray(transfer)
@@ -77,7 +77,7 @@ def wiener_gain(transfer: ArrayLike, noise_to_signal: ArrayLike) -> NDArray:
     tiny = np.finfo(float).tiny
     scale = np.maximum(size, tiny)
     unit = transfer / scale
-    with np.errstate(over="ignore"):  # noise over next to nothing: infinite, and the gain 0
+    with np.errstate(over="ignore"):  # noise over almost nothing: the ratio is infinite, and the gain 0
         below = np.maximum((unit.real**2 + unit.imag**2) * scale + noise_to_signal / scale, tiny)
     return np.conj(unit) / below
 
@@ -89,20 +89,20 @@ def signal_spectrum(fy: ArrayLike, fx: ArrayLike, exponent: float = 2.0, outer: 
     ----------
     fy, fx : (...) array, cycles/pixel
     exponent : float
-        Power falls as 1 / f^exponent; 2 for edges and for natural scenes, 0 for a flat spectrum. 0 to 8.
+        Power falls as 1 / f^exponent, exponent 0 to 8; 2 for edges and natural scenes, 0 for a flat spectrum.
     outer : float, cycles/pixel
-        Where the law sets in, above 0 and below 1/2.
+        Frequency above which the law holds; above 0 and below 1/2.
 
     Returns
     -------
     (...) array, pixel^2
-        Power density whose integral over the disc up to 1/2 cycle per pixel is pi/4, its area: 1 everywhere for
-        exponent 0.
+        Power density whose integral over the disc up to 1/2 cycle per pixel is pi/4, the area of the disc; 1 everywhere
+        for exponent 0.
 
     Raises
     ------
     ValueError
-        If exponent or outer is not allowed.
+        If exponent or outer is out of range.
 
     Notes
     -----
@@ -113,13 +113,13 @@ def signal_spectrum(fy: ArrayLike, fx: ArrayLike, exponent: float = 2.0, outer: 
     require.allowed(0 < outer < 0.5, "outer", outer, "numbers above 0 and below 0.5 cycles/pixel")
     squared = np.asarray(fy, dtype=float) ** 2 + np.asarray(fx, dtype=float) ** 2 + outer**2
     power, decades = 1 - 0.5 * exponent, math.log((0.25 + outer**2) / outer**2)
-    # (high^power - low^power) / power, whose difference loses all digits about power = 0, where it is decades
+    # (high^power - low^power) / power; near power = 0, where it equals `decades`, the difference would lose all digits
     area = outer ** (2 * power) * decades * (math.expm1(power * decades) / (power * decades) if power else 1.0)
     return 0.25 / area * squared ** (-0.5 * exponent)
 
 
 def limited(gain: NDArray, largest: float) -> NDArray:
-    """The same gain, but nowhere of a size above ``largest``; its phase is kept.
+    """Return the gain with its magnitude limited to ``largest`` and its phase unchanged.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def limited(gain: NDArray, largest: float) -> NDArray:
 
 
 def apply(planes: NDArray, gain: NDArray) -> NDArray:
-    """Planes with every frequency multiplied.
+    """Return planes with every frequency multiplied by a gain.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def richardson_lucy_periodic(
     frame: tuple[int, int] | None = None,
     start: str = "mean",
 ) -> tuple[NDArray, float]:
-    """Multiplicative deconvolution of one plane that closes upon itself: maximum likelihood for counts.
+    """Deconvolve one periodic plane multiplicatively: maximum likelihood for counts.
 
     Parameters
     ----------
@@ -178,43 +178,43 @@ def richardson_lucy_periodic(
     transfer : (ny, nx // 2 + 1) array, dimensionless
         Half spectrum of the point spread function, 1 at zero frequency.
     iterations : int
-        At most so many, from 1.
+        Maximum number of iterations, from 1.
     total_variation : float, dimensionless
-        Weight of the regularisation that favours flat parts between sharp edges, 0 to 0.2.
+        Weight of the regularisation that favours flat areas between sharp edges, 0 to 0.2.
     residual : float, unit of data
-        Ends where the rms difference between the data and the blurred estimate has fallen to this, between two
-        iterations if need be; 0: never.
+        Stop when the rms difference between the data and the blurred estimate has fallen to this value, between two
+        iterations if necessary; 0: never.
     frame : (rows, columns) or None
-        The first of them alone count in the residual; None: all.
+        Size of the leading part to which the residual is limited; None: the whole plane.
     start : {"mean", "data"}
-        From an even plane, as is usual, or from the data themselves: what comes out is then never less sharp than they
-        are.
+        Start from a uniform plane, as is usual, or from the data; the result is then never less sharp than the
+        data.
 
     Returns
     -------
     (ny, nx) array, unit and dtype of data (integers become float64)
-        Nowhere negative; its sum is that of the data.
+        Not negative; its sum is that of the data.
     float
-        Iterations done.
+        Number of iterations done.
 
     Raises
     ------
     ValueError
-        If the data are negative somewhere, shapes differ, or an argument is not allowed.
+        If the data are negative somewhere, shapes differ, or an argument is out of range.
 
     Notes
     -----
-    x <- x H^T(y / Hx), where 0/0 is 0. A ratio is never larger than the largest of the first
-    iteration, max(y) / mean(y): so it stays bounded where a band-limited kernel, which has negative parts, makes Hx 0
-    or less. What falls below 0 becomes 0 and the sum is put right: both change nothing for a kernel without negative
-    parts. The end between two iterations makes the result continuous in the data. Error: below 3e-14 of the largest
-    value after 20 iterations (reference richardson_lucy_1d).
+    x <- x H^T(y / Hx), where 0/0 is 0. Ratios are limited to the largest of the first iteration, max(y) / mean(y).
+    They stay bounded even where a band-limited kernel, which has negative parts, makes Hx 0 or less. Values below 0
+    become 0 and the sum is restored; neither changes anything for a kernel without negative parts. Stopping between two
+    iterations makes the result continuous in the data. Error: below 3e-14 of the largest value after 20 iterations
+    (reference richardson_lucy_1d).
     """
     data = _floating(data)
     seen = tuple(slice(size) for size in frame or data.shape)
     require.that(
         data.ndim == 2 and transfer.shape == (data.shape[0], data.shape[1] // 2 + 1),
-        f"data has shape {data.shape} and transfer {transfer.shape}; allowed are (ny, nx) and (ny, nx // 2 + 1)",
+        f"data has shape {data.shape} and transfer {transfer.shape}; allowed: (ny, nx) and (ny, nx // 2 + 1)",
     )
     if data.size and not data.min() >= 0:
         raise ValueError(
@@ -272,30 +272,30 @@ def richardson_lucy(
     pedestal: float = 0.0,
     start: str = "mean",
 ) -> tuple[NDArray, NDArray]:
-    """`richardson_lucy_periodic` of planes that end, each on its padded continuation.
+    """Apply `richardson_lucy_periodic` to planes with borders, each on its padded continuation.
 
     Parameters
     ----------
     planes : (channel, ny, nx) array, any unit
-        Any sign: see pedestal.
+        Any sign; see pedestal.
     transfer : (channel or 1, Ny, Nx // 2 + 1) array, dimensionless
         At `frequencies` (ny, nx).
     iterations, total_variation, start
-        As of `richardson_lucy_periodic`.
+        As in `richardson_lucy_periodic`.
     residual : (channel,) array or float, unit of planes
     pedestal : float, unit of planes
-        Added in front and taken away behind; raised to what makes the smallest value 0.
+        Added before and subtracted afterwards; raised if necessary so that the smallest value becomes 0.
 
     Returns
     -------
     (channel, ny, nx) array, unit and dtype of planes (integers become float64)
     (channel,) array
-        Iterations done.
+        Number of iterations done.
 
     Raises
     ------
     ValueError
-        As of `richardson_lucy_periodic`, or if pedestal is not allowed.
+        As in `richardson_lucy_periodic`, or if pedestal is out of range.
     """
     planes = _floating(planes)
     require.shape(planes.ndim == 3, "planes", planes, "(channel, y, x)")
@@ -306,10 +306,10 @@ def richardson_lucy(
     for channel, plane in enumerate(planes):
         whole = sampling.pad(plane)
         wanted = max(float(pedestal), -float(whole.min()))
-        if wanted > FAR_ABOVE * float(whole.max()):  # single precision would keep the lift and lose the picture
+        if wanted > FAR_ABOVE * float(whole.max()):  # single precision would keep the pedestal and lose the picture
             whole = whole.astype(np.float64)
         lift = whole.dtype.type(wanted)
-        # where the lift is the smallest value itself, rounding must not leave it below 0
+        # if the pedestal equals the smallest value, rounding must not leave it below 0
         estimate, done[channel] = richardson_lucy_periodic(
             np.maximum(whole + lift, 0),
             transfer[channel],
@@ -331,31 +331,31 @@ def richardson_lucy_response(transfer: ArrayLike, iterations: float, start: str 
     transfer : (...) array, dimensionless
         H, |H| < sqrt 2.
     iterations : float
-        From 0; between whole numbers the mixture of both, as where a residual ends it.
+        From 0. Between whole numbers, the mixture of both, as when a residual stops the iteration.
     start : {"mean", "data"}
-        As of `richardson_lucy_periodic`.
+        As in `richardson_lucy_periodic`.
 
     Returns
     -------
     (...) array, dimensionless
-        (1 - (1 - |H|^2)^n) / H: n conj(H) where H is small, 1/H where n is large. 1 where H is 1, from n = 1 on.
-        Started from the data, (1 - |H|^2)^n more: 1 for n = 0.
+        (1 - (1 - |H|^2)^n) / H: n conj(H) where H is small, 1/H where n is large, 1 where H is 1 and n >= 1.
+        Started from the data, plus (1 - |H|^2)^n: 1 for n = 0.
 
     Raises
     ------
     ValueError
-        If iterations is not allowed, or H too large: small contrasts would grow without bound.
+        If iterations is out of range, or |H| is too large: small contrasts would grow without bound.
 
     Notes
     -----
-    Source: with x = c (1 + e), y = c (1 + d) the iteration is e <- e + H^T (d - H e) to first order, which is
-    Landweber's. The sum of powers is taken as -expm1(n log1p(-|H|^2)) / |H|^2.
+    Source: with x = c (1 + e) and y = c (1 + d), the iteration is to first order e <- e + H^T (d - H e), which is
+    Landweber's. The sum of powers is computed as -expm1(n log1p(-|H|^2)) / |H|^2.
     """
     require.amount("iterations", iterations)
     transfer = np.asarray(transfer)
     square = transfer.real.astype(float) ** 2 + transfer.imag.astype(float) ** 2
     if not np.all(square < 2):
-        raise ValueError(f"transfer has a size of {math.sqrt(square.max()):g}; allowed are sizes below sqrt 2")
+        raise ValueError(f"transfer has a size of {math.sqrt(square.max()):g}; allowed: sizes below sqrt 2")
     require.allowed(start in ("mean", "data"), "start", start, "'mean' and 'data'")
     whole = math.floor(iterations)
     share = iterations - whole
@@ -365,7 +365,7 @@ def richardson_lucy_response(transfer: ArrayLike, iterations: float, start: str 
 
 
 def _sum_of_powers(square: NDArray, terms: int) -> NDArray:
-    """1 + q + ... + q^(terms - 1) with q = 1 - square."""
+    """Return 1 + q + ... + q^(terms - 1) with q = 1 - square."""
     inside = np.clip(square, np.finfo(float).tiny, 0.5)
     with np.errstate(under="ignore"):
         near = -np.expm1(terms * np.log1p(-inside)) / inside
@@ -374,9 +374,7 @@ def _sum_of_powers(square: NDArray, terms: int) -> NDArray:
 
 
 def _curvature(plane: NDArray) -> NDArray:
-    """Divergence of the unit vectors along the gradient, per pixel: between -4 and 4, on a plane that closes upon
-    itself.
-    """
+    """Return the divergence of the unit vectors along the gradient, on a periodic plane: between -4 and 4 per pixel."""
     down, right = np.roll(plane, -1, 0) - plane, np.roll(plane, -1, 1) - plane
     least = plane.dtype.type((STEEPEST * float(plane.max())) ** 2 + np.finfo(plane.dtype).tiny)
     size = np.sqrt(down**2 + right**2 + least)

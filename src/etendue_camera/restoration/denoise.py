@@ -3,12 +3,12 @@
 In:  planes (..., y, x), the noise model: variance = shot x value + floor.
 Out: planes of the same kind.
 Sources: J.-S. Lee, IEEE Trans. PAMI 2 (1980) 165 (linear minimum mean-square error from local mean and variance); K.
-He, J. Sun, X. Tang, IEEE Trans. PAMI 35 (2013) 1397 (coefficients averaged over the windows that hold a pixel, by box
-sums).
+He, J. Sun, X. Tang, IEEE Trans. PAMI 35 (2013) 1397 (coefficients averaged over the windows that contain a pixel, by
+box sums).
 
-Chosen over a bilateral filter because its one constant is the noise variance itself, at every pixel its own, with
-nothing to tune; because it takes five box means whatever the window, is linear in each window and so turns no gradient
-round; and because it keeps the sum.
+Advantages over a bilateral filter: its one constant is the noise variance, known at every pixel, so nothing needs
+tuning; it takes five box means for any window size; it is linear in each window and so does not reverse gradients; it
+keeps the sum.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from etendue import require
 
 
 def denoise(planes: NDArray, shot: float, floor: float, radius: int = 2, strength: float = 1.0) -> NDArray:
-    """Remove known noise where the picture is flat, and preserve edges.
+    """Remove known noise where the picture is uniform, and preserve edges.
 
     Parameters
     ----------
     planes : (..., y, x) array, any unit u
-        Any sign, any size from 1 x 1 on, mirrored beyond the border. Each plane on its own.
+        Any sign, any size from 1 x 1, mirrored beyond the border. Planes are processed separately.
     shot : float, u
-        Noise variance per value: 1 over the electrons that make a value of 1.
+        Noise variance per value: 1 over the number of electrons that give a value of 1.
     floor : float, u^2
         Noise variance in the dark.
     radius : int, pixel
@@ -39,19 +39,20 @@ def denoise(planes: NDArray, shot: float, floor: float, radius: int = 2, strengt
     Returns
     -------
     (..., y, x) array, u, dtype of planes (integers become float64)
-        Bit for bit the input where shot and floor are 0. The sum of each plane is kept.
+        Identical to the input, bit for bit, if shot and floor are 0. The sum of each plane is kept.
 
     Raises
     ------
     ValueError
-        If there are less than two axes, or an argument is not allowed.
+        If there are fewer than two axes, or an argument is out of range.
 
     Notes
     -----
     In a window of mean m and variance v with noise n = strength^2 (shot max(m, 0) + floor), the estimate is
-    a x + (1 - a) m with a = max(v - n, 0) / v; a pixel gets the mean over the windows that hold it. The sum is kept
+    a x + (1 - a) m with a = max(v - n, 0) / v; a pixel gets the mean over the windows that contain it. The sum is kept
     because a box mean with mirrored borders is a symmetric operator: sum of mean(a) x = sum of a m. Means and variances
-    are taken in double precision. Error: sum 1e-14 of the sum of sizes in float64; float32 2e-7 of the largest value.
+    are computed in double precision. Error: 1e-14 of the sum of magnitudes in float64; 2e-7 of the largest value in
+    float32.
     """
     planes = np.asarray(planes)
     require.shape(planes.ndim >= 2, "planes", planes, "(..., y, x)")
@@ -72,7 +73,7 @@ def _one(plane: NDArray, shot: float, floor: float, size: int) -> NDArray:
     mean = _box(plane, size)
     middle = (
         float(mean.mean()) if mean.size else 0.0
-    )  # variances about it: no cancellation for a small variance on a bright ground
+    )  # subtracted before computing variances: avoids cancellation for a small variance on a bright background
     variance = _box((plane - middle) ** 2, size) - (mean - middle) ** 2
     noise = shot * np.maximum(mean, 0) + floor
     kept = np.divide(np.maximum(variance - noise, 0), variance, out=np.zeros_like(plane), where=variance > 0)

@@ -1,9 +1,9 @@
 """Merge several exposures of one scene: mean, clipped mean, and the noise-weighted merge of a bracket.
 
-In:  frames of linear values, times, the level at which each saturates, what is known of their noise.
-Out: the light per time, and the variance that is left in it.
+In:  frames of linear values, times, the level at which each saturates, their noise model.
+Out: the light per time, and its remaining variance.
 Sources: inverse-variance weights: Granados et al., "Optimal HDR reconstruction with linear digital cameras", CVPR 2010,
-section 3 (weights from the expected signal, not from the noisy value, which would favour what came out too dark).
+section 3 (weights from the expected signal; weights from the noisy value would favour values that came out too dark).
 Clipped mean: Stetson, PASP 99 (1987).
 """
 
@@ -16,17 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 from etendue_camera.arrays import Array
 
 Noise = tuple[ArrayLike, ArrayLike]  # shot noise and floor
-NEAR = 0.95  # of the level of saturation: from here on a value may be cut off
+NEAR = 0.95  # of the saturation level: values from here on may be clipped
 
 
 def usable(frames: NDArray, level: ArrayLike, margin: int) -> NDArray[np.bool_]:
-    """Return where no channel is clipped, at a pixel and around it, since demosaicing spreads clipped values.
+    """Return where no channel is clipped, neither at a pixel nor around it, since demosaicing spreads clipped values.
 
     Parameters
     ----------
     frames : (frame, channel, y, x) array, linear
     level : (frame,), unit of frames
-        At which each frame saturates.
+        Level at which each frame saturates.
     margin : int, pixels
         At or above 0.
 
@@ -39,8 +39,9 @@ def usable(frames: NDArray, level: ArrayLike, margin: int) -> NDArray[np.bool_]:
 
 
 def pooled(frames: NDArray, times: ArrayLike, used: NDArray[np.bool_]) -> NDArray:
-    """Light per time: what the used frames hold together, over their times together; of the shortest where none is
-    used.
+    """Return the light per time: the sum of the used frames over the sum of their times.
+
+    Where no frame is used, take that of the shortest.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ def pooled(frames: NDArray, times: ArrayLike, used: NDArray[np.bool_]) -> NDArra
 
     Notes
     -----
-    The best estimate where shot noise alone counts: photons over time.
+    This is the best estimate if shot noise is the only noise: photons over time.
     """
     t = np.asarray(times, frames.dtype)[:, None, None, None]
     total = (t * used).sum(axis=0)
@@ -64,7 +65,7 @@ def pooled(frames: NDArray, times: ArrayLike, used: NDArray[np.bool_]) -> NDArra
 
 
 def variance_of(rate: NDArray, times: ArrayLike, noise: Noise) -> NDArray:
-    """Variance of each frame's light per time.
+    """Return the variance of each frame's light per time.
 
     Parameters
     ----------
@@ -81,7 +82,7 @@ def variance_of(rate: NDArray, times: ArrayLike, noise: Noise) -> NDArray:
     Raises
     ------
     ValueError
-        A variance that the precision of the light cannot hold.
+        If a variance exceeds the range of the dtype of the rate.
     """
     t = np.asarray(times, rate.dtype)[:, None, None, None]
     a, b = (np.asarray(x, rate.dtype)[:, None, None] for x in noise)
@@ -102,7 +103,7 @@ def merged(
     sigmas: float,
     margin: int,
 ) -> tuple[NDArray, NDArray]:
-    """One picture of several, in light per time, and its variance.
+    """Merge several frames to one picture of light per time; return it and its variance.
 
     Parameters
     ----------
@@ -112,22 +113,23 @@ def merged(
     noise : two (channel,) arrays
         As in `variance_of`.
     method : 'mean', 'sigma_clipped' or 'hdr'
-        All frames; those within ``sigmas`` of the median; those that are not cut off, by their known noise.
+        Frames to use at each pixel: all; those within ``sigmas`` of the median; or those that are not clipped, weighted
+        by their known noise.
     sigmas : float
         Above 0.
     margin : int, pixels
-        Around cut-off ones.
+        Excluded around clipped pixels.
 
     Returns
     -------
     rate : (channel, y, x) array, unit per time
     variance : the same, unit^2 per time^2
-        Of the mosaic's noise as if each value were measured; demosaicing averages it further.
+        Variance of the mosaic's noise, as if each value were measured; demosaicing reduces it further.
 
     Raises
     ------
     ValueError
-        An unknown method, or a time that is not above 0.
+        For an unknown method, or a time that is not above 0.
     """
     if not np.all(np.asarray(times) > 0):
         raise ValueError(
@@ -142,7 +144,7 @@ def merged(
     elif method == "hdr":
         used = usable(frames, level, margin)[:, None]
     else:
-        raise ValueError(f"method is {method!r}; allowed are mean, sigma_clipped, hdr")
+        raise ValueError(f"method is {method!r}; allowed: mean, sigma_clipped, hdr")
     rate = pooled(frames, times, used)
     variance = variance_of(rate, times, noise)
     shortest = int(np.argmin(times))

@@ -1,10 +1,9 @@
 """Sharpening with the Laplacian of the seed paper or an unsharp mask, and its effect on frequencies and noise.
 
-
 In:  planes (..., y, x) in any unit, strength or radius; or spatial frequency (cycles/pixel).
 Out: sharpened planes; transfer function and noise gain, dimensionless.
-Sources: seed paper eq. 11, whose taps sum to 0: alone it makes an edge image, and sharpening is identity + k L. Unsharp
-masking: a blurred copy is taken away.
+Sources: seed paper eq. 11, whose taps sum to 0: alone it gives an edge image, and sharpening is identity + k L. Unsharp
+masking subtracts a blurred copy.
 """
 
 import math
@@ -17,7 +16,7 @@ from etendue import require
 
 LAPLACIAN = np.array([[-1.0, -1.0, -1.0], [-1.0, 8.0, -1.0], [-1.0, -1.0, -1.0]])
 LAPLACIAN.setflags(write=False)
-REACH = 7.0  # standard deviations: another tap enters as the radius grows, with e^-24.5 of the middle one
+REACH = 7.0  # standard deviations: as the radius grows, a new tap enters at e^-24.5 of the middle one
 
 
 def sharpen(planes: NDArray, strength: float) -> NDArray:
@@ -26,24 +25,24 @@ def sharpen(planes: NDArray, strength: float) -> NDArray:
     Parameters
     ----------
     planes : (..., y, x) array, any unit
-        Any size from 1 x 1 on. Beyond the border the edge sample is repeated.
+        Any size from 1 x 1. Beyond the border the edge sample is repeated.
     strength : float, dimensionless
-        k, finite, at or above 0. 1 is the seed paper's and multiplies white noise by 9.4; below 0.2 is usual.
+        k, finite, at or above 0. 1, as in the seed paper, multiplies white noise by 9.4; below 0.2 is usual.
 
     Returns
     -------
     (..., y, x) array, unit and dtype of planes (integers become float64)
-        The sum of each plane is kept; a constant plane is kept exactly; overshoot leaves the range.
+        The sum of each plane is kept, and a constant plane is kept exactly; overshoot may leave the range.
 
     Raises
     ------
     ValueError
-        If there are less than two axes, or strength is not allowed.
+        If there are fewer than two axes, or strength is out of range.
 
     Notes
     -----
-    Source: eq. 11. The box sum is 9 + 3 dx + 3 dy + dx dy with second differences dx, dy; written so, it is
-    separable, and a constant rounds to exactly nothing.
+    Source: eq. 11. The box sum is 9 + 3 dx + 3 dy + dx dy with second differences dx, dy. In this form it is
+    separable, and gives exactly 0 for a constant.
     Error: below 4e-15 (1 + k) of the largest value in float64, against direct convolution.
     """
     planes = np.asarray(planes)
@@ -52,7 +51,7 @@ def sharpen(planes: NDArray, strength: float) -> NDArray:
     if not np.issubdtype(planes.dtype, np.floating):
         planes = planes.astype(np.float64)
     result = np.empty_like(planes)
-    for index in np.ndindex(planes.shape[:-2]):  # a plane at a time stays in the cache
+    for index in np.ndindex(planes.shape[:-2]):  # one plane at a time stays in the cache
         plane, box = planes[index], result[index]
         across = _second_difference(plane, -1)
         weighted = 3 * plane
@@ -66,7 +65,7 @@ def sharpen(planes: NDArray, strength: float) -> NDArray:
 
 
 def laplacian_response(fy: ArrayLike, fx: ArrayLike) -> NDArray:
-    """Transfer function of eq. 11.
+    """Return the transfer function of eq. 11.
 
     Parameters
     ----------
@@ -79,7 +78,7 @@ def laplacian_response(fy: ArrayLike, fx: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Source: 9 - (1 + 2 cos 2 pi fx)(1 + 2 cos 2 pi fy) in sines, 12 (sy^2 + sx^2) - 16 sy^2 sx^2: no
+    Source: 9 - (1 + 2 cos 2 pi fx)(1 + 2 cos 2 pi fy), written in sines as 12 (sy^2 + sx^2) - 16 sy^2 sx^2 to avoid
     cancellation near zero, where the response is 12 pi^2 f^2. Error: below 4e-16 relative (reference group
     laplacian_response).
     """
@@ -88,7 +87,7 @@ def laplacian_response(fy: ArrayLike, fx: ArrayLike) -> NDArray:
 
 
 def sharpen_response(fy: ArrayLike, fx: ArrayLike, strength: float) -> NDArray:
-    """Transfer function of `sharpen` away from borders: 1 + k times `laplacian_response`.
+    """Return the transfer function of `sharpen` away from borders: 1 + k times `laplacian_response`.
 
     Parameters
     ----------
@@ -104,13 +103,13 @@ def sharpen_response(fy: ArrayLike, fx: ArrayLike, strength: float) -> NDArray:
     Raises
     ------
     ValueError
-        If strength is not allowed.
+        If strength is out of range.
     """
     return 1 + _strength(strength) * laplacian_response(fy, fx)
 
 
 def noise_gain(strength: float) -> float:
-    """Factor by which `sharpen` multiplies the standard deviation of white noise.
+    """Return the factor by which `sharpen` multiplies the standard deviation of white noise.
 
     Parameters
     ----------
@@ -120,28 +119,29 @@ def noise_gain(strength: float) -> float:
     Returns
     -------
     float, dimensionless
-        sqrt of the sum of squared taps: centre 1 + 8 k and eight times k; sqrt(89) = 9.43 at k = 1.
+        Square root of the sum of squared taps: centre 1 + 8 k and eight times k; sqrt(89) = 9.43 at k = 1.
 
     Raises
     ------
     ValueError
-        If strength is not allowed.
+        If strength is out of range.
     """
     strength = _strength(strength)
     return math.hypot(1 + 8 * strength, math.sqrt(8) * strength)
 
 
 def sharpen_mosaic(mosaic: NDArray, strength: float, period: tuple[int, int] = (2, 2)) -> NDArray:
-    """`sharpen` in front of the demosaicer: within each of the planes that a colour filter array samples.
+    """Apply `sharpen` before demosaicing, within each of the planes that a colour filter array samples.
 
     Parameters
     ----------
     mosaic : (..., y, x) array, any unit
     strength : float, dimensionless
-        As of `sharpen`.
+        As in `sharpen`.
     period : (rows, columns)
-        Of the array: neighbours are so far apart, so that only samples behind the same filter meet. (1, 1) is the
-        printed kernel across the colours, which adds 8 k times their differences to every pixel.
+        Period of the array, which is the distance to the neighbours used, so that only samples behind the same filter
+        are combined. (1, 1) applies the printed kernel across colours, which adds 8 k times their differences to every
+        pixel.
 
     Returns
     -------
@@ -150,13 +150,13 @@ def sharpen_mosaic(mosaic: NDArray, strength: float, period: tuple[int, int] = (
     Raises
     ------
     ValueError
-        If there are less than two axes, strength is not allowed, or a period is below 1.
+        If there are fewer than two axes, strength is out of range, or a period is below 1.
 
     Notes
     -----
     Source: section 2.8 of the seed paper ("right before interpolation"), which its abstract, section 4 and figures
-    contradict. The response is that of `sharpen` at (rows fy, columns fx): it lifts most a quarter of the sampling
-    frequency, and nothing at half of it.
+    contradict. The response is that of `sharpen` at (rows fy, columns fx). For a 2 x 2 array it is largest at a quarter
+    of the sampling frequency, and 1 at half of it.
     """
     mosaic = np.asarray(mosaic)
     require.shape(mosaic.ndim >= 2, "mosaic", mosaic, "(..., y, x)")
@@ -176,28 +176,28 @@ def unsharp(planes: NDArray, radius: float, amount: float, threshold: float = 0.
     Parameters
     ----------
     planes : (..., y, x) array, any unit
-        Any size from 1 x 1 on, mirrored beyond the border.
+        Any size from 1 x 1, mirrored beyond the border.
     radius : float, pixel
         Standard deviation of the Gaussian, above 0.
     amount : float, dimensionless
         Finite, at or above 0.
     threshold : float, unit of planes
-        Differences are brought this much nearer to 0 first, smaller ones to 0: flat parts keep their noise as it is.
+        Differences are first reduced in magnitude by this much, smaller ones to 0, so that flat areas keep their noise.
 
     Returns
     -------
     (..., y, x) array, unit and dtype of planes (integers become float64)
-        Without a threshold the sum of each plane is kept.
+        Without a threshold, the sum of each plane is kept.
 
     Raises
     ------
     ValueError
-        If there are less than two axes, or an argument is not allowed.
+        If there are fewer than two axes, or an argument is out of range.
 
     Notes
     -----
-    Taps are those of `gaussian_taps`; shrinking by the threshold is continuous, where leaving small differences out
-    would make steps of it. Error: below 2e-15 (1 + amount) of the largest value in float64 against direct convolution.
+    Taps are those of `gaussian_taps`. Reducing differences by the threshold is continuous; setting only small ones to
+    0 would create steps. Error: below 2e-15 (1 + amount) of the largest value in float64 against direct convolution.
     """
     planes = np.asarray(planes)
     require.shape(planes.ndim >= 2, "planes", planes, "(..., y, x)")
@@ -216,7 +216,7 @@ def unsharp(planes: NDArray, radius: float, amount: float, threshold: float = 0.
 
 
 def gaussian_taps(radius: float) -> NDArray:
-    """The weights of a sampled Gaussian out to seven standard deviations, their sum 1.
+    """Return the weights of a sampled Gaussian out to seven standard deviations, normalised to sum 1.
 
     Parameters
     ----------
@@ -230,41 +230,41 @@ def gaussian_taps(radius: float) -> NDArray:
     Raises
     ------
     ValueError
-        If radius is not allowed.
+        If radius is out of range.
     """
     radius = float(radius)
     require.allowed(0 < radius <= 1000, "radius", radius, "numbers above 0 and at most 1000 pixel")
     reach = max(math.ceil(REACH * radius), 1)
-    with np.errstate(over="ignore"):  # of a radius that is next to nothing
+    with np.errstate(over="ignore"):  # for a radius near 0
         taps = np.exp(-0.5 * (np.arange(-reach, reach + 1) / radius) ** 2)
     return taps / taps.sum()
 
 
 def unsharp_response(fy: ArrayLike, fx: ArrayLike, radius: float, amount: float) -> NDArray:
-    """Transfer function of `unsharp` without a threshold, away from borders.
+    """Return the transfer function of `unsharp` without a threshold, away from borders.
 
     Parameters
     ----------
     fy, fx : (...) array, cycles/pixel
     radius, amount : float
-        As of `unsharp`.
+        As in `unsharp`.
 
     Returns
     -------
     (...) array, dimensionless
-        1 + amount (1 - G(fy) G(fx)) with the sampled Gaussian's own cosine sum G; 1 at zero, below 1 + 2.2 amount.
+        1 + amount (1 - G(fy) G(fx)), with the cosine sum G of the sampled Gaussian; 1 at zero, below 1 + 2.2 amount.
 
     Raises
     ------
     ValueError
-        If radius or amount is not allowed.
+        If radius or amount is out of range.
     """
     amount, taps = require.amount("amount", amount), gaussian_taps(radius)
     side = taps[taps.size // 2 + 1 :]
     steps = np.arange(1, side.size + 1)
 
     def lost(f: ArrayLike) -> NDArray:
-        """1 - G, in sines: no cancellation near zero."""
+        """Return 1 - G, in sines to avoid cancellation near zero."""
         return 4 * (np.sin(np.pi * np.asarray(f, dtype=float)[..., None] * steps) ** 2) @ side
 
     over_y, over_x = lost(fy), lost(fx)
@@ -272,32 +272,32 @@ def unsharp_response(fy: ArrayLike, fx: ArrayLike, radius: float, amount: float)
 
 
 def unsharp_noise_gain(radius: float, amount: float) -> float:
-    """Factor by which `unsharp` without a threshold multiplies the standard deviation of white noise.
+    """Return the factor by which `unsharp` without a threshold multiplies the standard deviation of white noise.
 
     Parameters
     ----------
     radius, amount : float
-        As of `unsharp`.
+        As in `unsharp`.
 
     Returns
     -------
     float, dimensionless
-        sqrt((1 + a)^2 - 2 a (1 + a) g0^2 + a^2 s^2), g0 the middle tap and s the sum of squared taps along one axis.
+        sqrt((1 + a)^2 - 2 a (1 + a) g0^2 + a^2 s^2), with the middle tap g0 and the sum s of squared taps on an axis.
 
     Raises
     ------
     ValueError
-        If radius or amount is not allowed.
+        If radius or amount is out of range.
     """
     amount, taps = require.amount("amount", amount), gaussian_taps(radius)
     middle, square = float(taps[taps.size // 2]), float(taps @ taps)
-    # the sum of squared taps, with what cancels taken together: (1 + a - a g0^2)^2 + a^2 (s^2 - g0^4)
+    # sum of squared taps, rearranged to avoid cancellation: (1 + a - a g0^2)^2 + a^2 (s^2 - g0^4)
     return math.hypot(1 + amount * (1 - middle**2), amount * math.sqrt(max(square**2 - middle**4, 0.0)))
 
 
 def _second_difference(values: NDArray, axis: int, out: NDArray | None = None) -> NDArray:
-    """Neighbour - 2 value + neighbour, the edge sample repeated; 0 along an axis of length 1 and, exactly, for a
-    constant.
+    """Return neighbour - 2 value + neighbour, with the edge sample repeated; 0 along an axis of length 1, and exactly 0
+    for a constant.
     """
     result = np.empty_like(values) if out is None else out
     if values.shape[axis] < 2:

@@ -1,5 +1,5 @@
-"""Light's beginning: charts, photographs and cubes as spectral radiance on the grid of the image plane.
+"""Scenes: charts, photographs and cubes as spectral radiance on the grid of the image plane.
 
-In:  nothing but a pattern, a picture or a cube.
+In:  parameters of a pattern, a picture or a cube.
 Out: shapes in cells of a grid, ready to be given spectra.
 """

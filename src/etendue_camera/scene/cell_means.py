@@ -1,4 +1,4 @@
-"""Means over grid cells of what charts are made of: steps, half planes, Gaussian spots, and anything else by
+"""Means over grid cells of the elements of charts: steps, half planes, Gaussian spots, and anything else by
 quadrature.
 
 In:  positions of cell centres (um), the side of a cell (um), geometry (um).
@@ -18,18 +18,18 @@ from etendue_camera.arrays import FloatArray
 
 Paint = Callable[[FloatArray, FloatArray], FloatArray]  # y and x that broadcast -> value
 
-TAIL = 10.0  # rms widths after which a soft step is 0 or 1 in float64
-SUBCELLS = 8  # along each side of a cell that needs a closer look
-CLOSER = 1e-5  # difference of two quadratures from which it does
+TAIL = 10.0  # rms widths beyond which a soft step is 0 or 1 in float64
+SUBCELLS = 8  # along each side of a cell that needs a finer quadrature
+CLOSER = 1e-5  # difference between two quadratures from which a cell needs it
 
 
 def step_mean(distance: FloatArray, softness: float, cell: float) -> FloatArray:
-    """Mean of a soft unit step over intervals.
+    """Return the mean of a soft unit step over intervals.
 
     Parameters
     ----------
     distance : (...) array, um
-        Of each interval's centre from the step, positive on its light side.
+        Distance of each interval's centre from the step, positive on its light side.
     softness : float, um, 0 or above
         Rms width of the Gaussian that softens the step.
     cell : float, um, above 0
@@ -51,14 +51,14 @@ def step_mean(distance: FloatArray, softness: float, cell: float) -> FloatArray:
 
 
 def half_plane_mean(distance: FloatArray, angle: float, softness: float, cell: float) -> FloatArray:
-    """Mean of a soft half plane over square cells: for a hard one, the area it covers.
+    """Return the mean of a soft half plane over square cells; for a hard one, the fraction of each cell that it covers.
 
     Parameters
     ----------
     distance : (...) array, um
-        Of each cell's centre from the border, along its normal, positive on the light side.
+        Distance of each cell's centre from the border, along its normal, positive on the light side.
     angle : float, rad
-        Of the normal with the x axis.
+        Angle between the normal and the x axis.
     softness, cell : float, um
 
     Returns
@@ -67,15 +67,15 @@ def half_plane_mean(distance: FloatArray, angle: float, softness: float, cell: f
 
     Notes
     -----
-    Seen along the normal a square is a trapezoid, the convolution of two intervals a >= b. Hard borders: its integral
-    in pieces, exact to 1e-15. Soft ones: where b is below the softness, Gauss-Legendre over b of the exact mean over
-    a, else second differences of the second integral of the normal distribution. Error: 1e-12, and 1e-7 for a
-    border that is soft by less than 1e-7 of a cell and tilted by less than that.
+    Projected onto the normal, a square is a trapezoid: the convolution of two intervals a >= b. Hard borders: its
+    integral piece by piece, exact to 1e-15. Soft borders: if b is below the softness, Gauss-Legendre quadrature over b
+    of the exact mean over a; otherwise second differences of the second integral of the normal distribution. Error:
+    1e-12, and 1e-7 for a softness below 1e-7 of a cell together with a tilt below that.
     """
     a, b = (0.5 * float(cell) * size for size in sorted((abs(np.cos(angle)), abs(np.sin(angle))), reverse=True))
     if softness == 0:
         size = np.abs(distance)
-        with np.errstate(over="ignore"):  # beyond the narrow flank, where the corner is not asked for
+        with np.errstate(over="ignore"):  # beyond the narrow flank, where the corner term is not used
             corner = np.square(np.maximum(a + b - size, 0)) / (8 * a * b) if b > 0 else np.zeros_like(size)
         upper = np.where(size <= a - b, 0.5 + size / (2 * a), 1 - corner)
         return np.where(distance < 0, 1 - upper, upper)
@@ -95,9 +95,9 @@ def half_plane_mean(distance: FloatArray, angle: float, softness: float, cell: f
 
 
 def spot_mean(distance: FloatArray, rms_width: float, cell: float) -> FloatArray:
-    """Mean over intervals of exp(-t^2/(2 w^2)), whose peak is 1.
+    """Return the mean over intervals of exp(-t^2/(2 w^2)), whose peak is 1.
 
-    Exact however narrow the spot: all of its light is in some cell. Error: 1e-15 of the value.
+    Exact however narrow the spot is: all of its light falls into some cell. Error: 1e-15 of the value.
     """
     half, size = 0.5 * float(cell), np.abs(distance)
     share = scipy.special.ndtr((half - size) / rms_width) - scipy.special.ndtr((-half - size) / rms_width)
@@ -105,7 +105,7 @@ def spot_mean(distance: FloatArray, rms_width: float, cell: float) -> FloatArray
 
 
 def averaged(paint: Paint, y: FloatArray, x: FloatArray, cell: float) -> FloatArray:
-    """Mean over cells of anything, by quadrature that looks closer where it must.
+    """Return the mean of any function over cells, by adaptive quadrature.
 
     Parameters
     ----------
@@ -119,8 +119,8 @@ def averaged(paint: Paint, y: FloatArray, x: FloatArray, cell: float) -> FloatAr
 
     Notes
     -----
-    5 x 5 Gauss-Legendre nodes in each cell; where 3 x 3 differ from them by 1e-5, 24 x 24 nodes. Error where the
-    paint is smooth over a cell: below 1e-6. A hard border of height 1 in a cell: below 0.01 there.
+    5 x 5 Gauss-Legendre nodes per cell; 24 x 24 nodes where 3 x 3 nodes differ from them by 1e-5. Error where the
+    function is smooth over a cell: below 1e-6. For a hard border of height 1 in a cell: below 0.01 there.
     """
     value = _quadrature(paint, y[:, None], x[None, :], cell, 5)
     rows, columns = np.nonzero(np.abs(value - _quadrature(paint, y[:, None], x[None, :], cell, 3)) > CLOSER)
@@ -130,7 +130,7 @@ def averaged(paint: Paint, y: FloatArray, x: FloatArray, cell: float) -> FloatAr
 
 
 def closely(paint: Paint, y: FloatArray, x: FloatArray, cell: float) -> FloatArray:
-    """Mean over single cells, (n,) centres each: 8 x 8 parts with 3 x 3 nodes."""
+    """Return the mean over single cells, (n,) centres each, from 8 x 8 parts with 3 x 3 nodes."""
     within = (np.arange(SUBCELLS) + 0.5) / SUBCELLS - 0.5
     total = np.zeros(y.shape, dtype=np.result_type(y, x))
     for down in within:
@@ -151,22 +151,22 @@ def _quadrature(paint: Paint, y: FloatArray, x: FloatArray, cell: float, count: 
 
 
 def _density(t: FloatArray) -> FloatArray:
-    return np.exp(-0.5 * np.square(np.clip(t, -40.0, 40.0))) / sqrt(2 * pi)  # 0 beyond, without an overflow
+    return np.exp(-0.5 * np.square(np.clip(t, -40.0, 40.0))) / sqrt(2 * pi)  # 0 beyond, without overflow
 
 
 def _ramp(t: FloatArray, softness: float) -> FloatArray:
-    """The integral of the soft step."""
+    """Return the integral of the soft step."""
     far = _in_softnesses(t, softness)
     return t * scipy.special.ndtr(far) + softness * _density(far)
 
 
 def _bowl(t: FloatArray, softness: float) -> FloatArray:
-    """The integral of the ramp."""
+    """Return the integral of the ramp."""
     far = _in_softnesses(t, softness)
     return 0.5 * ((np.square(t) + softness**2) * scipy.special.ndtr(far) + softness * t * _density(far))
 
 
 def _in_softnesses(t: FloatArray, softness: float) -> FloatArray:
-    """Distance from a step over its softness; infinite is far enough."""
+    """Return the distance from a step over its softness; it may overflow to infinity."""
     with np.errstate(over="ignore"):
         return t / softness

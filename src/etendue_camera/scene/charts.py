@@ -1,14 +1,14 @@
 """Synthetic test charts: reflectance as a function of position, softened by a known Gaussian.
 
 In:  positions y (ny,) and x (nx,) on the image plane (um, 0 in the centre), geometry (um), reflectances.
-Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, inside the range of the levels asked for.
+Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, within the range of the requested levels.
 Sources: ISO 12233 (slanted edge, star, wedge), Loebich et al. (2007) (sinusoidal star); Gaussian softening
 in closed form.
 
 All charts take positions and a ``Rendering``, and raise ``ValueError`` for an argument outside its range.
 Softening is exact for straight edges and Gaussian spots: slanted edge, step wedge, points, patches. For
 the star and the zone plate it is the transfer at the local frequency, and the rim is softened as if it were
-straight; each docstring gives the error against the exact convolution.
+straight; each docstring gives the error relative to the exact convolution.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from etendue_camera.scene import cell_means
 
 
 def require_axes(y: npt.ArrayLike, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """y and x as floating arrays of one dtype; ValueError unless each is one axis of finite positions."""
+    """Return y and x as floating arrays of one dtype; raise ValueError unless each is one axis of finite positions."""
     y, x = np.asarray(y), np.asarray(x)
     for name, axis in (("y", y), ("x", x)):
         require.that(
@@ -53,17 +53,17 @@ def require_positive(**lengths: float) -> None:
 
 @dataclass(frozen=True)
 class Rendering:
-    """How a chart is drawn: how soft, as samples or as means, and between which reflectances.
+    """How a chart is rendered: its softness, as samples or as cell means, and between which reflectances.
 
     Attributes
     ----------
     softness : float, um
-        Rms width sigma of the Gaussian with which the ideal chart is convolved, so that the chart's own transfer is
-        exp(-2 pi^2 sigma^2 f^2) and can be divided out of a measurement; 0 leaves it ideal.
+        Rms width sigma of the Gaussian with which the ideal chart is convolved. The chart's own transfer is then
+        exp(-2 pi^2 sigma^2 f^2), and can be divided out of a measurement; 0 leaves it ideal.
     cell : float, um
-        Side of a grid cell over which every value is the mean; 0 gives values at points.
+        Side of the grid cells over which values are averaged; 0 gives values at points.
     low, high : float, reflectance, 0 <= low <= high
-        Of the darkest and the lightest part, before softening.
+        Reflectance of the darkest and the lightest part, before softening.
     """
 
     softness: float
@@ -77,13 +77,13 @@ class Rendering:
             require.that(0 <= value < np.inf, f"{name} must be finite and not negative, got {value} um")
 
     def blend(self, fraction: FloatArray) -> FloatArray:
-        """low where fraction is 0, high where it is 1; never beyond, whatever the rounding."""
-        low, high = float(self.low), float(self.high)  # numpy scalars would lift float32 positions to float64
+        """Return low where fraction is 0, and high where it is 1; rounding never exceeds these."""
+        low, high = float(self.low), float(self.high)  # numpy scalars would promote float32 positions to float64
         return np.clip(low + (high - low) * fraction, low, high)
 
 
 def soft_step(distance: FloatArray, softness: float, cell: float = 0.0) -> FloatArray:
-    """0 far below, 1 far above 0: the unit step after the Gaussian; 1/2 at 0 even where softness is 0."""
+    """Return the unit step after softening: 0 far below 0, 1 far above it, and 1/2 at 0 even if softness is 0."""
     if cell > 0:
         return cell_means.step_mean(distance, softness, cell)
     if softness == 0:
@@ -93,7 +93,7 @@ def soft_step(distance: FloatArray, softness: float, cell: float = 0.0) -> Float
 
 
 def soft_box(position: FloatArray, start: float, stop: float, softness: float, cell: float = 0.0) -> FloatArray:
-    """1 between start and stop, 0 outside, after the Gaussian. Boxes side by side add up to one box."""
+    """Return 1 between start and stop, 0 outside, after softening. Adjacent boxes add up to one box."""
     rise = soft_step(position - float(start), softness, cell)
     fall = soft_step(position - float(stop), softness, cell)
     return np.maximum(rise - fall, 0)
@@ -105,7 +105,7 @@ def soft_box(position: FloatArray, start: float, stop: float, softness: float, c
 def slanted_edge(
     y: npt.ArrayLike, x: npt.ArrayLike, angle_deg: float, drawn: Rendering, offset: float = 0.0
 ) -> FloatArray:
-    """A straight edge, dark on the left and light on the right.
+    """Return a straight edge, dark on the left and light on the right.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def slanted_edge(
         Tilt from the column direction: the edge is the line x = offset + y tan(angle).
     drawn : Rendering
     offset : float, um
-        Where the edge crosses y = 0.
+        Position at which the edge crosses y = 0.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def slanted_edge(
     Notes
     -----
     Exact: along the normal the profile is the integral of a Gaussian of rms width softness. Means over cells are
-    exact too, to 3.2e-10 of the contrast (worst at tilts of 1e-5 degrees): for a hard edge, the area of the half plane
+    also exact, to 3.2e-10 of the contrast (worst at tilts of 1e-5 degrees): for a hard edge, the area of the half plane
     in each square.
     """
     y, x = require_axes(y, x)
@@ -137,13 +137,13 @@ def slanted_edge(
 
 
 def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float, drawn: Rendering) -> FloatArray:
-    """A star whose reflectance is a sinusoid of the angle; mid-grey beyond its radius.
+    """Return a star whose reflectance is a sinusoid of the angle; mid-grey beyond its radius.
 
     Parameters
     ----------
     y, x : (ny,), (nx,) arrays, um
     cycles : int, above 0
-        Periods in one turn. Light along the positive x axis.
+        Periods per turn. The positive x axis is light.
     radius : float, um, above 0
     drawn : Rendering
 
@@ -154,7 +154,7 @@ def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float,
     Notes
     -----
     Local approximation: contrast at distance r is exp(-2 pi^2 softness^2 f^2) with f = cycles / (2 pi r).
-    Against the exact convolution of an endless star, a pair of Bessel functions, the contrast differs by less
+    The contrast differs from that of the exact convolution of an endless star, a pair of Bessel functions, by less
     than 1 / cycles^2 (1 to 288 cycles, all radii): 7.6e-4 for 36 cycles. Means over cells are quadratures, see
     ``cell_means.averaged``.
     """
@@ -179,13 +179,13 @@ def _painted(paint: cell_means.Paint, y: FloatArray, x: FloatArray, cell: float)
 def zone_plate(
     y: npt.ArrayLike, x: npt.ArrayLike, highest_frequency: float, radius: float, drawn: Rendering
 ) -> FloatArray:
-    """Rings whose frequency grows in proportion to the distance from the centre; mid-grey beyond the radius.
+    """Return rings whose frequency is proportional to the distance from the centre; mid-grey beyond the radius.
 
     Parameters
     ----------
     y, x : (ny,), (nx,) arrays, um
     highest_frequency : float, cycles/um, above 0
-        Local frequency at ``radius``. The plate is light in its centre.
+        Local frequency at ``radius``. The centre of the plate is light.
     radius : float, um, above 0
     drawn : Rendering
 
@@ -196,10 +196,10 @@ def zone_plate(
     Notes
     -----
     Local approximation: the phase is pi highest_frequency r^2 / radius and the contrast
-    exp(-2 pi^2 softness^2 f^2) with f = highest_frequency r / radius. Against the exact convolution of an
-    endless plate, exp(q) / (1 - i c) with q = i b r^2 / (1 - i c), b = pi highest_frequency / radius and
-    c = 2 b softness^2, the wave differs by less than c (c from 1e-3 to 0.5).
-    The phase is computed in float64 whatever the dtype. Means over cells are quadratures, see
+    exp(-2 pi^2 softness^2 f^2) with f = highest_frequency r / radius. The exact convolution of an endless plate is
+    exp(q) / (1 - i c) with q = i b r^2 / (1 - i c), b = pi highest_frequency / radius and c = 2 b softness^2; the wave
+    differs from it by less than c (c from 1e-3 to 0.5).
+    The phase is computed in float64 for any dtype. Means over cells are quadratures, see
     ``cell_means.averaged``.
     """
     y, x = require_axes(y, x)
@@ -222,16 +222,16 @@ def zone_plate(
 def step_wedge(
     y: npt.ArrayLike, x: npt.ArrayLike, levels: npt.ArrayLike, width: float, height: float, drawn: Rendering
 ) -> FloatArray:
-    """Vertical bars of equal width, one for each level from left to right.
+    """Return vertical bars of equal width, one per level from left to right.
 
     Parameters
     ----------
     y, x : (ny,), (nx,) arrays, um
     levels : (k,) array, reflectance, not negative
     width, height : float, um, above 0
-        Of all bars together. Beyond them the reflectance is the mean of the levels.
+        Size of all bars together. Beyond them the reflectance is the mean of the levels.
     drawn : Rendering
-        But for its low and high, which are those of the levels.
+        Its low and high are ignored; the levels apply instead.
 
     Returns
     -------
@@ -239,7 +239,7 @@ def step_wedge(
 
     Notes
     -----
-    Exact, means over cells too: a product of integrals of Gaussians.
+    Exact, also for means over cells: a product of integrals of Gaussians.
     """
     y, x = require_axes(y, x)
     require_positive(width=width, height=height)
@@ -258,17 +258,17 @@ def step_wedge(
 
 
 def points(y: npt.ArrayLike, x: npt.ArrayLike, spacing: float, spot_sigma: float, drawn: Rendering) -> FloatArray:
-    """A square grid of light Gaussian spots, one of them in the centre.
+    """Return a square grid of light Gaussian spots, one of them in the centre.
 
     Parameters
     ----------
     y, x : (ny,), (nx,) arrays, um
     spacing : float, um
-        Between neighbours; at least six times the softened rms width, so that spots stay apart.
+        Distance between neighbours; at least six times the softened rms width, so that spots stay separate.
     spot_sigma : float, um, above 0
         Rms width of a spot before softening.
     drawn : Rendering
-        low around the spots, high in their centres; cells up to ``spacing``.
+        low between the spots, high in their centres; cells of at most ``spacing``.
 
     Returns
     -------
@@ -279,7 +279,7 @@ def points(y: npt.ArrayLike, x: npt.ArrayLike, spacing: float, spot_sigma: float
     -----
     Exact: the rms width becomes w = sqrt(spot_sigma^2 + softness^2) and the height falls by
     (spot_sigma / w)^2, so that a spot keeps its volume. Neighbours add at most 6e-8 of the height. Means over cells
-    are exact too, however narrow the spot.
+    are also exact, however narrow the spot is.
     """
     y, x = require_axes(y, x)
     require_positive(spacing=spacing, spot_sigma=spot_sigma)
@@ -296,7 +296,7 @@ def _row_of_spots(position: FloatArray, spacing: float, rms_width: float, cell: 
     first, last = np.ceil((position.min() - 0.5 * cell) / spacing), np.floor((position.max() + 0.5 * cell) / spacing)
     nearest = np.round(position / spacing)
     total = np.zeros_like(position)
-    for step in (-1, 0, 1):  # a second neighbour is nine rms widths away
+    for step in (-1, 0, 1):  # the second neighbours are at least nine rms widths away
         index = nearest + step
         away = position - index * spacing
         spot = cell_means.spot_mean(away, rms_width, cell) if cell > 0 else np.exp(-0.5 * (away / rms_width) ** 2)

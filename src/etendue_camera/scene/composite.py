@@ -1,4 +1,4 @@
-"""Charts of many patches, as weights that a scene multiplies by spectra, and one chart that holds them all.
+"""Charts of many patches, as weights that a scene multiplies by spectra, and one chart that combines them all.
 
 In:  positions y (ny,) and x (nx,) on the image plane (um, 0 in the centre), geometry (um), reflectances.
 Out: coverage of each patch (0 to 1), either as full planes or as one factor along y and one along x;
@@ -7,7 +7,7 @@ Sources: X-Rite ColorChecker Classic (4 x 6 patches), ISO 12233 (tilted square);
 form.
 
 Coverages and grey add up to at most 1 everywhere, so spectra within [0, 1] give a scene within [0, 1].
-Charts are drawn by a ``Rendering``, see ``charts``.
+Charts are rendered as specified by a ``Rendering``, see ``charts``.
 """
 
 from collections.abc import Callable
@@ -30,11 +30,11 @@ from etendue_camera.scene.charts import (
 )
 
 PATCH_ROWS, PATCH_COLUMNS = 4, 6
-FILL = 0.9  # part of its region that a panel fills; the rest is the grey that keeps panels apart
-GAP = 0.1  # between patches, in parts of the smaller patch pitch
-OUTER_SQUARE, INNER_SQUARE = 0.8, 0.4  # sides of the tilted squares, in parts of the panel
-EDGE_REACH, EDGE_LENGTH = 0.3, 0.26  # window about an edge, across and along it, in parts of the panel
-TAIL = 9.0  # rms widths after which a soft border is 0 in float64
+FILL = 0.9  # fraction of its region that a panel fills; the rest is grey and separates panels
+GAP = 0.1  # between patches, as a fraction of the smaller patch pitch
+OUTER_SQUARE, INNER_SQUARE = 0.8, 0.4  # sides of the tilted squares, as fractions of the panel
+EDGE_REACH, EDGE_LENGTH = 0.3, 0.26  # window around an edge, across and along it, as fractions of the panel
+TAIL = 9.0  # rms widths beyond which a soft border is 0 in float64
 
 
 class Region(NamedTuple):
@@ -49,8 +49,8 @@ class Region(NamedTuple):
 class PatchGrid(NamedTuple):
     """Rectangular patches side by side.
 
-    ``width`` and ``height``, um, above 0, are those of the whole grid, from the first patch's outer border to the
-    last's; ``gap``, um, between neighbours in both directions leaves room for patches.
+    ``width`` and ``height``, um, above 0, are the size of the whole grid, between the outer borders of the first and
+    the last patch. ``gap``, um, is the distance between neighbours in both directions; it must leave room for patches.
     """
 
     rows: int  # above 0
@@ -61,7 +61,7 @@ class PatchGrid(NamedTuple):
 
 
 class Panels(NamedTuple):
-    """What the composite chart shows beside its patches."""
+    """The panels of the composite chart besides its patches."""
 
     highest_frequency: float  # cycles/um, above 0: of the zone plate, at its rim
     angle_deg: float = 5.0  # -10 to 10: of the squares, a dark one inside a light one, for the slanted-edge method
@@ -75,7 +75,7 @@ class Composite(NamedTuple):
     A scene is ``grey * white[:, None, None] + patch_contribution(rows, columns, spectra)``.
     """
 
-    grey: FloatArray  # (ny, nx), reflectance; already without what the patches cover
+    grey: FloatArray  # (ny, nx), reflectance; excludes the area that patches cover
     rows: FloatArray  # (4, ny)
     columns: FloatArray  # (6, nx)
 
@@ -86,7 +86,7 @@ class Composite(NamedTuple):
 def patches_factors(
     y: npt.ArrayLike, x: npt.ArrayLike, grid: PatchGrid, drawn: Rendering
 ) -> tuple[FloatArray, FloatArray]:
-    """Coverage of a grid of rectangular patches, as factors along y and x.
+    """Return the coverage of a grid of rectangular patches, as factors along y and x.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def patches_factors(
     Raises
     ------
     ValueError
-        An argument outside its range.
+        If an argument is outside its range.
 
     Notes
     -----
@@ -130,7 +130,7 @@ def _profile(
 
 
 def patches(y: npt.ArrayLike, x: npt.ArrayLike, grid: PatchGrid, drawn: Rendering) -> FloatArray:
-    """Coverage of a grid of rectangular patches, one plane for each.
+    """Return the coverage of a grid of rectangular patches, one plane per patch.
 
     Parameters and errors are those of ``patches_factors``.
 
@@ -138,7 +138,7 @@ def patches(y: npt.ArrayLike, x: npt.ArrayLike, grid: PatchGrid, drawn: Renderin
     -------
     (rows * columns, ny, nx) array, 0 to 1
         Row by row from the smallest y and x. The sum over patches is at most 1; ``background_weight`` is the
-        rest.
+        remainder.
     """
     rows_profile, columns_profile = patches_factors(y, x, grid, drawn)
     planes = rows_profile[:, None, :, None] * columns_profile[None, :, None, :]
@@ -146,13 +146,13 @@ def patches(y: npt.ArrayLike, x: npt.ArrayLike, grid: PatchGrid, drawn: Renderin
 
 
 def background_weight(rows_profile: FloatArray, columns_profile: FloatArray) -> FloatArray:
-    """What no patch covers, (ny, nx), 0 to 1, for factors from ``patches_factors``."""
+    """Return the fraction that no patch covers, (ny, nx), 0 to 1, from the factors of ``patches_factors``."""
     covered = rows_profile.sum(axis=0)[:, None] * columns_profile.sum(axis=0)
     return np.clip(1 - covered, 0, 1)
 
 
 def patch_contribution(rows_profile: FloatArray, columns_profile: FloatArray, spectra: npt.ArrayLike) -> FloatArray:
-    """Sum over patches of coverage times spectrum.
+    """Return the sum over patches of coverage times spectrum.
 
     Parameters
     ----------
@@ -168,11 +168,11 @@ def patch_contribution(rows_profile: FloatArray, columns_profile: FloatArray, sp
     Raises
     ------
     ValueError
-        Spectra for another number of patches.
+        If the number of spectra differs from that of the patches.
 
     Notes
     -----
-    Two matrix products; the (rows * columns, ny, nx) planes never exist.
+    Two matrix products; the (rows * columns, ny, nx) planes are never created.
     """
     rows, columns = len(rows_profile), len(columns_profile)
     table = np.asarray(spectra, dtype=np.result_type(rows_profile, columns_profile))
@@ -180,7 +180,7 @@ def patch_contribution(rows_profile: FloatArray, columns_profile: FloatArray, sp
         raise ValueError(f"spectra must have shape ({rows * columns}, n), got {table.shape}")
     along_x = (
         np.ascontiguousarray(table.T).reshape(-1, rows, columns) @ columns_profile
-    )  # strided, the sum hangs on n before numpy 2.3
+    )  # contiguous: for strided arrays, the sum depends on n before numpy 2.3
     return rows_profile.T @ along_x
 
 
@@ -188,18 +188,18 @@ def patch_contribution(rows_profile: FloatArray, columns_profile: FloatArray, sp
 
 
 def composite_regions(width: float, height: float) -> dict[str, Region]:
-    """Where the composite chart keeps what.
+    """Return the position of each part of the composite chart.
 
     Parameters
     ----------
     width, height : float, um, above 0
-        Of the whole chart.
+        Size of the whole chart.
 
     Returns
     -------
     dict of Region
-        "patches" (left third), "squares" above "star" (centre), "zone_plate" above "wedge" (right), above
-        meaning smaller y; and, inside "squares", the windows "edge_vertical" and "edge_horizontal", each
+        "patches" (left third), "squares" above "star" (centre), "zone_plate" above "wedge" (right), where above
+        means smaller y; and, inside "squares", the windows "edge_vertical" and "edge_horizontal", each
         with one straight edge and nothing else.
     """
     require_positive(width=width, height=height)
@@ -231,15 +231,15 @@ def composite(
     drawn: Rendering,
     panels: Panels,
 ) -> Composite:
-    """Colour patches, slanted edges, star, zone plate and grey steps in one frame.
+    """Return colour patches, slanted edges, star, zone plate and grey steps in one frame.
 
     Parameters
     ----------
     y, x : (ny,), (nx,) arrays, um
     width, height : float, um, above 0
-        Of the whole chart; ``composite_regions`` gives its parts. Beyond them all is (low + high) / 2.
+        Size of the whole chart; ``composite_regions`` gives its parts. Outside, the chart is (low + high) / 2.
     drawn : Rendering
-        high at most 1.
+        Its high is at most 1.
     panels : Panels
 
     Returns
@@ -249,15 +249,15 @@ def composite(
     Raises
     ------
     ValueError
-        An argument outside its range.
+        If an argument is outside its range.
 
     Notes
     -----
-    All panels stand on one grey, the mean of each, so there are no seams between regions; what borders there
-    are have the profile of the softness. Squares, wedge and patches are exact convolutions, corners included,
-    as long as panels lie many softnesses apart (they keep a tenth of a panel between them); star and zone
-    plate are local approximations, see ``charts``. Means over cells are exact but in the corners of the tilted squares
-    (hard: below 0.01 in eight cells) and within the star and the zone plate, which are quadratures.
+    All panels lie on one grey, which is the mean of each, so there are no seams between regions; all borders have the
+    softness of the rendering. Squares, wedge and patches are exact convolutions, including corners, as long as
+    panels are many softnesses apart (their distance is a tenth of a panel). Star and zone plate are local
+    approximations, see ``charts``. Means over cells are exact, except at the corners of the tilted squares
+    (hard: below 0.01 in eight cells) and in the star and the zone plate, which are quadratures.
     """
     y, x = require_axes(y, x)
     low, high = drawn.low, drawn.high
@@ -276,9 +276,9 @@ def composite(
         "zone_plate": lambda v, u: zone_plate(v, u, highest_frequency, radius, drawn),
         "wedge": lambda v, u: step_wedge(v, u, levels, wedge.right - wedge.left, wedge.bottom - wedge.top, drawn),
     }
-    # A tilted corner leaves its region by less than 0.02 of the panel; the tenth between panels is free.
+    # A tilted corner leaves its region by less than 0.02 of the panel; the tenth between panels has room for it.
     reach = TAIL * float(drawn.softness) + 0.05 * panel + float(drawn.cell)
-    background = 0.5 * (float(low) + float(high))  # also of each panel: beyond its borders it adds nothing
+    background = 0.5 * (float(low) + float(high))  # also that of each panel: outside its borders it adds nothing
     grey = np.full((y.size, x.size), background, dtype=x.dtype)
     for name, paint in painters.items():
         top, bottom, left, right = regions[name]
@@ -299,7 +299,7 @@ def _centre(region: Region) -> tuple[float, float]:
 
 
 def _tilted_squares(y: FloatArray, x: FloatArray, panel: float, angle_deg: float, drawn: Rendering) -> FloatArray:
-    """A dark square in a light one in grey. The Gaussian is round, so tilted squares stay separable."""
+    """Return a dark square in a light one on grey. The Gaussian is round, so tilted squares stay separable."""
     angle = np.deg2rad(float(angle_deg))
     outer, inner = (
         _square(y, x, angle, side * panel, drawn.softness, drawn.cell) for side in (OUTER_SQUARE, INNER_SQUARE)
@@ -327,7 +327,7 @@ def _square(y: FloatArray, x: FloatArray, angle: float, side: float, softness: f
 
     across, along = strip(u * cosine - v * sine), strip(v * cosine + u * sine)
     covered = across * along
-    # a mean of a product: the product of the means, but where borders of both strips meet in a cell
+    # the mean of the product is the product of the means, except where borders of both strips meet in a cell
     rows, columns = np.nonzero((across > 0) & (across < 1) & (along > 0) & (along < 1))
     if rows.size:
         covered[rows, columns] = closely(at, y[rows], x[columns], cell)

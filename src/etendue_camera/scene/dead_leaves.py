@@ -1,12 +1,12 @@
-"""The dead-leaves chart: discs of all sizes that cover each other, so that texture looks alike at every scale.
+"""The dead-leaves chart: overlapping discs of all sizes, a texture that looks alike at every scale.
 
 In:  positions y (ny,) and x (nx,) on the image plane (um, 0 in the centre), the range of radii (um), reflectances, a
      seed.
-Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, inside the range of the levels asked for.
-Sources: Matheron's dead leaves; Cao, Guichard and Hornung (2009) for radii with density r^-3 as a target of texture.
+Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, within the range of the requested levels.
+Sources: Matheron's dead leaves; Cao, Guichard and Hornung (2009) for radii with density r^-3 as a texture target.
 
 ``softness`` and ``cell`` are those of ``charts.Rendering``. The discs belong to the chart, not to the grid: a finer
-grid, or another softness, shows the same leaves.
+grid, or another softness, shows the same discs.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from etendue_camera.arrays import FloatArray
 from etendue_camera.scene.cell_means import step_mean
 from etendue_camera.scene.charts import Rendering, require_axes, require_levels, require_positive, soft_step
 
-LAYERS = 9.0  # mean number of discs above a point: exp(-9) of the plane is left to the mean grey
-TILE = 96  # positions painted at once along each axis
-TAIL = 6.0  # rms widths after which the Gaussian is left out
+LAYERS = 9.0  # mean number of discs above a point: a fraction exp(-9) of the plane is left at the mean grey
+TILE = 96  # positions drawn at once along each axis
+TAIL = 6.0  # rms widths beyond which the Gaussian is omitted
 MOST = 4_000_000  # discs
 
 
 class Leaves(NamedTuple):
-    """Discs, the topmost first."""
+    """Discs, topmost first."""
 
     y: FloatArray  # (n,), um
     x: FloatArray
@@ -41,12 +41,12 @@ class Leaves(NamedTuple):
 
 
 class LeafChart(NamedTuple):
-    """What a chart of dead leaves is drawn from.
+    """Parameters of a dead-leaves chart.
 
-    ``width`` and ``height``, um, above 0: of the area that they cover, about 0. ``smallest`` and ``largest``, um, 0 <
+    ``width`` and ``height``, um, above 0: size of the covered area, centred on 0. ``smallest`` and ``largest``, um, 0 <
     smallest < largest: range of the radii, whose density is r^-exponent; 3 makes the chart look alike at every scale.
-    Levels are uniform from ``darkest`` to ``lightest``, reflectances. ``seed``, 0 or above, is of the chart: the
-    same chart for the same seed and geometry, whatever noise a camera adds.
+    Levels are uniformly distributed from ``darkest`` to ``lightest``, reflectances. ``seed``, 0 or above, determines
+    the chart: the same seed and geometry give the same chart, independently of the camera's noise.
     """
 
     width: float
@@ -61,7 +61,7 @@ class LeafChart(NamedTuple):
 
 @lru_cache(maxsize=4)
 def leaves(chart: LeafChart) -> Leaves:
-    """The discs of a chart.
+    """Return the discs of a chart.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def leaves(chart: LeafChart) -> Leaves:
     Raises
     ------
     ValueError
-        An argument outside its range; more than four million discs.
+        If an argument is outside its range, or the chart needs more than four million discs.
     """
     width, height, smallest, largest, low, high, seed, exponent = chart
     require_positive(width=width, height=height, smallest=smallest, largest=largest)
@@ -81,7 +81,7 @@ def leaves(chart: LeafChart) -> Leaves:
     area = (width + 2 * largest) * (height + 2 * largest)
     count = math.ceil(LAYERS * area / (math.pi * _mean_power(smallest, largest, exponent, 2)))
     require.that(
-        count <= MOST, f"smallest is {smallest} um, for which the chart needs {count} discs; allowed are {MOST}"
+        count <= MOST, f"smallest is {smallest} um, for which the chart needs {count} discs; allowed: at most {MOST}"
     )
     rng = np.random.default_rng(int(seed))
     radius = _radii(rng.random(count), smallest, largest, exponent)
@@ -91,13 +91,13 @@ def leaves(chart: LeafChart) -> Leaves:
 
 
 def _radii(share: FloatArray, smallest: float, largest: float, exponent: float) -> FloatArray:
-    """Radii at shares of the distribution."""
+    """Return radii at quantiles of the distribution."""
     ratio, power = largest / smallest, 1 - exponent
     return smallest * ratio**share if abs(power) < 1e-6 else smallest * (1 + share * (ratio**power - 1)) ** (1 / power)
 
 
 def _mean_power(smallest: float, largest: float, exponent: float, power: int) -> float:
-    """Mean of radius^power over the density."""
+    """Return the mean of radius^power over the density."""
     nodes, weights = np.polynomial.legendre.leggauss(64)
     t = 0.5 * math.log(largest / smallest) * (nodes + 1)  # logarithm of the radius
     density = weights * np.exp((1 - exponent) * t)
@@ -107,7 +107,7 @@ def _mean_power(smallest: float, largest: float, exponent: float, power: int) ->
 def dead_leaves(
     y: npt.ArrayLike, x: npt.ArrayLike, chart: Leaves, softness: float, cell: float = 0.0, oversampling: int = 4
 ) -> FloatArray:
-    """The reflectance of a chart.
+    """Return the reflectance of a chart.
 
     Parameters
     ----------
@@ -117,8 +117,8 @@ def dead_leaves(
     softness : float, um
     cell : float, um
     oversampling : int, 1 to 32
-        The chart is painted on cells so many times finer than the positions, where the area that a disc covers is known
-        to a first approximation.
+        How many times finer than the positions the cells are on which the chart is drawn; on these, the area that a
+        disc covers is a first-order approximation.
 
     Returns
     -------
@@ -127,18 +127,18 @@ def dead_leaves(
     Raises
     ------
     ValueError
-        An argument outside its range.
+        If an argument is outside its range.
 
     Notes
     -----
-    Discs are painted from the top, each with the share that is still free; the result is convolved with the exact
-    weights of Gaussian and cell, the width of the painted cells taken out of the Gaussian's. Error for 2, 4, 8 and 16
-    times finer cells, of the range of levels, discs from 4 samples. Softness of 1 sample: rms 8e-4, 2.2e-4, 6e-5,
-    2.5e-5, at most 1.2e-2, 3.3e-3, 8e-4, 3e-4. Means of hard leaves over cells: rms 2.2e-3, 7e-4, 2.1e-4, 8e-5, at most
-    4e-2, 1.5e-2, 4e-3, 2e-3. 1000 x 1000 samples with discs from 5 samples take 0.7 s.
+    Discs are drawn from the top, each with the fraction that is still uncovered. The result is convolved with the exact
+    weights of Gaussian and cell, after reducing the Gaussian's width by that of the drawn cells. Errors, relative to
+    the range of levels, for oversampling 2, 4, 8 and 16 and disc radii from 4 samples: with a softness of 1 sample, rms
+    8e-4, 2.2e-4, 6e-5, 2.5e-5, maximum 1.2e-2, 3.3e-3, 8e-4, 3e-4; for means of hard discs over cells, rms 2.2e-3,
+    7e-4, 2.1e-4, 8e-5, maximum 4e-2, 1.5e-2, 4e-3, 2e-3. 1000 x 1000 samples with discs from 5 samples take 0.7 s.
     """
     y, x = require_axes(y, x)
-    Rendering(softness, cell)  # their ranges
+    Rendering(softness, cell)  # checks their ranges
     require.that(
         oversampling == int(oversampling) and 1 <= oversampling <= 32,
         f"oversampling must be a whole number from 1 to 32, got {oversampling}",
@@ -159,7 +159,8 @@ def dead_leaves(
 def _weights(
     position: FloatArray, softness: float, cell: float, fine: float, step: float
 ) -> tuple[npt.NDArray[np.float32], float]:
-    """How painted cells add up to the values at positions (positions, cells), and where the first cell begins.
+    """Return the weights of drawn cells for the values at positions, (positions, cells), and the start of the first
+    cell.
 
     Cells begin on the borders between positions, so that means over whole cells are sums.
     """
@@ -168,7 +169,7 @@ def _weights(
     first = origin - fine * math.ceil((origin - float(position.min()) + reach) / fine)
     count = math.ceil((float(position.max()) + reach - first) / fine)
     borders = first + fine * np.arange(count + 1)
-    spread = softness**2 - fine**2 / 6  # a painted cell averages, and is flat: two boxes
+    spread = softness**2 - fine**2 / 6  # a drawn cell is averaged, and uniform: two boxes
     width = math.sqrt(spread) if spread > fine**2 / 3 else softness
     distance = borders - position.astype(np.float64)[:, None]
     passed = step_mean(distance, width, cell) if cell > 0 else soft_step(distance, width)
@@ -177,7 +178,7 @@ def _weights(
 
 
 def _painted(chart: Leaves, top: float, left: float, rows: int, columns: int, fine: float) -> npt.NDArray[np.float32]:
-    """Mean reflectance of fine cells, discs from the top as long as anything shows through."""
+    """Return the mean reflectance of fine cells; discs are drawn from the top until nothing shows through."""
     y, x = ((np.arange(n) + 0.5) * fine + start for n, start in ((rows, top), (columns, left)))
     grown = chart.radius + fine
     near = np.flatnonzero(

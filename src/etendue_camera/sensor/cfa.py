@@ -1,6 +1,5 @@
 """Colour filter arrays of any period: which pixel is behind which filter.
 
-
 In:  the name of an array, its letters row by row ("RG/GB"), one letter, or a table of them; planes by channel; pixel
      indices.
 Out: a ``Mask``; one value per pixel; the index of each pixel's channel; positions beyond the border.
@@ -70,7 +69,7 @@ def read(pattern: str) -> Mask:
     Raises
     ------
     ValueError
-        As `parse` and `parse_rows`, and for a file that cannot be read; the message names the file.
+        As for `parse` and `parse_rows`, and for a file that cannot be read; the message names the file.
     """
     if not pattern.endswith(".csv"):
         return parse(pattern)
@@ -138,7 +137,7 @@ def parse_rows(text: str) -> Mask:
     Raises
     ------
     ValueError
-        As `parse`, and if there are no letters.
+        As for `parse`, and if there are no letters.
     """
     stripped = (line.partition("#")[0].replace(",", " ").split() for line in text.splitlines())
     rows = ["".join(cells) for cells in stripped if cells]

@@ -12,8 +12,7 @@ of Gaussians,
     D(f)/D(0) = kept + sum over t of share(t) exp(-(2 pi f)^2 t),
 
 where kept is the charge of the depletion layer. Each Gaussian is separable and its integrals over square pixels are
-error
-functions, so that kernels are non-negative, symmetric, and sum to 1.
+error functions, so that kernels are non-negative, symmetric, and sum to 1.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ def shares(
     t : (n,) array, um2
         From `times`.
     absorption, depletion, depth, length, back
-        As in `photodiode.collection`.
+        As for `photodiode.collection`.
 
     Returns
     -------
@@ -64,7 +63,7 @@ def shares(
     Raises
     ------
     ValueError
-        As `photodiode.collection`; and if all charge would come from infinitely far.
+        As for `photodiode.collection`; also if all charge would come from infinitely far.
 
     Notes
     -----
@@ -151,7 +150,7 @@ def pixel_shares(t: FloatArray, light: float, pitch: float, reach: int, offset: 
         s = np.abs(u) / sigma
         return sigma * (np.exp(-0.5 * s * s) / math.sqrt(2.0 * math.pi) - s * scipy.special.ndtr(-s))
 
-    # up to an edge: integral over the window of the probability to lie below it
+    # value at each pixel edge: integral over the window of the probability to lie below it
     below = (np.maximum(high, 0.0) - np.maximum(low, 0.0)) / light + (rest(high) - rest(low)) / light
     return np.maximum(np.diff(below, axis=1), 0.0)
 
@@ -196,7 +195,8 @@ def kernels(
 
 
 def mixing(kernel: FloatArray, mask: Mask) -> FloatArray:
-    """Return the mixing of uniform light: (channel that collects, channel under whose filter charge was generated).
+    """Return the mixing matrix for uniform light: (channel that collects, channel under whose filter charge was
+    generated).
 
     The mean over a channel's pixels. Weighted by the number of each channel's pixels, columns sum to 1.
     """

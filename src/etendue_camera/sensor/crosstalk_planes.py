@@ -14,8 +14,11 @@ from etendue_camera.sensor.cfa import Mask, channel_index, continued
 
 
 def neighbours(mask: Mask, count: int) -> FloatArray:
-    """Return, as (collecting channel, filter channel, rows, columns of the cell), the number of pixels of one channel
-    that receive charge from the other at this displacement down and right; displacements are modulo the cell."""
+    """Count neighbours: (collecting channel, filter channel, rows, columns of the cell).
+
+    Each entry is the number of pixels of the first channel that receive charge from the second at this displacement
+    down and right, modulo the cell.
+    """
     height, width = mask.period
     index = channel_index(mask, height, width)
     found = np.zeros((count, count, height, width))
@@ -54,8 +57,7 @@ def channel_transfer(
     Notes
     -----
     The origin of charge repeats with the cell of the mask, so that the fraction of a channel is a sum of waves with
-    this
-    period. Each wave shifts the spectrum of the kernel, which is a sum of products along y and x. Error: 1e-13 of
+    this period. Each wave shifts the spectrum of the kernel, which is a sum of products along y and x. Error: 1e-13 of
     `plane_kernels`, transformed.
     """
     height, width = mask.period
@@ -71,7 +73,9 @@ def channel_transfer(
         if np.abs(waves[..., p, q]).max() > 1e-15:
             own = kept[:, None, None] + np.swapaxes(moved[:, :, None] * in_y[p], 1, 2) @ in_x[q]
             total = total + waves[..., p, q, None, None] * own
-    whole = kept + moved @ (along_y.sum(axis=1) * along_x.sum(axis=1))  # charge beyond is spread over the kernel
+    whole = kept + moved @ (
+        along_y.sum(axis=1) * along_x.sum(axis=1)
+    )  # charge beyond the tables is spread over the kernel
     return total / whole[:, None, None]
 
 

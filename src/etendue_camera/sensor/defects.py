@@ -130,5 +130,5 @@ def hot_rates(uniform: NDArray, mean_rate: float) -> NDArray:
     -----
     Source: -mean ln(1 - u), the tail of dark current over the pixels of a sensor.
     """
-    require.that(mean_rate >= 0, f"mean_rate is {mean_rate!r} electron/s; allowed are numbers at or above 0")
+    require.that(mean_rate >= 0, f"mean_rate is {mean_rate!r} electron/s; allowed: numbers at or above 0")
     return -uniform.dtype.type(mean_rate) * np.log1p(-uniform)

@@ -3,7 +3,7 @@
 In:  spatial frequency (cycles/um), absorption (1/um), photodiode geometry and diffusion length (um).
 Out: aperture transfer function (signed), collected electrons per photon D(f), and D(f)/D(0).
 Sources: seed paper section 2.4, eqs. 6-8, for the n+/p-sub photodiode, with D(f) derived anew from the
-diffusion equation; departures are named where they happen.
+diffusion equation; departures are documented where they occur.
 
 Light that enters the silicon generates electrons at a depth z with density alpha exp(-alpha z). In the depletion
 layer all are collected. Below it, over a depth L, they diffuse until they reach the depletion layer,
@@ -46,8 +46,7 @@ def aperture_otf(frequency: Floats, width: float) -> Floats:
     Notes
     -----
     Source: seed paper eqs. 6 and 8 without their leading w (w^2), which would make the value at zero w instead of 1,
-    and without the modulus. Error: below 3e-16 (float64) and 2e-7 (float32)
-    absolute.
+    and without the modulus. Error: below 3e-16 (float64) and 2e-7 (float32) absolute.
 
     Examples
     --------
@@ -88,21 +87,21 @@ def collection(
     Returns
     -------
     (...) array, 1
-        In [0, 1], falling with the frequency towards 1 - exp(-alpha Ld). At zero it is the internal quantum
-        efficiency. 0 for alpha = 0.
+        In [0, 1], decreasing with frequency towards 1 - exp(-alpha Ld). At zero it is the internal quantum efficiency.
+        0 for alpha = 0.
 
     Raises
     ------
     ValueError
-        For inputs outside these ranges, for a photodiode of zero thickness and for an unknown back.
+        For inputs outside these ranges, a photodiode of zero thickness, or an unknown ``back``.
 
     Notes
     -----
     Source: seed paper section 2.4. The printed closed form is 0/0 at alpha L_f = 1 and overflows for thick
     layers; this one avoids both (see `_field_free`).
     Error: below 5e-15 (float64) and 4e-7 (float32) relative over alpha 1e-6..1e3, Ld 1e-3..1e2, L 1e-2..1e3,
-    Ln 0.1..1e5, f 1e-5..1e3 (3000 random points against 60-digit arithmetic); weaker absorption as far as the result is
-    above 2e-308, where floats begin to lose digits.
+    Ln 0.1..1e5, f 1e-5..1e3 (3000 random points against 60-digit arithmetic). The same holds for weaker absorption as
+    long as the result is above 2e-308, below which floats lose digits.
     """
     diode = _diode(absorption, depletion, diffusion_depth, diffusion_length, back)
     if absorption == 0.0:
@@ -123,7 +122,7 @@ def collection_mtf(
     Parameters
     ----------
     frequency, absorption, depletion, diffusion_depth, diffusion_length, back
-        As in `collection`, with its errors. absorption = 0 is the limit of weak absorption.
+        As for `collection`, which also lists the exceptions. absorption = 0 gives the limit of weak absorption.
 
     Returns
     -------
@@ -181,7 +180,7 @@ def collection_mtf_bands(
         Radial; finite, 0 or above.
     absorption : (n,) array, 1/um
     depletion, diffusion_depth, diffusion_length, back
-        As in `collection`, with its errors.
+        As for `collection`, which also lists the exceptions.
     nodes : int
         Number of table nodes; 0 evaluates every frequency. Tables larger than the frame are not used.
 
@@ -194,9 +193,9 @@ def collection_mtf_bands(
     -----
     Cubic Hermite polynomials on even nodes of v = ln(1 + s/s0), s = 1/L_f = hypot(1/Ln, 2 pi f), s0 the smallest of the
     rates 1/L (or alpha, for endless silicon) on which D depends: D is analytic in v within a strip of half-width 1.2
-    about the axis, whatever the lengths are. Error: falls with the fourth power of the nodes; with 4096 below 4e-14
-    for silicon from 0.38 to 0.78 um, below 1e-12 over the box of `collection` up to 10 cycles/um. The nodes have the
-    exact values, so that the result falls with the frequency to within that error.
+    about the axis for any lengths. Error: decreases with the fourth power of the number of nodes; with 4096 below 4e-14
+    for silicon from 0.38 to 0.78 um, below 1e-12 over the box of `collection` up to 10 cycles/um. Values at the nodes
+    are exact, so that the result decreases with frequency to within that error.
     """
     frequency = np.asarray(frequency, dtype=float)
     alphas = np.ravel(np.asarray(absorption, dtype=float))
@@ -257,16 +256,15 @@ def _every_mtf(frequency: FloatArray, diodes: list[tuple[float, float, float, fl
 
 @lru_cache(maxsize=4096)
 def _constants(diode: tuple[float, float, float, float, Back]) -> tuple[float, float, float, float]:
-    """Return what does not depend on the frequency: D(0)/alpha, the part of it collected by the depletion layer, the
-    part
-    that passes it; and alpha.
+    """Return the frequency-independent terms: D(0)/alpha, the part of it collected by the depletion layer, the part
+    that passes that layer; and alpha.
     """
     return (float(_collection_per_absorption(0.0, *diode)), *_depleted(diode[0], diode[1]), diode[0])
 
 
 def _depleted(absorption: float, depletion: float) -> tuple[float, float]:
     """Return the charge generated in the depletion layer over alpha, um, and the fraction of light that passes it."""
-    # as a product it would be a subnormal number of few digits, with a quotient wrong by per cents
+    # as a product it would be a subnormal number of few digits, and the quotient wrong by several per cent
     weak = absorption == 0.0 or absorption * depletion < np.finfo(float).tiny * 2.0**53
     depleted = depletion if weak else float(-np.expm1(-absorption * depletion)) / absorption
     return depleted, float(np.exp(-absorption * depletion)) if depletion < np.inf else 0.0
@@ -286,7 +284,7 @@ def _slopes(values: FloatArray) -> FloatArray:
 def _diode(
     absorption: float, depletion: float, depth: float, length: float, back: Back
 ) -> tuple[float, float, float, float, Back]:
-    """Return the checked parameters as plain floats, which leave the precision to the frequencies."""
+    """Return the checked parameters as plain floats, so that the frequencies determine the precision."""
     require.must(0.0 <= absorption < np.inf, "absorption", absorption, "finite and 0 or above, in 1/um")
     for name, value in (("depletion", depletion), ("diffusion_depth", depth)):
         require.must(value >= 0.0, name, value, "0 or above, in um")
@@ -318,8 +316,7 @@ def _collection_per_absorption(
 
 def _field_free(x: FloatArray, a: Floats, back: str) -> FloatArray:
     """Return the charge from the field-free layer: the integral of exp(-a y) g(x, y) over y in 0..1, for x = L/L_f and
-    a
-    scalar or (n, 1).
+    a scalar or (n, 1).
 
     g is the probability to reach the top from depth y: sinh(x(1 - y))/sinh(x) over an absorbing back and
     cosh(x(1 - y))/cosh(x) over a reflecting one. With E1(u) = (1 - exp(-u))/u, which is 1 at 0, both are
@@ -356,7 +353,7 @@ def _returning(x: FloatArray, a: Floats) -> FloatArray:
 
 @lru_cache(maxsize=1)
 def _gauss(count: int) -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights of Gauss's rule, cached because they take longest here."""
+    """Return Gauss-Legendre nodes and weights, cached because they take most of the time here."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     nodes.flags.writeable = weights.flags.writeable = False
     return nodes, weights

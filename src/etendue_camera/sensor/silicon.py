@@ -2,8 +2,8 @@
 
 In:  vacuum wavelength (um).
 Out: absorption coefficient (1/um) of intrinsic crystalline silicon at 300 K.
-Sources: M. A. Green, Solar Energy Materials and Solar Cells 92, 1305-1310 (2008), doi
-10.1016/j.solmat.2008.06.009, as tabulated by refractiveindex.info (public domain, CC0 1.0).
+Sources: M. A. Green, Solar Energy Materials and Solar Cells 92, 1305-1310 (2008), doi 10.1016/j.solmat.2008.06.009, as
+tabulated by refractiveindex.info (public domain, CC0 1.0).
 """
 
 from functools import cache
@@ -34,11 +34,11 @@ def absorption(wavelength: Floats) -> Floats:
 
     Notes
     -----
-    Source: table of Green 2008, band-to-band absorption at 300 K, every 10 nm. Its logarithm is interpolated
-    linearly, because the values span 14 decades: the coefficient itself would come out up to 19 % higher
-    between samples near the band edge. Temperature is not modelled; absorption rises with it.
-    Error: rounding at the samples. Predicting every other sample from its neighbours 10 nm away is wrong by
-    0.8 % (median) and 7 % (worst) for 0.4 to 1.1 um, so about a quarter of that in between; the measurement
+    Source: table of Green 2008, band-to-band absorption at 300 K, every 10 nm. Its logarithm is interpolated linearly
+    because the values span 14 decades: linear interpolation of the coefficient itself would be up to 19 % higher
+    between samples near the band edge. Temperature is not modelled; absorption increases with it.
+    Error: rounding at the samples. Predicting every other sample from its neighbours 10 nm away has an error of 0.8 %
+    (median) and 7 % (worst) for 0.4 to 1.1 um, so the error between samples is about a quarter of that. The measurement
     itself is less certain (a second source, Schinke 2015, states 11 % at 0.6 um).
     """
     wavelengths, logarithms = _table()

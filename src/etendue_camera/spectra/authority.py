@@ -5,7 +5,7 @@ In:  nothing, or the kind and name of a table.
 Out: its tables as plain float64 arrays; ValueError with the nearest names for unknown ones.
 Sources: the data and matrices of colour-science; CIE 15:2018 for interpolation.
 
-A smooth table with rows coarser than 1 nm is interpolated to 1 nm by Sprague's quintic. Resulting negative values at
+A smooth table with rows coarser than 1 nm is interpolated to 1 nm by Sprague's quintic. Negative values that result at
 steep feet (at most 1.4e-4 of a channel's area) are set to 0.
 """
 
@@ -39,7 +39,7 @@ def colour_version() -> str:
 def colour_science() -> ModuleType:
     """Import colour-science late, without its warnings about optional packages we do not use.
 
-    A file ``colour.py`` next to a user's script would shadow it: folders with one are not searched.
+    A file ``colour.py`` next to a user's script would shadow it, so folders that contain one are not searched.
     """
     with _path:
         kept = sys.path[:]
@@ -62,7 +62,7 @@ def rows_of(table: Any) -> FloatArray:
 
 
 def smooth_rows(table: Any) -> FloatArray:
-    """Return `rows_of` at 1 nm: by Sprague where the table is uniform and coarser, else unchanged."""
+    """Return `rows_of` at 1 nm: Sprague-interpolated where the table is uniform and coarser, otherwise unchanged."""
     rows = rows_of(table)
     nodes, columns = rows[:, 0], rows[:, 1:].T
     steps = np.diff(nodes)
@@ -105,8 +105,7 @@ def lookup(table: Mapping[str, Any], name: str, kind: str, besides: str = "") ->
 
 def space_of(name: str) -> dict[str, Any]:
     """Return an RGB space: its matrix to XYZ, the chromaticities of its primaries (3, 2) and white (2,), the name of
-    its
-    white.
+    its white.
     """
     space = lookup(colour_science().RGB_COLOURSPACES, name, "RGB space")
     return {

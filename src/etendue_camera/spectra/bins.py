@@ -4,8 +4,7 @@ In:  the rows of a table (nm, values) and bin edges (n + 1 ascending values, nm)
 Out: plain float64 arrays, one mean per bin.
 
 A bin mean is the exact integral of a piecewise-linear interpolant divided by the bin width, so that means over parts of
-a
-bin average to the mean over the bin. For values beyond the end of a table see `ends`.
+a bin average to the mean over the bin. For values beyond the end of a table see `ends`.
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -120,8 +119,7 @@ def csv_rows(path: str | Path) -> tuple[list[str], FloatArray, FloatArray]:
 
 def require_rows(path: str | Path, edges: Edges) -> None:
     """Raise ValueError for a table whose rows do not cover all of these wavelengths (`ends.beyond`), where neither 0
-    nor
-    an end value would be valid.
+    nor an end value would be valid.
     """
     rows, bounds = csv_rows(path)[1], checked_edges(edges)
     if max(beyond(rows, bounds[0], bounds[-1])) > 1e-9:

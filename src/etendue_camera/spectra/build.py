@@ -1,7 +1,7 @@
 """Build the shipped tables: ``python -m etendue_camera.spectra.build``.
 
 In:  the installed colour-science.
-Out: ``data/spectra.npz``, its version and digest on stdout.
+Out: ``data/spectra.npz``; its version and digest on stdout.
 """
 
 from importlib.resources import files

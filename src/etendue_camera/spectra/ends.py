@@ -2,7 +2,7 @@
 
 In:  the rows of a table (nm, values), the wavelengths of the light (nm).
 Out: the range covered by the rows; a note if the result depends on unmeasured values.
-Source: CIE 15:2018 and ASTM E308, which hold the nearest measured value; departures are named here.
+Source: CIE 15:2018 and ASTM E308, which hold the nearest measured value; departures are documented here.
 
 A row covers half a step on either side, so that a table to 700 nm in steps of 10 nm covers bins to 705 nm: within that
 range its end value is used, for any table (with steps above 20 nm a table is a drawn curve that ends at its ends).
@@ -14,7 +14,7 @@ Farther out
 - lens curves by wavelength (falloff, angles, distortion) keep their end columns;
 - an illuminant raises an error for rendered wavelengths; for the luminance of the whole light it keeps its end value
   (`luminance`);
-- scales raise an error: neither rule would give a scale;
+- scales raise an error, because neither 0 nor an end value would be a valid scale;
 - matching functions and cones are 0, as the CIE defines them.
 """
 
@@ -82,7 +82,7 @@ def cut_off_note(
     return [
         f"{what} has rows from {rows[0]:g} to {rows[-1]:g} nm, but the light extends from {lowest:g} to {highest:g} "
         f"nm: beyond "
-        f"{first:g} and {last:g} nm it counts as 0; with its end values extended,  {100 * worst:.2g} % of the signal "
+        f"{first:g} and {last:g} nm it counts as 0; with its end values extended, {100 * worst:.2g} % of the signal "
         f"of {text} would lie there; add rows to the table, or narrow the scene's wavelengths"
     ]
 

@@ -6,7 +6,7 @@ Sources: the data of colour-science (`shipped`); CIE 15:2018 for interpolation.
 
 The interpolant runs through
 
-- the rows themselves for light sources, as CIE 15 asks for its illuminants, and for displays:
+- the rows themselves for light sources, as CIE 15 requires for its illuminants, and for displays:
   a smooth curve overshoots their lines (Sprague lifts the Apple display's green peak from 1.58 to 1.71);
 - for smooth tables (matching functions, cones, cameras, reflectances) values at 1 nm (`authority`).
 """
@@ -46,14 +46,14 @@ def illuminant(name: str, edges: Edges) -> FloatArray:
     name : str
         A name in ``colour.SDS_ILLUMINANTS`` ("D65", "A", "FL2"); "E", which is 100 at all wavelengths;
         "<T> K", a Planck radiator at T >= 100 K, 100 at 560 nm; "<w> nm", a spectral line; the path of a
-        CSV table with one column, or the name under which a distribution brings one.
+        CSV table with one column, or the name under which a distribution provides one.
     edges : (n + 1,) ascending, nm
 
     Returns
     -------
     (n,) array, relative power per nm
         In the normalisation of the table itself (the CIE's: 100 at 560 nm for A and D65). A line has the energy 1,
-        all of it in the bin that contains it; a bin includes its lower edge and the last bin its upper one too.
+        all of it in the bin that contains it; a bin includes its lower edge, and the last bin also its upper one.
 
     Raises
     ------
@@ -98,7 +98,9 @@ def illuminant_rows(name: str) -> tuple[FloatArray, FloatArray]:
 
 
 def _planck(temperature: float, edges: tuple[float, ...]) -> FloatArray:
-    """Gauss-Legendre quadrature, five points per panel of at most 1 nm, or 1/400 of longer wavelengths."""
+    """Integrate Planck's law by Gauss-Legendre: five points per panel of at most 1 nm, or 1/400 of longer
+    wavelengths.
+    """
     require.that(
         LOWEST_TEMPERATURE <= temperature < np.inf,
         f"illuminant temperature must be {LOWEST_TEMPERATURE:g} K or more, got {temperature:g} K",
@@ -137,17 +139,17 @@ def _line(wavelength: float, edges: tuple[float, ...]) -> FloatArray:
 
 
 def luminous_efficiency(edges: Edges) -> FloatArray:
-    """V(lambda): y-bar of the CIE 1931 2 degree observer, (n,), dimensionless; 0 outside 360-830 nm."""
+    """Return V(lambda), y-bar of the CIE 1931 2 degree observer, (n,), dimensionless; 0 outside 360-830 nm."""
     return colour_matching(edges)[:, 1]
 
 
 def colour_matching(edges: Edges) -> FloatArray:
-    """x-bar, y-bar, z-bar of the CIE 1931 2 degree observer, (n, 3), dimensionless; 0 outside 360-830 nm."""
+    """Return x-bar, y-bar, z-bar of the CIE 1931 2 degree observer, (n, 3), dimensionless; 0 outside 360-830 nm."""
     return observer("CIE 1931 2 Degree Standard Observer", checked_edges(edges))
 
 
 def cone_fundamentals(edges: Edges) -> FloatArray:
-    """L, M, S of Stockman & Sharpe, 2 degrees, energy-based, peak 1, (n, 3); 0 outside 390-830 nm."""
+    """Return L, M, S of Stockman & Sharpe, 2 degrees, energy-based, peak 1, (n, 3); 0 outside 390-830 nm."""
     return observer("Stockman & Sharpe 2 Degree Cone Fundamentals", checked_edges(edges))
 
 
@@ -278,8 +280,8 @@ def colorchecker(edges: Edges) -> tuple[list[str], FloatArray]:
 
     Notes
     -----
-    Source: the BabelColor average of 30 charts, 380-730 nm. Outside the table the end value is held, as
-    ASTM E308 does: a patch does not turn black where its measurement ends.
+    Source: the BabelColor average of 30 charts, 380-730 nm. Outside the table the end value is held, as in ASTM E308: a
+    patch does not turn black where its measurement ends.
     """
     names, reflectance = _colorchecker(checked_edges(edges))
     return list(names), reflectance

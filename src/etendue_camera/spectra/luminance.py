@@ -1,4 +1,4 @@
-"""Luminance of a light over its full spectrum, whichever wavelengths are rendered.
+"""Luminance of a light over its full spectrum, regardless of the rendered wavelengths.
 
 In:  the name of an illuminant; the luminance of a white diffuser under it (cd m-2).
 Out: its spectral radiance as bin means; the fraction of the luminance in a window of wavelengths.
@@ -27,7 +27,7 @@ def luminance_of(name: str, lowest: float = EYE[0], highest: float = EYE[1]) -> 
     Parameters
     ----------
     name : str
-        As in `illuminant`.
+        As for `illuminant`.
     lowest, highest : float, nm
         Part of the light to include; default: the visible range.
 
@@ -46,8 +46,7 @@ def luminance_of(name: str, lowest: float = EYE[0], highest: float = EYE[1]) -> 
     V is linear between its rows at 1 nm, a table between its own: three Gauss points per interval of both are exact
     for their product, whatever bins a pipeline has. A table that ends inside 360-830 nm keeps its end value.
     Error: 2e-16 for D65, A and FL11 (against exact fractions), 1.2e-15 for Planck radiators of 1000, 3200 and 1e5 K (40
-    digits). Sums over bins, products of their means, differ from it: for D65 by 2e-5, 8e-5, 2.3e-4, 3e-3 and 1.1e-2
-    with
+    digits). Sums over bins of products of means differ from it: for D65 by 2e-5, 8e-5, 2.3e-4, 3e-3 and 1.1e-2 with
     bins of 5, 10, 20 (380-780 nm), 50 and 100 nm (400-700 nm), for the lines of FL11 by 2.8e-4, 1.0e-3 and 3.1e-3 with
     5, 10 and 20 nm.
     """
@@ -120,12 +119,12 @@ def light_of_luminance(name: str, edges: Edges, luminance: float) -> FloatArray:
     Returns
     -------
     (n,) array, W m-2 sr-1 nm-1
-        The same in a bin, whatever other bins there are.
+        The value in a bin does not depend on the other bins.
 
     Raises
     ------
     ValueError
-        As `illuminant` and `luminance_of`; for an invisible light; for a luminance not above 0.
+        As for `illuminant` and `luminance_of`; also for an invisible light or a luminance that is not above 0.
     """
     require.that(0 < luminance < np.inf, f"luminance must be finite and above 0 cd m-2, got {luminance}")
     whole = luminance_of(name)
@@ -154,7 +153,7 @@ def light_of_radiance(name: str, edges: Edges, radiance: float) -> FloatArray:
 
 
 def check_luminance(name: str) -> None:
-    """Raise ValueError for a light whose luminance is 0 or unknown; avoid colour-science where its range is enough."""
+    """Raise ValueError for a light whose luminance is 0 or unknown; avoid colour-science where the range suffices."""
     line = line_of(name)
     if line is not None:
         if not EYE[0] <= line <= EYE[1]:

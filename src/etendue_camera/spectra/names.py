@@ -93,8 +93,9 @@ def brought() -> list[str]:
 
 
 def state_of(name: str) -> tuple[int, int]:
-    """Return what identifies the content of a table besides its name: time and size of its file; (0, 0) in the
-    library."""
+    """Return what identifies the content of a table besides its name: time and size of its file; (0, 0) for a library
+    table.
+    """
     found = os.stat(path) if (path := spectrum(name)) else None
     return (found.st_mtime_ns, found.st_size) if found else (0, 0)
 

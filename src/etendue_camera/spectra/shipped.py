@@ -6,8 +6,7 @@ Out: plain read-only float64 arrays, bit-identical to the library's own.
 ``data/spectra.npz`` contains them, built by ``python -m etendue_camera.spectra.build`` from the version of
 colour-science recorded in it; a test compares all with the library. If another version is installed, its own tables are
 used: from the library once, then from the user's cache folder. Names that are not among them are looked up in the
-library
-itself.
+library itself.
 """
 
 import hashlib

@@ -11,8 +11,7 @@ from etendue_camera.spectra.bins import FloatArray, frozen
 def rgb_space_matrix(name: str) -> tuple[FloatArray, FloatArray]:
     """Return the RGB to XYZ matrix (3, 3) and white point xy (2,) of a space in ``colour.RGB_COLOURSPACES``.
 
-    The matrix is the one the standard prints, so for "sRGB" it has four digits. Unknown names raise
-    ValueError.
+    The matrix is the one printed in the standard, so for "sRGB" it has four digits. Unknown names raise ValueError.
     """
     space = shipped.space(name)
     return frozen(space["matrix"]), frozen(space["white"])
@@ -29,9 +28,8 @@ def rgb_space_primaries(name: str) -> tuple[tuple[tuple[float, float], ...], tup
 
 
 def rgb_space_white(name: str) -> str:
-    """Return the name of the illuminant that is the white of a space in ``colour.RGB_COLOURSPACES``; the space's own
-    name
-    if it is none.
+    """Return the illuminant name of the white of a space in ``colour.RGB_COLOURSPACES``, or ``name`` if it is no
+    illuminant.
 
     A white counts as an illuminant's if its chromaticity is the published one.
     """
@@ -43,8 +41,7 @@ def rgb_space_white(name: str) -> str:
 
 def white_chromaticity(name: str) -> tuple[float, float] | None:
     """Return xy of the white of an RGB space, or of an illuminant as published (CIE 15, 1931 observer); None for a
-    light
-    that has none.
+    light that has none.
     """
     return rgb_space_primaries(name)[1] if name in list(shipped.names("space")) else _published_white(name)
 

@@ -85,8 +85,8 @@ def upsampling_basis(edges: Edges) -> FloatArray:
     Returns
     -------
     (n, 3) array, dimensionless
-        The same in a bin, whatever similar bins are rendered with it. Columns sum to 1 in every bin, so that grey
-        photographs get flat spectra.
+        The values in a bin do not depend on which similar bins are rendered with it. Columns sum to 1 in every bin, so
+        that grey photographs get flat spectra.
 
     Raises
     ------

@@ -266,6 +266,6 @@ def _changes(node: Node, variable: str) -> bool:
 
 
 def _restores(node: Node) -> bool:
-    """Tell whether a stage only improves camera values: it is then compared with a picture that did not need it."""
+    """Return whether a stage only improves camera values: it is then compared with a picture that did not need it."""
     reads = {d.variable for d in reads_of(node.kind).values() if not d.variable.startswith("*.")}
     return reads == {CAMERA} and CAMERA in node.writes and node.kind.role in RESTORING

@@ -70,7 +70,7 @@ def camera_at(folder: Path, at: Place) -> PipelineFile:
 
 
 def _taken(pipeline: PipelineFile, key: str) -> bool:
-    """Tell whether a value of an axis applies: a stage that another axis chose may lack the parameter."""
+    """Return whether a value of an axis applies: a stage that another axis chose may lack the parameter."""
     stage, _, name = key.rpartition(".")
     uses = [entry.use for entry in pipeline.stages if entry.name == stage]
     stages = installed_stages()

@@ -91,8 +91,8 @@ def measured_edge(photograph: PhotographFile, text: str, channel: str, confidenc
             continue
         if not STEEP[0] <= abs(one["angle"]) <= STEEP[1]:
             refusals.append(
-                f"the edge is not slanted: it stands {abs(one['angle']):.1f} degrees from the {one['near']}; allowed "
-                f"is 2 to 43"
+                f"the edge is not slanted: it stands {abs(one['angle']):.1f} degrees from the {one['near']}; allowed: "
+                "2 to 43"
             )
             continue
         if not math.isfinite(one["mtf50_high"]):
@@ -321,7 +321,7 @@ def _shape(what: str, image: Array, sites: Array | None) -> EdgeShape | None:
     except ValueError:
         return None
     if not LEAST <= abs(shape.angle) <= MOST:
-        raise RequestError(f"{what}: the edge is not slanted: it stands {_stands(shape)}; allowed is 2 to 43")
+        raise RequestError(f"{what}: the edge is not slanted: it stands {_stands(shape)}; allowed: 2 to 43")
     return shape
 
 

@@ -45,7 +45,7 @@ def measured_star(
             bootstrap=Bootstrap(confidence=confidence),
         )
     except ValueError as error:
-        reason = str(error).partition("; allowed is")[0].removeprefix("picture ")
+        reason = str(error).partition("; allowed:")[0].removeprefix("picture ")
         raise RequestError(f"--star {place}: {reason}{_cycles(image, place, (left, top), sites, cycles)}") from None
     response = found.response
     return {

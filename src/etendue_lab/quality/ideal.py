@@ -135,7 +135,7 @@ def _why_out(entry: StageEntry, kinds: Kinds, names: list[str], pixel: str, demo
 
 
 def _knows_white(kinds: Kinds, name: str) -> bool:
-    """Tell whether a stage finds white without using the picture."""
+    """Return whether a stage finds white without using the picture."""
     kind = kinds[name]
     return (
         kind is not None
@@ -145,7 +145,7 @@ def _knows_white(kinds: Kinds, name: str) -> bool:
 
 
 def _ends_a_dim(kind: type[Stage]) -> bool:
-    """Tell whether a stage merges several frames into one picture, so that it cannot be left out."""
+    """Return whether a stage merges several frames into one picture, so that it cannot be left out."""
     reads, writes = ({d.variable: d.dims for d in of(kind).values()} for of in (reads_of, writes_of))
     return reads["rgb_camera"] != writes["rgb_camera"]
 

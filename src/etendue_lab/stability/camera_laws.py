@@ -194,7 +194,7 @@ def any_scene(made: Document, tree: Any) -> Iterator[Broken]:
 
 
 def same_white(made: Document) -> bool:
-    """Tell whether the scene is balanced to the white of the display that shows it: only then is white (1, 1, 1)."""
+    """Return whether the scene is balanced to the white of the display that shows it: only then is white (1, 1, 1)."""
     return bool(
         (of(made, "adapt") or {}).get("target", "D65") == (of(made, "display") or {}).get("display", "sRGB")
     ) and ((of(made, "fit") or {}).get("white", "kept") == "kept")

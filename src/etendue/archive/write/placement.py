@@ -60,7 +60,7 @@ class Laid:
         self.places: dict[str, list[list[int]]] = {}
         for path, group in self.layout.groups.items():
             own = {dim: list(stored.get(path, {}).get(dim, ())) for dim in group.axes}
-            # Append new values behind the stored ones, whatever their order: stored chunks then keep their slots.
+            # Append new values after the stored ones, whatever their order, so that stored chunks keep their slots.
             for dim, values in group.axes.items():
                 known = set(own[dim])
                 own[dim] += [v for v in values if v not in known]

@@ -1,4 +1,4 @@
-"""``new``, ``new-plugin`` and ``schema``: files to begin with."""
+"""``new``, ``new-plugin`` and ``schema``: files to start from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``--measure`` and ``--hold`` of ``run``: the global error, measured behind it or held in front of it."""
+"""``--measure`` and ``--hold`` of ``run``: the global error, measured after the run or limited before it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) 
 
 
 def kept(held: Any, folder: Path, made: Any) -> Document:
-    """The errors that a run holds, kept in its archive; as in ``--json``."""
+    """Store the errors that a run holds in its archive, and return them as in ``--json``."""
     holding.keep(held, folder)
     return held_document(held, stated_elsewhere(made, held.measured, held.places))
 

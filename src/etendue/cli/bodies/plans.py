@@ -1,4 +1,4 @@
-"""``plan``, and the plan of what the command line says."""
+"""``plan``, and planning a pipeline as given on the command line."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def pipeline_of(given: Given) -> PipelineFile:
-    """What is asked for: the file, and what the command line says of it."""
+    """Return the requested pipeline: the file with the options of the command line applied."""
     pipeline = given.pipeline()
     if (
         given.want and pipeline.keep is not None and pipeline.wanted is not None
@@ -34,7 +34,7 @@ def pipeline_of(given: Given) -> PipelineFile:
 
 
 def planned(given: Given, quiet: bool, pipeline: PipelineFile | None = None) -> Plan:
-    """Its plan; on a terminal the planning is seen, if it takes long."""
+    """Return the plan of the pipeline; on a terminal, show progress if planning takes long."""
     pipeline = pipeline or pipeline_of(given)
     if quiet or not sys.stderr.isatty():
         return make_plan(pipeline, installed(), not given.nothing_left_out)

@@ -205,8 +205,8 @@ def _along(stage: Transfer, fy: Array, fx: Array, edges: tuple[float, ...]) -> A
 
 
 def _on_line(plane: Callable[[Array, Array], Array], fy: Array, fx: Array) -> Array:
-    """Return (..., n). Stages evaluate grids, and a slanted line is none: it is pieced from diagonals of small
-    grids.
+    """Return (..., n) on a line of frequencies. Stages evaluate grids only, so a slanted line is assembled from the
+    diagonals of small grids.
     """
     if not fy.any():
         return plane(fy[:1], fx)[..., 0, :]

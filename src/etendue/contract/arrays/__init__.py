@@ -1,1 +1,1 @@
-"""What is said of arrays before they exist: dims, grids, variables, facts, how they are drawn."""
+"""Descriptions of arrays before they exist: dims, grids, variables, facts, how they are drawn."""

@@ -1,7 +1,7 @@
 """Dims as distributions declare them: which of them are bands, their units and names.
 
 In:  names of dims.
-Out: what is declared of them. A dim need not be declared; an undeclared one has points or labels, and no unit.
+Out: their declarations. A dim need not be declared; an undeclared one has points or labels, and no unit.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ class Dim:
 
     @cached_property
     def factor(self) -> float:
-        """The factor from the unit of the centres to the one in which transfer functions are asked."""
-        # late: only transfer functions need it, so only their digests cover it
+        """The factor from the unit of the centres to the one in which transfer functions take them."""
+        # imported late: only transfer functions need it, so only their digests cover it
         from etendue.contract.values.units import (
-            to_unit,  # of transfer functions alone: it stands in the code behind these
+            to_unit,  # in the code digest of transfer functions only
         )
 
         return to_unit(f"1 {self.units}", self.asked_in) if self.asked_in not in ("", self.units) else 1.0

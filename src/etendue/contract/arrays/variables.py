@@ -85,9 +85,9 @@ class Variable:
     def __post_init__(self) -> None:
         for word, allowed in (("counted", COUNTED), ("shown", SHOWN), ("better", BETTER)):
             if (own := vars(self)[word]) not in allowed:
-                raise ValueError(f"{word} is {own!r}; allowed are {', '.join(map(repr, allowed))}")
+                raise ValueError(f"{word} is {own!r}; allowed: {', '.join(map(repr, allowed))}")
         if self.full is not None and not self.full > 0:
-            raise ValueError(f"full is {self.full!r}; allowed are numbers above 0")
+            raise ValueError(f"full is {self.full!r}; allowed: numbers above 0")
         for word, named in (("flags", self.flags), ("masks", self.masks)):
             if not (isinstance(named, Mapping) and all(isinstance(n, str) and n.split() == [n] for n in named)):
                 raise ValueError(f"{word} is {named!r}; expected names without blanks and their codes")

@@ -1,6 +1,6 @@
-"""Remembering by identity: what is found for an object once, however many cells have the object.
+"""Cache results by object identity: each is computed once per object, however many cells share the object.
 
-Stages and grids of a plan are shared by most of its cells, and comparing or hashing one costs as much as what is asked.
+Most cells of a plan share stages and grids; comparing or hashing one would cost as much as computing the result.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ Found = TypeVar("Found")
 class Once(Generic[Found]):
     """Results by the identity of objects and the value of ``also``.
 
-    It holds the objects: as long as it lives no other object can take the number of one of them.
+    The cache keeps references to the objects, so that their ids cannot be reused while it exists.
     """
 
     def __init__(self) -> None:

@@ -197,7 +197,7 @@ def _front(numbers: Sequence[Number], axes: Sequence[ArchivedAxis]) -> Document 
 
 
 def _trades(one: Number) -> bool:
-    """Tell whether a metric varies over the sweep, and it is known which way is better."""
+    """Return whether a metric varies over the sweep, and it is known which way is better."""
     known_values = one.values[np.isfinite(one.values)]
     return bool(one.known.better) and not one.known.counted and known_values.size > 1 and bool(np.ptp(known_values) > 0)
 

@@ -44,7 +44,7 @@ class PlotDim:
 
     @property
     def spread(self) -> bool:
-        """Tell whether its values are better shown on a logarithmic axis."""
+        """Return whether its values are better shown on a logarithmic axis."""
         if not self.counted or len(self.values) < 3 or min(self.values) <= 0:
             return False
         ordered = sorted(self.values)

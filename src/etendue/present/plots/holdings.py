@@ -88,7 +88,7 @@ class HeldVariable:
         return ("figure", "curve")[len(counted)] if len(counted) < 2 else "other"
 
     def is_counted(self, dim: str) -> bool:
-        """Tell whether a dim runs over numbers rather than names."""
+        """Return whether a dim runs over numbers rather than names."""
         coordinate = self.groups[0].get(dim)
         return coordinate is None or coordinate.dtype.kind in "fiu"
 

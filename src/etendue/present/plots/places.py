@@ -37,7 +37,7 @@ def read_at(texts: Iterable[str]) -> dict[str, str]:
 
 
 def is_called(name: str, dim: str, key: str) -> bool:
-    """Tell whether a word names a dim: by its own name, or by the parameter that it sets, ``sharpen.strength`` or in
+    """Return whether a word names a dim: by its own name, or by the parameter that it sets, ``sharpen.strength`` or in
     Python ``sharpen__strength``.
     """
     word = name.replace("__", ".")
@@ -53,7 +53,7 @@ def dim_of(held: Iterable[HeldVariable], name: str) -> tuple[str, HeldVariable |
 
 
 def is_value(value: Any, text: str, unit: str) -> bool:
-    """Tell whether a text, with or without a unit, equals a value."""
+    """Return whether a text, with or without a unit, equals a value."""
     if isinstance(value, str):
         return value == text
     if isinstance(value, bool):

@@ -1,7 +1,7 @@
-"""One table for terminal, notebook and JSON: rows stand in JSON as they are, columns say how they are read.
+"""One table for terminal, notebook and JSON: rows go into JSON unchanged, columns define their text form.
 
-In:  rows; for each column its name, the side to which it is set, what of a row stands in it, its form, and what stands
-     where there is nothing.
+In:  rows; for each column its name, its alignment, which value of a row it shows, the format of the value, and the text
+     for a missing one.
 Out: cells as text, which terminals and notebooks escape in their own ways.
 """
 
@@ -11,12 +11,12 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-# name, side; key or function of a row, its place where there is none; form or function of a value; what stands for none
+# name, side; key or function of a row (default: the column's position); format or function of a value; text for none
 Column = Sequence[Any]
 
 
 def cells(columns: Iterable[Column], rows: Iterable[Any]) -> list[list[str]]:
-    """A row of texts for each row."""
+    """Return a row of texts for each row."""
     own = [(*(column[2:] or (place,)), "", "")[:3] for place, column in enumerate(columns)]
     return [[_text(of(row) if callable(of) else row[of], form, none) for of, form, none in own] for row in rows]
 

@@ -150,7 +150,7 @@ def _stored(document: Document) -> list[str]:
 
 
 def plan_columns(product: Callable[[Iterable[str]], str]) -> tuple[Column, ...]:
-    """Of the stages of a plan."""
+    """Return the columns of the table of stages in a plan."""
     return (
         ("stage", "left", "name"),
         ("axes", "left", "axes", product),

@@ -51,14 +51,14 @@ class WordLaws:
                 f"{name} writes {d.variable} in {d.unit}, but the vocabulary has it in {usual}",
             )
         hold((kind.run is not None) != is_transfer(kind), f"{name} must have either run or transfer")
-        hold(kind.nan in ("error", "keep"), f"{name}.nan is {kind.nan!r}; allowed are 'error' and 'keep'")
+        hold(kind.nan in ("error", "keep"), f"{name}.nan is {kind.nan!r}; allowed: 'error' and 'keep'")
         hold(
             kind.negative in ("error", "clip", "keep"),
-            f"{name}.negative is {kind.negative!r}; allowed are 'error', 'clip' and 'keep'",
+            f"{name}.negative is {kind.negative!r}; allowed: 'error', 'clip' and 'keep'",
         )
         hold(
             kind.gain is None or 0 <= kind.gain < math.inf,
-            f"{name}.gain is {kind.gain}; allowed are None and finite numbers of at least 0",
+            f"{name}.gain is {kind.gain}; allowed: None and finite numbers of at least 0",
         )
         seen = [d.variable for d in reads.values() if looks(d) and not looks_at_stages(looks(d))]
         hold(

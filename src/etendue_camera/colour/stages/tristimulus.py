@@ -34,6 +34,7 @@ class ColourFit(Collecting):
 
     White is exact by default. ``fit_residual`` is the rms error in XYZ (white Y = 1), ``fit_condition`` the condition
     number.
+
     Channels with equal responses do not distinguish some colours: such directions are set to zero and counted in
     ``directions_floored``. Any number of channels works: one gives luminance in the colour of the white, two a plane of
     colours, and the residual gives the error. Crosstalk below the filters is included in the camera RGB, as in a
@@ -222,9 +223,8 @@ class Balance(Viewed, Haloed):
     """Adapt the scene white to the target white by von Kries scaling in a named cone space, or by the paper's printed
     diagonal (eq. 14).
 
-    A cone that the scene white does not excite, as under narrow-band light, has an infinite gain: its response is
-    raised
-    to ``floor`` and counted in ``cones_floored``, or an error is raised.
+    A cone that the scene white does not excite, as under narrow-band light, would have an infinite gain. Its response
+    is lifted to ``floor`` and counted in ``cones_floored``, or an error is raised.
     """
 
     role: ClassVar = "chromatic adaptation"

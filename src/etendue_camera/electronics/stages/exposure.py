@@ -102,8 +102,8 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float | None, str]:
         """Bound the rounding error. Without the dark current pattern, whose mean is kept, also the fraction of the
-        variance
-        of any pixel that it would add, since every pixel has at least the shot noise of its dark charge."""
+        variance of any pixel that it would add, since every pixel has at least the shot noise of its dark charge.
+        """
         rounding = 2e-7 if precision == "float32" else 1e-15
         if self.dark_pattern or self.dark_nonuniformity == 0:
             return rounding, "proved"
@@ -168,8 +168,7 @@ class ShotNoise(Sampled, Noisy, Haloed):
 
     def halo(self) -> int | None:
         """Return 0 for common draws, which are made per pixel; None for independent ones, whose order depends on the
-        whole
-        frame.
+        whole frame.
         """
         return 0 if self.common_draws else None
 
@@ -186,13 +185,12 @@ class ShotNoise(Sampled, Noisy, Haloed):
         return {"charge": expected_charge}
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """The expected value is unchanged."""
+        """Keep the facts: the expected value is unchanged."""
         return facts["expected_charge"]
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the total variation from Poisson, not the error of the mean: largest where the expansion begins, and at
-        the
-        seam of common draws.
+        the transition of common draws.
         """
         if math.isinf(self.exact_below):
             return 0.0, "proved"

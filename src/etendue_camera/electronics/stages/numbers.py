@@ -52,8 +52,7 @@ class NoiseFloor(GainChain):
 
     def dark_variance(self, time: float, sheets: Sheets) -> float:
         """Return the temporal dark variance, electron^2: shot noise of the dark charge, read noise, quantisation, row
-        and
-        column noise.
+        and column noise.
         """
         floor = self.sigma() ** 2 + 1 / (12 * self.dn_per_electron() ** 2)
         return float(self.dark_charge(time)) + floor + elsewhere(sheets, "read_noise")

@@ -40,8 +40,8 @@ class PhotonTransfer(Stage):
     dark.
 
     A level is ``repeats`` consecutive frames, as ``bracket`` takes them; surplus frames are ignored. The first level is
-    the dark one (a bracket of -30 stops receives no light). Without it, with fewer than four other levels, with fewer
-    than 8 x 8 pixels per channel or where the signal does not rise, all metrics except the curve are NaN. Where nothing
+    dark (a bracket of -30 stops receives no light). Without it, with fewer than four other levels, with fewer than 8 x
+    8 pixels per channel or where the signal does not rise, all metrics except the curve are NaN. Where nothing
     saturates, full well and saturation are NaN.
 
     ``transfer_signal`` is the mean above dark and ``transfer_variance`` the temporal variance with the dark variance

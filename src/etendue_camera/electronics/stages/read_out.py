@@ -144,7 +144,7 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
         return (0.0, "there is no row or column noise") if quiet else None
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """The expected value is unchanged, except for fixed patterns, which are unbounded."""
+        """Keep the facts, except with fixed patterns, which are unbounded: the expected value is unchanged."""
         return facts["charge"] if self.row_pattern == self.column_pattern == 0 else Facts()
 
 

@@ -119,9 +119,7 @@ class Aberrations(Blur, Aberrated, Banded):
         return math.ceil((tail + 2.0 * steep / wavelength) / PER_SPOT)
 
     def samples(self, half: int) -> int:
-        """Return the number of samples across the pupil below which the sampled pupil aliases; raise ValueError if too
-        many.
-        """
+        """Return the samples across the pupil that avoid aliasing; raise ValueError if there are too many."""
         samples = max(self.pupil_samples, math.ceil(2.0 * PER_SPOT * (half + 1)))
         samples += samples % 2
         if samples > MOST_SAMPLES:
@@ -210,8 +208,7 @@ class Aberrations(Blur, Aberrated, Banded):
         return own if own.uniform else replace(own, low=None, high=None, contrast=None)
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the error: the accuracy asked for, interpolation between the heights and wavelengths of the bank, and
-        pupil
+        """Estimate the error: the requested accuracy, interpolation between heights and wavelengths of the bank, pupil
         sampling.
         """
         lines: Grid = grid["irradiance"]

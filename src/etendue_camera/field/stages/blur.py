@@ -78,7 +78,7 @@ class LensPsfField(Banded, Bounded):
     weights: str = param(
         "source",
         choices=("source", "image"),
-        doc="object: the flux of a point is conserved exactly; image: a uniform plane stays uniform exactly",
+        doc="source: the flux of a point is conserved exactly; image: a uniform plane stays uniform exactly",
     )
     centre: str = param(
         "reference",
@@ -134,7 +134,7 @@ class LensPsfField(Banded, Bounded):
         )
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the error of the convolution against a separate PSF for every sample."""
+        """Bound the error of the convolution relative to a separate PSF for every sample."""
         return self.tolerance + (2e-6 if precision == "float32" else 1e-13), "measured"
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
@@ -267,7 +267,7 @@ class Distortion(Banded, Bounded):
         return lost, f"light moves by at most {most:.2g} um, and the scene has little detail that fine"
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """A uniform plane is unchanged; a spline may leave the range of another plane slightly."""
+        """Keep the facts of a uniform plane; drop the range of any other, which a spline may leave slightly."""
         own = facts["irradiance"]
         return (
             own
@@ -276,7 +276,7 @@ class Distortion(Banded, Bounded):
         )
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the interpolation error on a Gaussian edge with the scene's band limit, or 1 sample rms where that is
+        """Bound the interpolation error at a Gaussian edge with the scene's band limit, or of 1 sample rms if that is
         unknown.
         """
         rounding = 2e-6 if precision == "float32" else 1e-12

@@ -72,9 +72,8 @@ class WhiteEstimate(KnownNoise):
     ``grey_world``: the scene is grey on average; ``white_patch``: the brightest area is white; ``shades_of_grey``: a
     power mean between the two; ``preset``: gains from a list; ``illuminant``: the true white, unchanged. Mosaic cells
     with a value of at least 0.98 or a mean below 3 sigma of the dark noise are ignored as a whole, and ``white_used``
-    is
-    the fraction of cells used. ``white_error`` is the angle between this white and the true one. If no cell is usable,
-    the stage fails.
+    is the fraction of cells used. ``white_error`` is the angle between this white and the true one. If no cell is
+    usable, the stage fails.
     """
 
     role: ClassVar = "camera white"

@@ -55,7 +55,7 @@ class Birefringent(Blur, Transfer):
         scale = spectra.table_from_csv(self.dispersion, edges)[1][:, 0]
         if not np.all(scale > 0):
             raise ValueError(
-                f"{self.dispersion} the scale must be greater than 0 from {edges[0]:g} to {edges[-1]:g} nm"
+                f"{self.dispersion}: the scale must be greater than 0 from {edges[0]:g} to {edges[-1]:g} nm"
             )
         return coordinates["wavelength"], scale
 

@@ -57,7 +57,7 @@ class Glare(Blur, Transfer):
         if facts.uniform or outside < 0.01:
             return []
         return [
-            f"{100 * outside:.2g} % of the light would be scattered beyond half the frame and returns from "
+            f"{100 * outside:.2g} % of the light would be scattered beyond half the frame and return from "
             f"the mirror image that "
             "continues the scene: give the scene a larger margin, or assign that fraction to veil"
         ]

@@ -50,9 +50,9 @@ class Blur(Bounded):
         return None
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """A uniform plane is unchanged. Another plane may leave its range slightly where the grid truncates the
-        transfer
-        function.
+        """Keep the facts of a uniform plane, which is unchanged, and drop the range of any other.
+
+        Where the grid truncates the transfer function, values may leave the range slightly.
         """
         own = facts["irradiance"]
         return own if own.uniform else replace(own, low=None, high=None, contrast=None)
@@ -148,8 +148,7 @@ class LensPsf(Blur, Transfer):
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the error of linear interpolation: an eighth of the squared node distance times the second derivative
-        of
-        the transfer function.
+        of the transfer function.
 
         The second derivative is at most 2 pi^2 times the mean square radius of the spread function.
         """

@@ -25,8 +25,7 @@ from etendue_camera.optics.stages.conjugates import Cone, Conjugates
 @dataclass(frozen=True, kw_only=True)
 class LensNumbers(Cone):
     """Compute the Airy diameter (eq. 4), Rayleigh and Sparrow separations and cut-off; the focal length (eq. 9);
-    working
-    f-numbers; depth of field.
+    working f-numbers; depth of field.
 
     The T-number is that of the lens focused at infinity. Distances are from the front principal plane; ``far_limit`` is
     infinite from the hyperfocal distance on.

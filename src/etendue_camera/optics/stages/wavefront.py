@@ -73,8 +73,7 @@ class Aberrated(Cone):
         return wavefront.Seidel(self.spherical, self.coma, self.astigmatism, self.field_curvature)
 
     def path_at(self, y: Floats, x: FloatArray, height_y: float, height_x: float) -> FloatArray:
-        """Return the optical path over the pupil (um) for an image point at these heights, relative to the full
-        height."""
+        """Return the optical path over the pupil (um) for an image point at heights relative to the full height."""
         return self.seidel().at(y, x, height_y, height_x) + wavefront.defocus(self.shift(), self.cone_f_number(), y, x)
 
 
@@ -196,8 +195,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         return imaging.steepest_slope(path, pupil.amplitude(shape, COARSE), shape.reach())
 
     def samples(self, shortest: float) -> int:
-        """Return the samples across the pupil at a wavelength (um): as requested, or eight per wave per pupil
-        radius."""
+        """Return the pupil samples at a wavelength (um): as requested, or eight per wave per pupil radius."""
         needed = math.ceil(8.0 * self.shape().reach() * self.steepness / shortest)
         if needed > MOST_SAMPLES:
             raise ValueError(
@@ -214,8 +212,9 @@ class Wavefront(Blur, Aberrated, Transfer):
         return self.round and self.steepness <= ROUND_WAVES[self.obstruction > 0] * shortest
 
     def prepare(self, coordinates: Mapping[str, Array]) -> Any:
-        """Return tables by wavelength: (wavelengths um, nodes or None, values), or nothing where they would be too
-        large."""
+        """Return tables by wavelength, (wavelengths um, nodes or None, values); None where they are not needed or too
+        large.
+        """
         bands = np.asarray(coordinates["wavelength"], dtype=float) * 1e-3
         if self.flat:
             return None
@@ -298,9 +297,8 @@ class Wavefront(Blur, Aberrated, Transfer):
         return lambda nu: outline.at(2.0 * nu, place)
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the error of the transform pair, and the rms over scenes by how the transfer function is computed
-        (points
-        and edges: `benchmarks/pupil.py`).
+        """Return the bound for the transform pair plus the rms error over scenes of how the transfer function is
+        computed (points and edges: `benchmarks/pupil.py`).
         """
         own = super().error(facts, grid, precision)[0]
         if self.aperture == "polygonal":

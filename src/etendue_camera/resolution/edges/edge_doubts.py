@@ -23,7 +23,10 @@ BENT = 0.04  # distance of the edge from a straight line, relative to its length
 WIDE = 0.3  # 10 to 90 % rise, relative to the fitted range
 FINE = 0.75  # pixels rms, smoothing of the curve
 BEYOND = 0.35  # overshoot beyond the plateaus, relative to the step: sharpening reaches up to a third
-AGAIN, BETWEEN = 0.15, 0.7  # of the steepest slope: of a second one, and of the lesser of both that stands between them
+AGAIN, BETWEEN = (
+    0.15,
+    0.7,
+)  # relative to the steepest slope: a second rise; and relative to the weaker rise: the slope between both
 NAMES = ("bent", "changes", "pattern", "no_plateau", "line", "double")
 
 
@@ -39,7 +42,7 @@ def doubts(found: MeasuredEdge, rise: float) -> tuple[str, ...]:
     Returns
     -------
     names out of ``NAMES``: the line is bent; the step changes along it; the areas have a pattern; the rise leaves no
-    uniform areas; the curve leaves its plateaus like that of a line; it rises twice.
+    uniform areas; the curve leaves its plateaus, as that of a line does; the curve rises twice.
 
     Notes
     -----

@@ -95,11 +95,10 @@ def edge_resolution(
     ----------
     picture : (y, x) array, any linear unit
     order, knots_per_pixel, half_width, tails, highest, samples
-        As in `slanted_edge`.
+        As for `slanted_edge`.
     limits : (float, float) or None, unit of the picture
         Ends of the scale of the picture, such as (0, 1) for a linearised mosaic: if a thousandth of the pixels lie at
-        or
-        beyond them, the result is flagged as clipped. None: the scale is unknown.
+        or beyond them, the result is flagged as clipped. None: the scale is unknown.
     rng : Generator or int
         Source of the draws, or its seed: the same seed gives the same interval.
     draws : int
@@ -112,9 +111,10 @@ def edge_resolution(
         Search the strongest straight edge in the window, and measure a strip about it.
     sites : (y, x) array of bool or None
         The pixels to use; see `slanted_edge`.
-    Maps a picture and a Generator to the picture as it is read back from its file format, each time at another
-    position of the blocks and between codes. The interval then includes both, see `edge_rewritten`.
-
+    written : callable or None
+        Maps a picture and a Generator to the picture as it is read back from its file format, each time at another
+        position relative to the compression blocks and the codes. The interval then includes both effects, see
+        `edge_rewritten`.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def edge_resolution(
     Raises
     ------
     ValueError
-        As `slanted_edge`; for a window outside the picture; for draws or confidence out of range.
+        As for `slanted_edge`; also for a window outside the picture, or draws or confidence out of range.
 
     Notes
     -----
@@ -132,11 +132,11 @@ def edge_resolution(
     by row. Rows whose contributions to the response near MTF50 are correlated (in a demosaiced picture) share smoothed
     numbers, over six times the lag at which correlation ends. The interval is the percentile interval.
 
-    It includes noise only: not the method's own error (0.05 % of MTF50), nor texture or a bend that ``order`` does not
-    follow, nor the effect of the line's uncertainty, which is of second order. Coverage was 92.5 to 96.5 % over 200
-    seeds, for steps of 10, 30 and 100 times the noise at 2, 5, 10 and 40 degrees, 93 to 95 % for shot noise and 91 to
-    95 % for noise averaged over 3 x 3 pixels; at 10 the mean error is at most 1 % of MTF50 and its scatter 6 %:
-    ``python benchmarks/resolution.py`` prints all of it. One edge of 200 x 400 pixels takes 0.05 s.
+    The interval includes noise only: not the error of the method itself (0.05 % of MTF50), nor texture or a bend that
+    ``order`` does not follow, nor the effect of the uncertainty of the line, which is of second order. Coverage was
+    92.5 to 96.5 % over 200 seeds, for steps of 10, 30 and 100 times the noise at 2, 5, 10 and 40 degrees, 93 to 95 %
+    for shot noise and 91 to 95 % for noise averaged over 3 x 3 pixels; at 10 the mean error is at most 1 % of MTF50 and
+    its scatter 6 %: ``python benchmarks/resolution.py`` prints all of it. One edge of 200 x 400 pixels takes 0.05 s.
     """
     require.only(draws >= 50, "draws", draws, "at least 50")
     require.only(0 < confidence < 1, "confidence", confidence, "between 0 and 1")
@@ -212,12 +212,10 @@ def _written(
 
 def _block(found: MeasuredEdge, rows: EdgeSpread, response: EdgeResponse) -> tuple[int, float]:
     """Return the rows to smooth the draws over, 1 if contributions of neighbours to the response are uncorrelated, and
-    a
-    factor.
+    a factor.
 
     The factor on the draws compensates the correlation lost by smoothing, the freedom absorbed by the fit where few
-    pixels
-    are independent, and the uncertainty of a variance over few blocks.
+    pixels are independent, and the uncertainty of a variance over few blocks.
     """
     at = response.mtf50_limited * ABOUT
     moved = redrawn(found.curve, rows, np.eye(found.rows)).response(at) - found.curve.response(at)
@@ -260,7 +258,7 @@ def _draws(
     fifty, ten = np.concatenate(found, axis=1)
     for values, share, exact in ((fifty, 0.5, response.mtf50), (ten, 0.1, response.mtf10)):
         chord = lowest_crossing(response.frequency, response.sfr[None], share)[0]
-        values += exact - chord if math.isfinite(exact) else 0.0  # chords err by 2e-5, all alike
+        values += exact - chord if math.isfinite(exact) else 0.0  # chords have an error of 2e-5, the same for all draws
     return fifty, ten
 
 

@@ -17,7 +17,7 @@ Sites = NDArray[np.bool_]
 CLOSER, NEAREST = (
     (0.25, 0.12, 0.06, 0.04, 0.04),
     8.0,
-)  # of the picture's width, pixels: from where the line is then found again
+)  # distances within which the line is located again: fractions of the picture width, and a minimum in pixels
 STRONG = 0.2  # fraction of the strongest squared gradient above which a pixel belongs to the edge
 
 
@@ -31,8 +31,9 @@ def lost(why: str) -> str:
 
 
 def smooth(image: FloatArray, sites: Sites | None = None) -> tuple[FloatArray, Sites | None]:
-    """Return the mean over 3 x 3 pixels, with borders repeated; over the given sites only, twice that, and where its
-    gradient is known.
+    """Return the mean over 3 x 3 pixels, with borders repeated, and where its gradient is known (None: everywhere).
+
+    If ``sites`` are given, the mean is over these only, and is applied twice.
     """
     if sites is None:
         return _mean(image), None

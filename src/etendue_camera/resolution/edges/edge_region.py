@@ -77,7 +77,8 @@ def find_edges(
 
     Notes
     -----
-    As `find_edge`, from one seed after the other: pixels covered by an edge, or by a rejected candidate, give no seed.
+    As for `find_edge`, from one seed after the other: pixels covered by an edge, or by a rejected candidate, give no
+    seed.
     """
     try:
         survey = _surveyed(image, sites)

@@ -27,7 +27,7 @@ BY_ROWS, AGAIN = (
     0.57,
 )  # weights of the bootstrap interval and of the spread of rewritten edges: both include the noise of the picture
 SEEN = 1.05  # times the residual without noise, above which noise is visible in a file
-MOST = 3.0  # times the residual, largest noise before the file
+MOST = 3.0  # times the residual: largest noise assumed before the file
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,10 @@ class Rewritten:
         Notes
         -----
         The parts add in squares. With noise both include the same noise; without it only the second includes the effect
-        of
-        the file. `BY_ROWS` and `AGAIN` minimise the interval score (Gneiting and Raftery 2007) of 4,800 edges, 60 kinds
-        of
-        file, blur and noise, which ``benchmarks/measure_coverage.py`` does not draw (other seeds; for half of them
-        other
-        sides, angles and levels), times 1.045: coverage is 96 %, and the coverage of the 60 kinds scatters no more than
-        expected from the draws.
+        of the file. `BY_ROWS` and `AGAIN` minimise the interval score (Gneiting and Raftery 2007) of 4,800 edges, 60
+        kinds of file, blur and noise, which ``benchmarks/measure_coverage.py`` does not draw (other seeds; for half of
+        them other sides, angles and levels), times 1.045: coverage is 96 %, and the coverage of the 60 kinds scatters
+        no more than expected from the draws.
         """
         if not math.isfinite(self.spread):
             return low, math.inf
@@ -75,8 +72,7 @@ def rewritten(
     Notes
     -----
     The measured edge spread function replaces the scene. On either side of the edge it gets as much white noise as
-    leaves
-    the measured residual after the file; where noise does not pass the file, none is added.
+    leaves the measured residual after the file; where noise does not pass the file, none is added.
 
     """
     v, across = np.linspace(-1.0, 1.0, found.rows), np.arange(found.columns) - 0.5 * (found.columns - 1)

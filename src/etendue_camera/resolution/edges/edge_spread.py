@@ -65,8 +65,7 @@ def fit(
     """Fit by least squares over the widest range about the edge where every interval between knots has enough pixels.
 
     ``distance`` and ``values`` are (rows, columns); only ``sites`` are used if given. Raises ValueError if the pixels
-    are
-    at too few distances.
+    are at too few distances.
     """
     limit = min(half_width or math.inf, float(-distance.min()), float(distance.max()))
     near = np.abs(distance) < limit
@@ -194,10 +193,9 @@ def centred(count: int) -> FloatArray:
 def whole(found: Fit, half_width: float | None, tails: bool) -> EdgeSpread:
     """Combine the spline near the edge, plateaus with tails far from it, and a smooth transition between them.
 
-    Where the picture adds nothing to the tails it only adds noise: the transition ends at the smallest of some
-    distances
-    beyond which the tails describe the pixels as well as the spline does, or from half of which on the spline deviates
-    from them no more than farther out, as with correlated noise.
+    Where the tails describe the picture completely, the spline only adds noise. The transition therefore ends at the
+    smallest of several distances beyond which the tails describe the pixels as well as the spline does; or, for
+    correlated noise, at the smallest from half of which on the spline deviates from the tails no more than farther out.
     """
     reach = float(np.abs(found.distance).max())
     width = reach

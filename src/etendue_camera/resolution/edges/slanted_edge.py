@@ -88,13 +88,14 @@ def slanted_edge(
     Parameters
     ----------
     picture : (y, x) array, any linear unit
-        One edge between two uniform areas, dark on either side. At least 32 x 32.
+        One edge between two uniform areas; the dark area may be on either side. At least 32 x 32.
     order : int
-        Degree of the polynomial that the edge follows, 1 (straight) to 5 (bent by distortion).
+        Degree of the polynomial fitted to the edge, 1 (straight) to 5 (bent by distortion).
     knots_per_pixel : float
         Knots of the spline along the normal, 1 to 16. Fewer are used if the angle puts all pixels at few distances.
     half_width : float or None, pixels
-        Only pixels within this distance of the edge are used; None: as far as they add to the plateaus. At least 4.
+        Only pixels within this distance of the edge are used; None: up to where plateaus and tails describe the picture
+        equally well. At least 4.
     tails : bool
         Whether light beyond ``half_width`` is extrapolated from the outer halves of the areas, as 1/distance^2.
     highest : float, cycles/pixel
@@ -130,14 +131,13 @@ def slanted_edge(
 
     The result is the transfer function of everything before the sampling, including the pixel aperture, even above 0.5
     cycles/pixel: sampling along a slant is fine enough to avoid aliasing. Light that a lens spreads farther than
-    ``half_width`` w would be missed, s/(pi^2 w) of it for an MTF of slope -s at zero; ``tails`` restores it.
-    Non-uniform
-    lighting of the areas looks like such light: use ``tails=False`` then. Far from the edge the picture adds only noise
-    and is replaced by plateaus and tails where these describe it equally well.
+    ``half_width`` w would be missed (a fraction s/(pi^2 w) for an MTF of slope -s at zero); ``tails`` restores it.
+    Non-uniform lighting of the areas looks like such light; use ``tails=False`` in that case. Far from the edge the
+    picture adds only noise and is replaced by plateaus and tails where these describe it equally well.
 
     Error, noise-free, 200 x 400 pixels, 2 to 40 degrees, Gaussians and diffraction with a pixel: MTF50 within 0.05 %,
     response within 1e-3 below 0.5 cycles/pixel; ``python benchmarks/slanted_edge.py`` prints it. With noise of 1 % of
-    the step, 0.8 % rms of the MTF50; its noise may be a tenth of the step. ``method="iso"`` on the same pictures: -4 to
+    the step: 0.8 % rms of the MTF50. Noise may reach a tenth of the step. ``method="iso"`` on the same pictures: -4 to
     5 % of MTF50 (``python benchmarks/resolution.py``).
     """
     image, mask = checked(picture, sites)
@@ -229,8 +229,7 @@ def _said(
 
 def folded(frequency: FloatArray, sfr: FloatArray) -> float:
     """Return the fraction of the line spread energy (Parseval: the integral of sfr^2) above 0.5 cycles/pixel; 0 if none
-    is
-    sampled.
+    is sampled.
     """
     power = sfr**2
     below = np.minimum(frequency, NYQUIST)
@@ -240,7 +239,9 @@ def folded(frequency: FloatArray, sfr: FloatArray) -> float:
 
 
 def _falls_to(curve: EdgeSpread | edge_bins.Binned, share: float, frequency: FloatArray, sfr: FloatArray) -> float:
-    """Return the lowest frequency at which the response has fallen to a level: bracketed on samples, then by Brent."""
+    """Return the lowest frequency at which the response has fallen to a level: bracketed on samples, then solved by
+    Brent's method.
+    """
     below = np.flatnonzero(sfr < share)
     if below.size == 0:
         return math.nan

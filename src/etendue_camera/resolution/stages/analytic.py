@@ -72,7 +72,7 @@ def signed(otf: Otf, observed: Observed, towards: tuple[float, float], rendering
 
 
 def response(otf: Otf, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
-    """Return its magnitude: the contrast."""
+    """Return the contrast: the magnitude of `signed`."""
     own = signed(otf, observed, towards, rendering)
     return lambda f: np.abs(own(f))
 
@@ -123,7 +123,7 @@ def factor_curves(otf: Otf, observed: Observed, towards: tuple[float, float], pi
 
 
 def first_largest(values: FloatArray) -> float:
-    """Return the index of the largest; NaN where nothing is known, or nothing limits."""
+    """Return the index of the largest gain; NaN where no gain is known, or nothing limits."""
     return (
         float(np.argmax(values))
         if np.isfinite(values).any() and not np.isnan(values).any() and values.max() > 1
@@ -259,8 +259,8 @@ class Resolution(Probe):
 
     def curves(self, otfs: list[Otf], observed: Observed, towards: tuple[float, float]) -> FloatArray:
         """Return the contrast after each stage, (stage, frequency), on the curve itself whatever the settings; NaN
-        where
-        no product of transfer functions describes the camera."""
+        where no product of transfer functions describes the camera.
+        """
         at = curves.PER_PIXEL / self.pixel_pitch
         found = [
             response(otf, observed, towards, self.rendering)(at) if otf.whole else curves.undefined() for otf in otfs
@@ -322,8 +322,7 @@ class Resolution(Probe):
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Bound the largest error of all metrics, relative for frequencies and separations: of splines, their
-        crossings,
-        and the integral for a point.
+        crossings, and the integral for a point.
 
         Solved crossings are accurate to 1e-9, where splines reach 1e-3. Below 48 nodes a point may lose its ring.
         """

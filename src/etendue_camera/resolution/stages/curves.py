@@ -6,9 +6,9 @@ Out: contrast over ``frequency`` (cycles/pixel), and the same frequencies in cyc
 
 Frequencies are in cycles/pixel: 65 from 0 to 1, so that Nyquist is the 33rd whatever the pitch, cells of a sweep over
 the pitch share one coordinate, and every sample is a binary fraction. At 1 cycle/pixel a pixel without gaps has its
-first zero, and a measured edge ends there. Linear interpolation between samples errs by less than 1e-3 of contrast
-where the lens cut-off is above half a cycle per pixel, and more for slower lenses: 3e-2 where all contrast is in the
-first five samples.
+first zero, and a measured edge ends there. Linear interpolation between samples has an error below 1e-3 in contrast
+where the lens cut-off is above half a cycle per pixel. The error is larger for slower lenses: 3e-2 where all contrast
+is in the first five samples.
 """
 
 from __future__ import annotations

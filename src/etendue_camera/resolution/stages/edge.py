@@ -64,15 +64,13 @@ class EdgeProbe(PictureProbe):
     ``edge_mtf50``, its 95 % interval (bootstrap over rows; NaN where a picture has no noise) and ``edge_mtf50_cycles``
     are along the edge normal. A pixel is the camera's, even where the picture is light before it, on its own grid. This
     applies to ``edge_mtf50_cycles``, ``edge_aliasing`` (fraction of the line spread energy above Nyquist), the flags
-    and
-    ``edge_effective_*``: MTF50, capped at Nyquist. ``edge_analytic`` is the MTF50 of the transfer functions up to the
-    stage under the scene's own white, including the rendering of the chart: NaN from the first stage on that is not
-    linear and shift-invariant, at the latest the mosaic.
-    ``edge_difference`` is measured minus analytic. ``edge_flags`` adds 1 (MTF50 above Nyquist), 2 (not reached), 4
-    (clipped: in this picture, or in the mosaic before it), 8 (interval wider than a tenth), 16 (no edge to measure).
-    ``esfr`` is the measured response at 65 frequencies up to 1 cycle/pixel (``frequency``; ``frequency_lp_mm`` in
-    cycles/mm), NaN above 1 cycle/sample for light on a grid coarser than the pixels, and ``esfr_analytic`` that of the
-    transfer functions.
+    and ``edge_effective_*``: MTF50, capped at Nyquist. ``edge_analytic`` is the MTF50 of the transfer functions up to
+    the stage under the scene's own white, including the rendering of the chart: NaN from the first stage on that is not
+    linear and shift-invariant, at the latest the mosaic. ``edge_difference`` is measured minus analytic. ``edge_flags``
+    adds 1 (MTF50 above Nyquist), 2 (not reached), 4 (clipped: in this picture, or in the mosaic before it), 8 (interval
+    wider than a tenth), 16 (no edge to measure). ``esfr`` is the measured response at 65 frequencies up to 1
+    cycle/pixel (``frequency``; ``frequency_lp_mm`` in cycles/mm), NaN above 1 cycle/sample for light on a grid coarser
+    than the pixels, and ``esfr_analytic`` that of the transfer functions.
 
     ``limiting_factor`` is an index into ``factor``. It is noise where the intervals of the mosaic and of the first
     picture in camera channels, both capped at Nyquist, are wider than a tenth, or hide an edge that the pixels show;
@@ -260,8 +258,7 @@ class EdgeProbe(PictureProbe):
         self, transfers: Sequence[tuple[str, Otf]], observed: Observed, found: Any
     ) -> dict[str, tuple[float, Any]]:
         """Return MTF50 and the curve along the normal of each picture's edge, NaN where no product of transfer
-        functions
-        describes the picture.
+        functions describes the picture.
         """
         by_name = dict(transfers)
         values: dict[str, tuple[float, Any]] = {}
@@ -314,8 +311,7 @@ class EdgeProbe(PictureProbe):
         self, transfers: Sequence[tuple[str, Otf]], observed: Observed, edges: list[Edge]
     ) -> tuple[Any, float]:
         """Return the gains of the transfer functions along the first edge, NaN where they are incomplete, and the part
-        of
-        MTF50 that remains after charge moves between pixels.
+        of MTF50 that remains after charge moves between pixels.
         """
         pixel = next((otf for _, otf in transfers if otf.weights is not None), None)
         if pixel is None or not pixel.whole or not edges:
@@ -329,8 +325,8 @@ class EdgeProbe(PictureProbe):
         return gain, half(pixel) / half(replace(pixel, behind=())) if pixel.behind else 1.0
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the error for a noise-free edge before the mosaic; with noise the interval tells more. For the transfer
-        functions, by the number of nodes.
+        """Bound the error for a noise-free edge before the mosaic, and of the transfer functions by the number of
+        nodes. With noise, use the interval instead.
         """
         return 5e-3 + 1e-6 * (64 / self.nodes) ** 3, "measured"
 

@@ -34,16 +34,13 @@ class Information(KnownNoise, Probe):
 
     The mean charge of each channel is that of the picture (``expected_charge``), and its light-induced part that of
     ``photocurrent`` without the dark current. Noise is shot noise, ``read_noise``, ``dsnu``, rounding, and what
-    preceding
-    stages state for PRNU, dark current non-uniformity, rows and columns. All pixels of the mosaic are combined, each
-    with
-    its own noise; stages after the mosaic are ignored, see ``etendue information``.
+    preceding stages state for PRNU, dark current non-uniformity, rows and columns. All pixels of the mosaic are
+    combined, each with its own noise; stages after the mosaic are ignored, see ``etendue information``.
 
     ``information_capacity``: bits per pixel, half the integral over the Nyquist square of log2(1 + variance NEQ), with
     the blurs up to a stage and all of the noise; ``information_of_light`` is limited by photon shot noise alone,
-    without
-    blur. The signal is light between two levels of ``contrast_ratio``, all equally likely, with equal power up to
-    Nyquist: variance (range/mean)^2 / 12. ``neq`` is along x, in quanta per pixel. ``snri`` is for a Gaussian spot
+    without blur. The signal is light between two levels of ``contrast_ratio``, all equally likely, with equal power up
+    to Nyquist: variance (range/mean)^2 / 12. ``neq`` is along x, in quanta per pixel. ``snri`` is for a Gaussian spot
     ``object_size`` pixels wide at half height. NaN from the first stage on that moves light without a transfer
     function.
     """

@@ -45,8 +45,7 @@ DOUBTFUL = 0.05  # standard error of the response at MTF50 above which MTF50 is 
 @dataclass(frozen=True, kw_only=True)
 class _Pictures(PictureProbe):
     """The luminance of every picture of a run, as in `edge_resolution`. Cycles per pixel refer to camera pixels at
-    every
-    stage.
+    every stage.
     """
 
     encoding: str = param(
@@ -191,13 +190,11 @@ class LeavesProbe(_Pictures):
     That reference is the first ``irradiance``: used as it is on the same grid, otherwise blurred by a Gaussian of one
     pixel, which is divided out again, and interpolated at the pixel centres. The rendering of the chart is in both and
     cancels: the result is the response of the stages after it, averaged over all directions. Noise and aliases, which
-    the
-    reference does not explain, do not count.
+    the reference does not explain, do not count.
 
     Luminance is measured as in ``edge_resolution``, over the whole of every picture; a mosaic of several colours is
     skipped. NaN where there is no texture (uniform light, or edges of one direction), for pictures below 64 x 64
-    pixels,
-    for clipped ones, or where half contrast is not reached below 0.5 cycles/pixel or is hidden by noise.
+    pixels, for clipped ones, or where half contrast is not reached below 0.5 cycles/pixel or is hidden by noise.
     """
 
     writes: ClassVar = {"leaves_mtf50": "stage [cycles/um] nan", "leaves_mtf50_cycles": "stage [cycles/pixel] nan"}

@@ -1,4 +1,4 @@
-"""Restoration of what blur and noise removed: sharpening, denoising, deconvolution.
+"""Restoration after blur and noise: sharpening, denoising, deconvolution.
 
 In:  planes or a mosaic, and the camera's transfer functions.
 Out: the same variable, restored.

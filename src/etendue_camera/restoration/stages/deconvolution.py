@@ -56,9 +56,8 @@ class Inverse(KnownNoise):
             raise ValueError(f"nodes is {self.nodes}; it must be 0 (every frequency) or at least 16")
 
     def table_error(self) -> float:
-        """Return the error of the picture by the table: largest where the lens cut-off lies inside, f/22 at 2 um; 1e-5
-        at
-        f/4 and 4 um.
+        """Return the error that the table causes in the picture: largest where the lens cut-off lies inside, f/22 at
+        2 um; 1e-5 at f/4 and 4 um.
         """
         return 1.5e-3 * max((128 / self.nodes) ** 3, 128 / self.nodes) if self.nodes else 0.0
 
@@ -71,7 +70,7 @@ class Inverse(KnownNoise):
 
 @dataclass(frozen=True, kw_only=True)
 class Wiener(Inverse):
-    """Wiener deconvolution with the pipeline's own transfer function: the linear filter of least mean-square error.
+    """Wiener deconvolution with the pipeline's own transfer function: the linear filter with minimum squared error.
 
     The filter models the picture as a power law over frequency with a known contrast. The noise is the camera's at the
     white level plus what aliases from above the pixel's Nyquist frequency. Each channel has its own transfer function.

@@ -70,10 +70,9 @@ class SharpenMosaic(Laplacian, Bounded, Haloed):
     """Sharpen the mosaic with a Laplacian before demosaicing, the order of the paper's section 2.8 (its other sections
     sharpen after it).
 
-    ``planes = "own"`` uses neighbours of the same colour, a mask period apart, which keeps colours separate: the gain
-    is
-    largest at a quarter of the sampling frequency. ``"mixed"`` is the printed kernel across colours: their differences
-    become a pattern with the period of the mask, which no demosaicer removes.
+    ``planes = "own"`` uses neighbours of the same colour, a mask period apart, which keeps colours separate. The gain
+    is then largest at a quarter of the sampling frequency. ``"mixed"`` is the printed kernel across colours: their
+    differences become a pattern with the period of the mask, which no demosaicer removes.
     """
 
     reads: ClassVar = {"mosaic_linear": "y x [1]"}

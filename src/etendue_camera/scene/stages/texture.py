@@ -54,7 +54,7 @@ class DeadLeaves(Scene):
         fidelity=True,
         reference="32",
         settings=(1, 2, 4, 8, 16, 32),
-        doc="oversampling of the cells on which leaves are painted",
+        doc="oversampling of the cells on which leaves are drawn",
     )
 
     def chart(self) -> dead_leaves.Leaves:
@@ -79,7 +79,7 @@ class DeadLeaves(Scene):
         return said
 
     def error(self, facts: Facts, grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the error of a sample against 32-fold painting, and that of the tables."""
+        """Bound the error of a sample relative to 32-fold oversampling, plus that of the tables."""
         worst = SOFT_ERROR if self.softness >= 1 else HARD_ERROR
         crowded = max(1.0, FEW_SAMPLES * self.spacing / self.smallest)
         painted = min(1.0, worst * crowded / self.oversampling**2) * (self.high - self.low)

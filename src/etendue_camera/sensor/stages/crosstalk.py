@@ -50,8 +50,8 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         fidelity=True,
         reference="1e-14: kernels as wide as the diffusion reaches",
         settings=(0.1, 0.03, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-14),
-        doc="fraction of the charge allowed beyond the kernels; it is spread over them, and nothing diffuses  "
-        "where that is all the charge",
+        doc="fraction of the charge allowed beyond the kernels, which is redistributed over them; nothing diffuses if "
+        "all diffusing charge is within this fraction",
     )
 
     def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, tuple[FloatArray, ...]]:

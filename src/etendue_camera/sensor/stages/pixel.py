@@ -118,7 +118,7 @@ class Pixel(Collecting, Summed):
     role: ClassVar = "pixel"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"photon_rate": "channel y x [electron/s]"}
-    # interpolation between samples by pixels smaller than their spacing, 10000 x 10000; 1.4 from two samples on
+    # worst case: pixels smaller than the sample spacing, which interpolate, 10000 x 10000; 1.4 from two samples on
     gain: ClassVar = 41.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 8.0

@@ -258,7 +258,7 @@ def _finished(one: HeldVariable) -> list[Document]:
 
 
 def _is_finished(one: HeldVariable, at: Place) -> bool:
-    """Tell whether the cell at some values of the sweep is finished; a variable that no axis reaches counts as
+    """Return whether the cell at some values of the sweep is finished; a variable that no axis reaches counts as
     finished.
     """
     place = {dim: at[dim] for dim in one.axes}
