@@ -14,7 +14,7 @@ from etendue import cache
 from etendue.accuracy.answer import AnswerErrors, answers_of
 from etendue.accuracy.evaluations import Shown
 from etendue.accuracy.pilots import state_errors
-from etendue.archive.records.remembered import documents, remember
+from etendue.archive.records.remembered import ANSWER, documents, remember
 from etendue.contract.registry import Registry
 from etendue.plan.identity.keys import digest
 from etendue.plan.model import Plan
@@ -23,7 +23,6 @@ from etendue.result_files import finite
 from etendue.types.documents import DocumentView
 
 FORM = 1  # version of the stored documents and of how errors are measured: increase it to discard earlier ones
-KIND = "answer"
 # On the command line: the larger of a share of the run's seconds, and a time that nobody notices.
 SHARE, AT_LEAST = 0.1, 0.2
 MORE = 1.5  # a budget larger by this factor is worth another try at what was too costly
@@ -44,11 +43,11 @@ def answer_errors(
         found = known
     else:
         found = state_errors(plan, registry, reports, budget, shown)
-        document = {**found.document(), "kind": KIND}
-        cache.write(KIND, key, json.dumps(finite(document)).encode())
+        document = {**found.document(), "kind": ANSWER}
+        cache.write(ANSWER, key, json.dumps(finite(document)).encode())
     stored = _read(documents(folder).get(key)) if folder is not None else found
     if folder is not None and (stored is None or stored.dear > found.dear):
-        remember(folder, key, finite({**found.document(), "kind": KIND}))
+        remember(folder, key, finite({**found.document(), "kind": ANSWER}))
     return found
 
 
@@ -66,7 +65,7 @@ def _read(document: DocumentView | None) -> AnswerErrors | None:
 
 def _cached(key: str) -> DocumentView | None:
     try:
-        found = json.loads(cache.read(KIND, key) or b"null")
+        found = json.loads(cache.read(ANSWER, key) or b"null")
     except ValueError:
         return None
     return found if isinstance(found, dict) else None
@@ -75,4 +74,4 @@ def _cached(key: str) -> DocumentView | None:
 def answer_key(plan: Plan) -> str:
     """Return the key of the errors of a plan: it depends on the keys of all cells that are wanted."""
     cells = [[stage, name, [cell.key for cell in plan.of(stage)]] for stage, name in plan.wanted]
-    return digest(json.dumps([KIND, FORM, cells]).encode())
+    return digest(json.dumps([ANSWER, FORM, cells]).encode())

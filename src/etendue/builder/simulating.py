@@ -20,7 +20,7 @@ from etendue.errors import PluginError
 from etendue.pipeline.file import PipelineSource
 from etendue.pipeline.overrides import TOP
 from etendue.plan import planner
-from etendue.present.terminal.answer_texts import plus_minus
+from etendue.present.plots.stated import stated
 from etendue.run.schedulers import check_scheduler
 from etendue.session import Options, Outcome, execute, load
 from etendue.types.documents import Document, DocumentView
@@ -100,18 +100,6 @@ def with_errors(outcome: Outcome) -> None:
     folder = outcome.archive if isinstance(outcome.archive, Path) else None
     found = answer_errors(outcome.plan, installed_stages(), outcome.reports, budget, folder)
     outcome.answers = found.document()
-
-
-def stated(tree: Any, answers: DocumentView | None) -> Any:
-    """Write errors into the attributes of a tree's variables, where they were measured."""
-    for error in (answers or {}).get("errors", {}).values():
-        for group in tree[error["stage"]].subtree if error["parts"] and error["stage"] in tree.children else ():
-            if error["variable"] in group.data_vars:
-                group[error["variable"]].attrs |= {
-                    "error": error["rms"],
-                    "error_parts": plus_minus(error, error["unit"] or "of full scale"),
-                }
-    return tree
 
 
 def opened(outcome: Outcome, archive: str | Path | None) -> Any:

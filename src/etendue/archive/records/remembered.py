@@ -15,6 +15,7 @@ from etendue.types.documents import Document, DocumentView
 
 NAME = "measured.json"
 SUM = "sum"
+ANSWER = "answer"  # ``kind`` of documents with the errors of wanted variables
 MOST = 256  # documents; the oldest is dropped first
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from etendue.accuracy.recalled import recalled
 from etendue.cli.options import Given, installed
 from etendue.cli.saying import say, show
 from etendue.plan.planner import make_plan, summary, without_collecting
@@ -49,11 +50,14 @@ def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> No
     count = workers_of(check_scheduler(scheduler), workers or 0)
     with without_collecting():  # until the end: collecting the garbage of a discarded plan takes as long as printing it
         made = planned(given, as_json)
-        document = summary(made, peak_memory(made, count).bytes)
+        known = recalled(made, here / made.pipeline.name)
+        document = summary(made, peak_memory(made, count).bytes) | {"answer": known and known.document()}
         if as_json:
             say(document)
         else:
+            from etendue.present.terminal.answers import print_answers
             from etendue.present.terminal.terminal import print_plan
 
             show(print_plan, document)
+            show(print_answers, document["answer"])
         check_machine(made, here / made.pipeline.name, count)

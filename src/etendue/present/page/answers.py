@@ -6,18 +6,17 @@ Out: texts by stage and variable, for the point that was measured and for the wh
 
 from __future__ import annotations
 
-from etendue.archive.records.remembered import latest
+from etendue.archive.records.remembered import ANSWER, latest
 from etendue.present.page.opened import Opened
 from etendue.present.terminal.answer_texts import notes, number, parts_text, plus_minus
 from etendue.types.documents import Document, DocumentView
 
-KIND = "answer"  # of stored documents (accuracy.recalled)
 MOST_PICTURES = 3
 
 
 def answer(opened: Opened) -> Document | None:
     """Return what is known of the errors of an archive's metrics and pictures."""
-    stored = latest(opened.folder, KIND)
+    stored = latest(opened.folder, ANSWER)
     if stored is None:
         return None
     try:

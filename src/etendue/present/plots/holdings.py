@@ -72,6 +72,16 @@ class HeldVariable:
         return known(self.variable)
 
     @property
+    def caption(self) -> str:
+        """Its title and its error, where that was measured."""
+        return f"{self.title}, {self.error_text}" if self.error_text else self.title
+
+    @property
+    def error_text(self) -> str:
+        """Its error with unit and parts, such as ``\u00b10.03 cycles/mm (bins 0.02)``; '' if unknown."""
+        return str(self.attrs.get("error_parts", ""))
+
+    @property
     def title(self) -> str:
         """Its title and the stages that do not affect it; without the unit, which is shown separately."""
         return title_text(str(self.attrs.get("long_name", self.variable.replace("_", " "))), self.units) + without(

@@ -1,7 +1,7 @@
 """The folder of an archive as a tree, verified against its checksums.
 
 In:  the folder of a run that is finished, interrupted or in progress.
-Out: an ``xarray.DataTree``, lazy; reading lost data is an error, never a fill value.
+Out: an ``xarray.DataTree``, lazy, with the measured errors; reading lost data is an error, never a fill value.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import xarray
 
 from etendue.archive.checks.describe import describe_archive
 from etendue.archive.read.verified_store import open_archive
+from etendue.archive.records.remembered import ANSWER, latest
+from etendue.present.plots.stated import stated
 
 
 def opened(folder: Path) -> xarray.DataTree:
@@ -23,4 +25,4 @@ def opened(folder: Path) -> xarray.DataTree:
         It is not an archive, nothing in it can be read yet, or it is damaged; the message says what to do.
     """
     describe_archive(folder)
-    return open_archive(folder)
+    return stated(open_archive(folder), latest(folder, ANSWER))

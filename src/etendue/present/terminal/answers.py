@@ -15,9 +15,14 @@ from etendue.types.documents import Document, DocumentView
 SHOWN = 8  # rows; smaller errors are summarised in one line
 
 
-def print_answers(document: DocumentView) -> None:
-    """Print the errors of pictures, curves and further metrics, and what could not be measured."""
+def print_answers(document: DocumentView | None) -> None:
+    """Print the errors of pictures, curves and further metrics, and what could not be measured. None: no run has
+    measured them.
+    """
     out = _out()
+    if document is None:
+        out.print("error of the answer: known after a run")
+        return
     errors = [(name, one) for name, one in document["errors"].items() if one["parts"]]
     errors.sort(key=lambda item: (item[1]["unit"] != "", -number(item[1]["rms"])))
     rows: list[Document] = [{**one, "name": name, "mostly": parts_text(one)} for name, one in errors[:SHOWN]]

@@ -71,7 +71,7 @@ def curves(
     rows, ended = _draw_panels(grid, place, holdings, held, (along, beside), hue)
     spread = next((dim for dim in dims if dim.name == along and along in held.axes and dim.spread), None)
     _scale(grid, held, spread)
-    words = f"{holdings.pipeline}: {held.title}" if holdings.pipeline else held.title
+    words = f"{holdings.pipeline}: {held.caption}" if holdings.pipeline else held.caption
     figure.suptitle(wrapped(f"{words}, at {place.at}" if place.at else words, figure.get_figwidth()), fontsize=10)
     _legend(figure, grid[0], ended)
     return Plot(figure, columns, rows)

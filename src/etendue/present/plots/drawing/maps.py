@@ -50,7 +50,7 @@ def figure_map(
     place = arranged(dims_of([held]), 2, (x, y), panels, resolved([held], at or {}), middle=middle)
     values, failed, there = laid_out(held, place)
     drawn = map_of_figures(
-        values, _sides(place), _title(held.title, holdings, place), unit_text(held.units), failed=failed, there=there
+        values, _sides(place), _title(held.caption, holdings, place), unit_text(held.units), failed=failed, there=there
     )
     return Plot(drawn, *_table(held, place, values))
 

@@ -109,7 +109,7 @@ def _of_variable(holdings: Holdings, variable: str, stage: str, at: Place) -> tu
     bright = max((white for *_, white in found), default=1.0)  # one white for all, so that darker pictures look darker
     found = [(*one[:-1], bright) for one in found]
     said = places_text({dim: v for dim, v in fixed.items() if dim in swept}, units)
-    return _with_parts(found), f"{held.title}{', ' + said if said else ''}"
+    return _with_parts(found), f"{held.caption}{', ' + said if said else ''}"
 
 
 def _one_open(held: HeldVariable, open_: list[str]) -> list[str]:

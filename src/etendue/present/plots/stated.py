@@ -1,0 +1,27 @@
+"""The error of the answer in the attributes of a tree, from which plots and their captions take it.
+
+In:  a tree, the stored errors of a run (``AnswerErrors.document()``).
+Out: the same tree; variables that were measured have ``error`` and ``error_parts``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from etendue.present.terminal.answer_texts import plus_minus
+from etendue.types.documents import DocumentView
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def stated(tree: xarray.DataTree, answers: DocumentView | None) -> xarray.DataTree:
+    """Write errors into the attributes of a tree's variables, where they were measured."""
+    for error in (answers or {}).get("errors", {}).values():
+        for group in tree[error["stage"]].subtree if error["parts"] and error["stage"] in tree.children else ():
+            if error["variable"] in group.data_vars:
+                group[error["variable"]].attrs |= {
+                    "error": error["rms"],
+                    "error_parts": plus_minus(error, error["unit"] or "of full scale"),
+                }
+    return tree
