@@ -22,6 +22,6 @@ def stated(tree: xarray.DataTree, answers: DocumentView | None) -> xarray.DataTr
             if error["variable"] in group.data_vars:
                 group[error["variable"]].attrs |= {
                     "error": error["rms"],
-                    "error_parts": plus_minus(error, error["unit"] or "of full scale"),
+                    "error_parts": plus_minus(error, error["unit"] or "of full scale", short=True),
                 }
     return tree

@@ -22,15 +22,16 @@ def parts_text(error: DocumentView) -> str:
     return ", ".join(f"{name} {value:.1g}" for value, name in own if value > MATTERS * total)
 
 
-def plus_minus(error: DocumentView | None, unit: str = "") -> str:
+def plus_minus(error: DocumentView | None, unit: str = "", short: bool = False) -> str:
     """Return what stands behind a value: ``\u00b10.03 cycles/mm (bins 0.02, spacing 0.01)``; '' if nothing was
-    measured.
+    measured. ``short``: without naming what was not measured.
     """
     if error is None or not error["parts"]:
         return ""
     parts, more = parts_text(error), ", ".join(error["open"])
-    inside = "; ".join(text for text in (parts, f"{more} not measured" if more else "") if text)
-    shown = f"\u00b1{number(error['rms']):.1g} {unit if unit != '1' else ''}".rstrip()
+    inside = "; ".join(text for text in (parts, f"{more} not measured" if more and not short else "") if text)
+    least = "at least " if more and short else ""
+    shown = f"{least}\u00b1{number(error['rms']):.1g} {unit if unit != '1' else ''}".rstrip()
     return f"{shown}{f' ({inside})' if inside else ''}"
 
 
