@@ -1,4 +1,4 @@
-"""The error of an answer: how far a wanted variable is from what the same camera gives with everything refined.
+"""The error of an answer: how far a wanted variable is from what the same pipeline gives with everything refined.
 
 In:  differences between evaluations of one point (`refinement`).
 Out: the error of a variable and its parts: omissions, bins, spacing, margin.

@@ -12,17 +12,16 @@ from pathlib import Path
 
 from etendue import cache
 from etendue.accuracy.answer import AnswerErrors, answers_of
+from etendue.accuracy.cached import KIND, answer_key, cached
 from etendue.accuracy.evaluations import Shown
 from etendue.accuracy.pilots import state_errors
 from etendue.archive.records.remembered import ANSWER, documents, remember
 from etendue.contract.registry import Registry
-from etendue.plan.identity.keys import digest
 from etendue.plan.model import Plan
 from etendue.plan.reports import Reports
 from etendue.result_files import finite
 from etendue.types.documents import DocumentView
 
-FORM = 1  # version of the stored documents and of how errors are measured: increase it to discard earlier ones
 # On the command line: the larger of a share of the run's seconds, and a time that nobody notices.
 SHARE, AT_LEAST = 0.1, 0.2
 MORE = 1.5  # a budget larger by this factor is worth another try at what was too costly
@@ -44,7 +43,7 @@ def answer_errors(
     else:
         found = state_errors(plan, registry, reports, budget, shown)
         document = {**found.document(), "kind": ANSWER}
-        cache.write(ANSWER, key, json.dumps(finite(document)).encode())
+        cache.write(KIND, key, json.dumps(finite(document)).encode())
     stored = _read(documents(folder).get(key)) if folder is not None else found
     if folder is not None and (stored is None or stored.dear > found.dear):
         remember(folder, key, finite({**found.document(), "kind": ANSWER}))
@@ -55,23 +54,9 @@ def recalled(plan: Plan, folder: Path | None = None) -> AnswerErrors | None:
     """Return the errors that an earlier run has measured of the same cells; None if there are none."""
     key = answer_key(plan)
     stored = documents(folder).get(key) if folder is not None else None
-    known = [found for found in (_read(stored), _read(_cached(key))) if found is not None]
+    known = [found for found in (_read(stored), _read(cached(plan))) if found is not None]
     return min(known, key=lambda found: found.dear, default=None)
 
 
 def _read(document: DocumentView | None) -> AnswerErrors | None:
     return answers_of(document) if isinstance(document, dict) else None
-
-
-def _cached(key: str) -> DocumentView | None:
-    try:
-        found = json.loads(cache.read(ANSWER, key) or b"null")
-    except ValueError:
-        return None
-    return found if isinstance(found, dict) else None
-
-
-def answer_key(plan: Plan) -> str:
-    """Return the key of the errors of a plan: it depends on the keys of all cells that are wanted."""
-    cells = [[stage, name, [cell.key for cell in plan.of(stage)]] for stage, name in plan.wanted]
-    return digest(json.dumps([ANSWER, FORM, cells]).encode())

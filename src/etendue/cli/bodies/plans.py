@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from etendue.accuracy.recalled import recalled
+from etendue.accuracy.cached import cached
 from etendue.cli.options import Given, installed
 from etendue.cli.saying import say, show
 from etendue.plan.planner import make_plan, summary, without_collecting
@@ -50,8 +50,7 @@ def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> No
     count = workers_of(check_scheduler(scheduler), workers or 0)
     with without_collecting():  # until the end: collecting the garbage of a discarded plan takes as long as printing it
         made = planned(given, as_json)
-        known = recalled(made, here / made.pipeline.name)
-        document = summary(made, peak_memory(made, count).bytes) | {"answer": known and known.document()}
+        document = summary(made, peak_memory(made, count).bytes) | {"answer": cached(made)}
         if as_json:
             say(document)
         else:

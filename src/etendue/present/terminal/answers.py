@@ -30,7 +30,7 @@ def print_answers(document: DocumentView | None) -> None:
         out.print("")
         out.print(
             _table(
-                "error of the answer: against the same camera with everything refined",
+                "error of the answer: against the same with everything refined",
                 ("variable", "left", "name"),
                 ("rms", "right", lambda row: _value(row, "rms")),
                 ("max", "right", lambda row: _value(row, "max")),
@@ -42,7 +42,7 @@ def print_answers(document: DocumentView | None) -> None:
     if len(errors) > SHOWN:
         out.print(f"{len(errors) - SHOWN} more variables")
     for text in notes(document):
-        out.print(escape(text), soft_wrap=True)
+        out.print(escape(text))
 
 
 def _value(row: DocumentView, name: str) -> str:

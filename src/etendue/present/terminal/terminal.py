@@ -356,4 +356,4 @@ def _print_figures(console: Console, outcome: Any) -> None:
         without = f"  without {', '.join(own.without)}" if own.without else ""
         error = plus_minus(outcome.error_of(own.stage, own.variable), own.unit)
         shown = f"{own.value:.5g} {error or (own.unit if own.unit != '1' else '')}".rstrip()
-        console.print(f"{own.name:32s} {shown}{escape(without)}", soft_wrap=True)
+        console.print(f"{own.name:32s} {shown}{escape(without)}")

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import require
-from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, proved, quantity
+from etendue.api import Banded, Bands, Discretised, Facts, Grid, Line, Source, param, proved, quantity
 from etendue_camera import spectra
 from etendue_camera.arrays import Array
 from etendue_camera.scene.stages import cube_store
@@ -24,7 +24,7 @@ SPECTRAL = "W m-2 sr-1 nm-1"
 
 
 @dataclass(frozen=True, kw_only=True)
-class RadianceCube(Source, Banded):
+class RadianceCube(Source, Banded, Discretised):
     """Read spectral radiance from a Zarr store, with its own wavelengths and positions, at its own or a given level.
 
     Coordinates are ``wavelength`` (nm; bins from ``wavelength_bounds``, otherwise midway between centres) and ``y``,
@@ -55,6 +55,13 @@ class RadianceCube(Source, Banded):
         "the cube is in absolute radiance",
     )
     spacing: float = param(0.0, units="um", at_least=0, doc="sample spacing; 0: from the coordinates of the store")
+
+    def discretisations(self) -> dict[str, str]:
+        return {"bins": "those of the file", "spacing": "that of the file", "margin": "that of the file"}
+
+    def refined(self, name: str, factor: int) -> dict[str, Any]:
+        """Return nothing: a file is as fine as it is."""
+        return {}
 
     def _open(self) -> tuple[Any, Any]:
         """Return the array and its group."""

@@ -146,7 +146,7 @@ function errorBehind(doc, scalar) {
 function errorOf(doc, error) {
   if (!doc.ended) return el('p', {}, 'Available when the run has finished.');
   const whole = doc.measured[0], answer = doc.answer;
-  return [answer && answer.pictures.length ? el('p', {}, el('strong', {}, 'The answer'), ', against the same camera with everything refined: ', answer.pictures.join('; '), '.') : null,
+  return [answer && answer.pictures.length ? el('p', {}, el('strong', {}, 'The answer'), ', against the same with everything refined: ', answer.pictures.join('; '), '.') : null,
     answer ? answer.notes.map((text) => el('p', { class: 'soft' }, `${capital(text)}.`)) : null,
     error.stage ? el('p', {}, 'Largest error of a single stage: ', el('strong', {}, say(error.largest, 2)), ` of full scale (${named(error.stage)}, basis: ${error.how}).`) : el('p', {}, 'No stage states an error.'),
     error.bound ? el('p', {}, `Error bound of what was left out or approximated: ${say(error.bound, 2)} per stage.`) : null,

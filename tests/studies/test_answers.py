@@ -1,0 +1,238 @@
+"""The error of the answer: stated against true, what is affected by what, what is remembered."""
+
+import copy
+import dataclasses
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from etendue import simulate
+from etendue.accuracy import recalled
+from etendue.accuracy.answer import answers_of, apart
+from etendue.accuracy.pilots import state_errors
+from etendue.accuracy.refinement import Point
+from etendue.cli.program import main
+from etendue.contract.capabilities import Discretised
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.toml import dumps
+from etendue.plan.planner import make_plan
+from etendue.present.terminal.answer_texts import notes, plus_minus
+from etendue.session import load
+
+CAMERA = {
+    "f_number": 4.0,
+    "focal_length": "7 mm",
+    "pixel_pitch": "4 um",
+    "integration_time": "10 ms",
+    "peak_qe": [0.4, 0.5, 0.4],
+    "illuminant": "A",
+}
+WANTED = ["photon_rate", "mean_snr", "lens_numbers.airy_diameter"]
+
+
+def pipeline(**scene: Any) -> dict[str, Any]:
+    """A small camera behind a slanted edge."""
+    edge = {
+        "use": "slanted_edge",
+        "name": "scene",
+        "white_luminance": 300.0,
+        "width": 96.0,
+        "height": 80.0,
+        "spacing": 2.0,
+        "wavelength_from": 400.0,
+        "wavelength_to": 700.0,
+        "bin_width": 50.0,
+    }
+    stages = [edge | scene, *({"use": use} for use in ("irradiance", "diffraction"))]
+    stages += [{"use": "pixel", "rows": 16, "columns": 20}, {"use": "mosaic"}, {"use": "exposure"}]
+    stages += [{"use": use} for use in ("shot_noise", "full_well", "adc", "exposure_report", "lens_numbers")]
+    return {"name": "answer", "camera": dict(CAMERA), "stages": stages, "wanted": WANTED}
+
+
+def stated(document: dict[str, Any], budget: float = math.inf) -> Any:
+    return state_errors(make_plan(load(document), installed_stages()), installed_stages(), None, budget)
+
+
+def values(document: dict[str, Any], exact: bool) -> dict[str, Any]:
+    """Noise-free values of the wanted variables; exact: nothing left out, 64 bits."""
+    document = document | ({"precision": "float64", "leave_out": False} if exact else {})
+    plan = make_plan(load(document), installed_stages(), expected=True)
+    found = Point(plan, installed_stages(), {}, plan.wanted).values(plan)
+    return {
+        name: (array, plan.node(stage).writes[name], plan.of(stage)[0].stage) for (stage, name), array in found.items()
+    }
+
+
+SCENES = (
+    {},
+    {"use": "siemens_star", "radius": 30.0, "cycles": 8},
+    {"use": "points", "pitch": 40.0, "spot_sigma": 2.0},
+    {"use": "colorchecker"},
+    {"use": "uniform"},
+)
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda one: one.get("use", "slanted_edge"))
+def test_stated_error_covers_a_run_with_everything_three_times_as_fine(scene: dict[str, Any]) -> None:
+    """The factor of 10 is the product's promise; 1e-7 of full scale is rounding."""
+    made = pipeline(**scene)
+    finer = copy.deepcopy(made)
+    for name in ("spacing", "bin_width"):
+        finer["stages"][0][name] /= 3
+    own, exact = values(made, False), values(finer, True)
+    errors = stated(made).errors
+    for name, error in errors.items():
+        array, declared, stage = exact[error.variable]
+        true = apart(own[error.variable][0], array, declared, stage)
+        assert not isinstance(true, str)
+        floor = 1e-7 * max(float(np.max(np.abs(array))), 1.0)
+        assert error.rms + floor >= true.rms, name
+        assert error.rms <= 10 * max(true.rms, floor), name
+
+
+def test_what_a_discretisation_cannot_reach_has_no_error_of_it() -> None:
+    own = stated(pipeline()).errors["airy_diameter"]
+    assert {name: own.parts[name].rms for name in ("bins", "spacing", "margin")} == dict.fromkeys(
+        ("bins", "spacing", "margin"), 0.0
+    )
+
+
+def test_error_of_bins_falls_when_bins_are_halved() -> None:
+    """At least as with first order, less a quarter for bins that straddle features of the spectrum."""
+    coarse, fine = (stated(pipeline(bin_width=width)).errors["photon_rate"].parts["bins"].rms for width in (50, 25))
+    assert fine < 0.75 * coarse
+
+
+def test_what_cannot_be_refined_is_named_and_never_zero() -> None:
+    found = stated(pipeline(use="colorchecker"))
+    error = found.errors["photon_rate"]
+    assert "margin" in error.fixed
+    assert "margin" not in error.parts
+    assert any("not refined: margin" in text for text in notes(found.document()))
+
+
+def test_without_time_nothing_is_claimed() -> None:
+    found = stated(pipeline(), budget=0.0)
+    error = found.errors["photon_rate"]
+    assert set(error.open) >= {"bins", "spacing", "margin"}
+    assert not {"bins", "spacing", "margin"} & set(error.parts)
+    assert any("--measure" in text for text in notes(found.document()))
+
+
+def test_errors_are_the_same_after_storing() -> None:
+    found = stated(pipeline())
+    again = answers_of(json.loads(json.dumps(recalled.finite(found.document()))))
+    assert again is not None
+    assert again.errors == found.errors
+    assert again.shown == found.shown
+    assert again.remembered
+
+
+@pytest.mark.parametrize(
+    "document", [{}, {"errors": 1}, {"errors": {"a": {}}, "shown": {}}, {"errors": {}, "shown": 3}]
+)
+def test_documents_of_another_form_are_measured_again(document: dict[str, Any]) -> None:
+    assert answers_of(document) is None
+
+
+def test_equal_cells_are_measured_once(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "cache"))
+    registry = installed_stages()
+    plan = make_plan(load(pipeline()), registry)
+    first = recalled.answer_errors(plan, registry, None, math.inf)
+    monkeypatch.setattr(recalled, "state_errors", lambda *given: pytest.fail("measured again"))
+    second = recalled.answer_errors(plan, registry, None, math.inf, tmp_path)
+    assert second.errors == first.errors
+    monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "other"))
+    assert recalled.recalled(plan, tmp_path) is not None  # from the archive
+    other = make_plan(load(pipeline(bin_width=25.0)), registry)
+    assert recalled.recalled(other, tmp_path) is None
+
+
+def test_a_small_budget_never_replaces_what_a_larger_one_found(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "cache"))
+    registry = installed_stages()
+    plan = make_plan(load(pipeline()), registry)
+    poor = recalled.answer_errors(plan, registry, None, 0.0, tmp_path)
+    rich = recalled.answer_errors(plan, registry, None, math.inf, tmp_path)
+    assert poor.dear > 0
+    assert rich.dear == 0
+    assert recalled.answer_errors(plan, registry, None, 0.0, tmp_path).errors == rich.errors
+
+
+def test_a_sweep_states_the_larger_of_its_measured_points_with_a_factor() -> None:
+    swept = pipeline() | {"sweep": {"f_number": [2, 4, 8, 16, 22]}}
+    found = stated(swept)
+    error, here = found.errors["photon_rate"], found.shown["photon_rate"]
+    assert found.points == 4
+    assert error.scaled > 1
+    assert error.rms >= error.scaled * here.rms
+
+
+def test_every_refinement_is_accepted_by_its_stage() -> None:
+    """Finer, coarser and wider values of every installed scene; samples stay inside the wider light."""
+    registry, checked = installed_stages(), 0
+    for use in registry.names():
+        kind = registry.load(use)
+        if not issubclass(kind, Discretised) or use in ("photograph", "radiance_cube", "patch_chart"):
+            continue
+        stage = load(pipeline(use=use, **({"pitch": 40.0, "spot_sigma": 2.0} if use == "points" else {})))
+        own = make_plan(stage, registry).of("scene")[0].stage
+        assert isinstance(own, Discretised)
+        for name, why in own.discretisations().items():
+            for factor in (2, 3, -2, -8):
+                values = own.refined(name, factor)
+                assert bool(values) <= (not why)
+                other = dataclasses.replace(own, **values)
+                _, grids = other.describe()
+                checked += len(grids)
+                if name == "margin" and values:
+                    inner, outer = own.describe()[1]["radiance"], grids["radiance"]
+                    for dim in ("y", "x"):
+                        mine, theirs = inner.line(dim).values(), outer.line(dim).values()
+                        offset = (mine[0] - theirs[0]) / inner.line(dim).step
+                        assert offset > 0 and abs(offset - round(offset)) < 1e-9
+    assert checked > 50
+
+
+def test_texts_say_what_is_missing() -> None:
+    document = {"rms": 0.03, "unit": "dB", "parts": {"bins": {"rms": 0.02}, "spacing": {"rms": 0.01}}, "open": {}}
+    assert plus_minus(document, "dB") == "\u00b10.03 dB (bins 0.02, spacing 0.01)"
+    document["open"] = {"margin": "costs about 40 s"}
+    assert plus_minus(document, "dB") == "\u00b10.03 dB (bins 0.02, spacing 0.01; margin not measured)"
+    assert plus_minus(document, "dB", short=True) == "at least \u00b10.03 dB (bins 0.02, spacing 0.01)"
+    assert plus_minus({**document, "parts": {}}) == ""
+    assert plus_minus(None) == ""
+
+
+def test_command_line_states_plans_and_stores_errors(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "answer.toml").write_text(dumps(pipeline()))
+
+    def said(*words: str) -> str:
+        result = CliRunner().invoke(main, [*words])
+        assert result.exit_code == 0, result.output
+        return result.stdout
+
+    assert "known after a run" in said("plan", "answer.toml")
+    assert "answer" not in json.loads(said("run", "answer.toml", "--json", "--no-errors"))
+    found = json.loads(said("run", "answer.toml", "--json", "--measure"))
+    snr = next(one for one in found["headlines"] if one["name"] == "mean_snr")
+    assert snr["error"]["rms"] == found["answer"]["shown"]["mean_snr"]["rms"] > 0
+    assert "error of the answer" in said("run", "answer.toml", "--quiet")
+    assert json.loads(said("plan", "answer.toml", "--json"))["answer"]["errors"] == found["answer"]["errors"]
+    assert "error of the answer" in said("plan", "answer.toml")
+
+
+def test_python_writes_errors_beside_the_values(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path))
+    monkeypatch.setattr("etendue.builder.simulating.SHARE", 1e3)  # a run this small has no time for it
+    value = simulate(pipeline())["exposure_report"]["mean_snr"]
+    assert value.attrs["error"] > 0
+    assert value.attrs["error_parts"].startswith("\u00b1")
+    assert "error" not in simulate(pipeline(), errors=False)["exposure_report"]["mean_snr"].attrs
