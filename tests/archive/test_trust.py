@@ -19,11 +19,11 @@ from rocrate.rocrate import ROCrate
 from etendue.archive.checks.verify import verify
 from etendue.archive.read.comparing import Compared
 from etendue.archive.read.differences import differences
-from etendue.archive.read.differing import between
 from etendue.archive.read.stored import Stored
 from etendue.archive.records.rerun import recorded
 from etendue.cli import main
 from etendue.contract.registry import installed_stages
+from etendue.differing import between
 from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import parse_pipeline, read_pipeline
 from etendue.plan.planner import make_plan
@@ -202,7 +202,7 @@ def test_undefined_values_and_other_shapes_are_no_numbers():
     assert between(one, one.copy()).same
     assert between(one, np.array([np.nan, np.nan, np.inf])).undefined == 1
     assert between(one, np.array([1.0, np.nan, -np.inf])).undefined == 1
-    assert "float32" in between(one, one.astype(np.float32)).shapes
+    assert "float32" in between(one, one.astype(np.float32)).why
 
 
 def test_two_archives_differ_since_a_parameter(archive, tmp_path, capsys):

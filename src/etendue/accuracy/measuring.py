@@ -16,7 +16,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from etendue.accuracy.differences import VariableError, difference
+from etendue.accuracy.differences import difference
 from etendue.accuracy.pilot import MOST, chosen_places, narrowed
 from etendue.accuracy.reference import Knob, ReferencePipeline, reference_of, with_settings
 from etendue.archive.records.remembered import recall, remember
@@ -24,6 +24,7 @@ from etendue.contract.arrays.variables import variable as known
 from etendue.contract.capabilities import has_no_mean
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
+from etendue.differing import Difference
 from etendue.errors import RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import behind
@@ -284,24 +285,30 @@ class Measurement:
         self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any
     ) -> GlobalError:
         """Return the error of the worst cell of one variable."""
-        worst: tuple[VariableError, CellRef, Place] | None = None
+        worst: tuple[Difference, CellRef, Place] | None = None
         doubt = self.own_error_behind(stage)
         for ref, at in self.cells_of(plan, stage):
             own = _difference(plan, found, self.exact, truth, ref, name)
-            if own.rms is None:
+            if own.relative is None:
                 return GlobalError(None, None, None, "unknown", at, None, own.why)
             if coarser is not None:
                 other = _difference(coarser[0], coarser[1], self.exact, truth, ref, name)
-                doubt = max(doubt, float("inf") if other.rms is None else other.rms)
-            if worst is None or own.rms > (worst[0].rms or 0.0):
+                doubt = max(doubt, float("inf") if other.relative is None else other.relative)
+            if worst is None or own.relative > (worst[0].relative or 0.0):
                 worst = own, ref, at
         assert worst is not None
-        rms, largest = worst[0].rms, worst[0].largest
+        rms, largest = worst[0].relative, worst[0].largest_relative
         how = "measured" if doubt <= 0.1 * max(plan.pipeline.tolerance, rms or 0.0) else f"unknown below {doubt:.1g}"
         linear = in_front(plan, worst[1], name)
         beside = _difference(plan, found, self.exact, truth, *linear) if linear else None
         return GlobalError(
-            rms, largest, worst[0].scale, how, worst[2], (beside.rms, beside.largest) if beside else None, below=doubt
+            rms,
+            largest,
+            worst[0].scale,
+            how,
+            worst[2],
+            (beside.relative, beside.largest_relative) if beside else None,
+            below=doubt,
         )
 
     def own_error_behind(self, stage: str) -> float:
@@ -355,7 +362,7 @@ def in_front(plan: Plan, ref: CellRef, name: str) -> tuple[CellRef, str] | None:
     return cell.inputs[0][1], cell.inputs[0][2]
 
 
-def _difference(plan: Plan, found: Collected, exact: Plan, truth: Collected, ref: CellRef, name: str) -> VariableError:
+def _difference(plan: Plan, found: Collected, exact: Plan, truth: Collected, ref: CellRef, name: str) -> Difference:
     for run in (found, truth):
         report = run.reports.get(ref)
         if report is None or report.status not in ("done", "left_out"):
@@ -363,8 +370,8 @@ def _difference(plan: Plan, found: Collected, exact: Plan, truth: Collected, ref
                 "the reference" if run is truth else "the cell",
                 f"{report.status}: {report.message}" if report else "was not computed",
             )
-            return VariableError(None, None, float("nan"), f"{who} {what}")
+            return Difference(False, f"{who} {what}")
     if plan.cells[ref].grids[name] != exact.cells[ref].grids[name]:
-        return VariableError(None, None, float("nan"), "the reference has another grid")
+        return Difference(False, "the reference has another grid")
     cell = exact.cells[ref]
     return difference(found.arrays[ref][name], truth.arrays[ref][name], exact.node(ref[0]).writes[name], cell.stage)

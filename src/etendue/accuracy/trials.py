@@ -238,7 +238,7 @@ class Trials:
             exact.node(stage).writes[name],
             cell.stage,
         )
-        return found.rms, name
+        return found.relative, name
 
 
 def seconds_by_stage(found: Collected) -> dict[str, float]:

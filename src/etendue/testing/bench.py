@@ -30,6 +30,7 @@ from etendue.contract.capabilities import is_random, is_source, no_coordinates
 from etendue.contract.ports import CellReport
 from etendue.contract.stage import Stage, looks, looks_at_stages, reads_of, writes_of
 from etendue.contract.values import quantities
+from etendue.differing import apart, full_scale
 from etendue.plan.expansion.forms import output_grid
 from etendue.plan.model import CellRef
 from etendue.testing.examples import GUESSED, BlurAndSum, GaussianTransfer, edges, edges_of, exemplary, sheet
@@ -391,15 +392,6 @@ def facts_of(array: Array, dims: tuple[str, ...]) -> Facts:
     )
 
 
-def full_scale(array: Array) -> float:
-    found = np.abs(np.asarray(array, dtype=float))
-    return float(np.nanmax(found)) if found.size and not np.isnan(found).all() else 0.0
-
-
 def largest_difference(one: Array, other: Array) -> float:
     """Return the largest absolute difference; infinite if only one of the two values is undefined."""
-    one, other = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
-    if np.any(np.isnan(one) != np.isnan(other)):
-        return math.inf
-    with np.errstate(invalid="ignore"):
-        return full_scale(np.where(one == other, 0.0, one - other))  # equal infinities do not differ
+    return float(apart(one, other).max(initial=0.0))

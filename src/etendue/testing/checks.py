@@ -21,6 +21,7 @@ from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.values import quantities
 from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.contract.values.units import UnitError, parse_unit
+from etendue.differing import full_scale
 from etendue.plan.wiring.parameters import Unfit, resolve
 from etendue.testing.bench import (
     CLEAR,
@@ -33,7 +34,6 @@ from etendue.testing.bench import (
     Frame,
     LawBroken,
     facts_of,
-    full_scale,
     largest_difference,
 )
 from etendue.testing.measured import hold, magnified, ratio_of, told, within

@@ -18,6 +18,7 @@ from etendue.contract.arrays import dims
 from etendue.contract.arrays.grid import Coordinate, Grid
 from etendue.contract.capabilities import Banded, Bounded, is_source, is_transfer
 from etendue.contract.stage import Stage
+from etendue.differing import full_scale
 from etendue.testing.bench import (
     EXTREMES,
     FRAME,
@@ -30,7 +31,6 @@ from etendue.testing.bench import (
     Finding,
     LawBroken,
     digests,
-    full_scale,
     largest_difference,
 )
 from etendue.testing.checks import (

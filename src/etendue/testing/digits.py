@@ -15,8 +15,9 @@ from numpy.typing import DTypeLike
 
 from etendue.compute.tables import prepared_of
 from etendue.contract.capabilities import Transfer, is_random
+from etendue.differing import full_scale
 from etendue.plan.wiring.parameters import SMALLEST
-from etendue.testing.bench import FRAME, LARGE, Arrays, Bench, BenchTrial, Frame, full_scale, largest_difference
+from etendue.testing.bench import FRAME, LARGE, Arrays, Bench, BenchTrial, Frame, largest_difference
 from etendue.testing.checks import bound_of
 from etendue.testing.examples import edges
 from etendue.testing.measured import ratio_of, within
