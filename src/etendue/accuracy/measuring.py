@@ -29,16 +29,15 @@ from etendue.errors import RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import behind
 from etendue.plan.identity.keys import digest
-from etendue.plan.model import CellRef, Plan
+from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.planner import make_plan
 from etendue.plan.wiring.graph import build_graph
 from etendue.result_files import finite
 from etendue.session import Collected, Options, collect
-from etendue.types.documents import Document, DocumentView, Place
+from etendue.types.documents import AxisValues, Document, DocumentView
 
 FORM = 1  # version of the cached documents: increase it to discard earlier ones
 LEFT_OUT, PRECISION = "left out", "precision"
-Wanted = tuple[str, str]  # stage and variable
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class GlobalError:
     max: float | None
     scale: float | None
     how: str
-    at: Place = field(default_factory=dict)
+    at: AxisValues = field(default_factory=dict)
     linear: tuple[float | None, float | None] | None = None
     why: str = ""
     below: float = 0.0  # possible error of the reference itself
@@ -132,7 +131,7 @@ class Measurement:
     also : variables (stage, name) to measure in addition to the wanted ones
     """
 
-    also: tuple[Wanted, ...] = ()
+    also: tuple[StageVariable, ...] = ()
 
     def __init__(
         self,
@@ -212,7 +211,7 @@ class Measurement:
         self.seconds += sum(report.seconds for report in found.reports.values())
         return found
 
-    def measured(self, plan: Plan) -> tuple[Wanted, ...]:
+    def measured(self, plan: Plan) -> tuple[StageVariable, ...]:
         """Return the variables to measure in a plan."""
         return tuple(dict.fromkeys((*plan.wanted, *self.also)))
 
@@ -226,7 +225,7 @@ class Measurement:
                     asked.setdefault(linear[0], set()).add(linear[1])
         return asked
 
-    def cells_of(self, plan: Plan, stage: str) -> list[tuple[CellRef, Place]]:
+    def cells_of(self, plan: Plan, stage: str) -> list[tuple[CellRef, AxisValues]]:
         """Return the cells of a stage at the places, each once, with their axis values."""
         axes = [plan.axis(dim) for dim in plan.node(stage).axes]
         found: dict[CellRef, DocumentView] = {}
@@ -285,7 +284,7 @@ class Measurement:
         self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any
     ) -> GlobalError:
         """Return the error of the worst cell of one variable."""
-        worst: tuple[Difference, CellRef, Place] | None = None
+        worst: tuple[Difference, CellRef, AxisValues] | None = None
         doubt = self.own_error_behind(stage)
         for ref, at in self.cells_of(plan, stage):
             own = _difference(plan, found, self.exact, truth, ref, name)

@@ -12,4 +12,4 @@ Document = dict[str, Any]  # texts, numbers, truth, nothing, and lists and docum
 DocumentView = Mapping[str, Any]  # the same, to be read
 Scalar = str | float | bool | None  # of a document
 AxisValue = Scalar | tuple[Scalar, ...]
-Place = Mapping[str, AxisValue]  # a value for each of some axes
+AxisValues = Mapping[str, AxisValue]  # a value for each of some axes
