@@ -19,11 +19,11 @@ from rocrate.rocrate import ROCrate
 from etendue.archive.checks.verify import verify
 from etendue.archive.read.comparing import Compared
 from etendue.archive.read.differences import differences
+from etendue.archive.read.differing import between
 from etendue.archive.read.stored import Stored
 from etendue.archive.records.rerun import recorded
 from etendue.cli import main
 from etendue.contract.registry import installed_stages
-from etendue.differing import between
 from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import parse_pipeline, read_pipeline
 from etendue.plan.planner import make_plan

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from etendue.archive.read.differing import Difference, apart, between, full_scale
 from etendue.contract.arrays.variables import Declaration, variable
 from etendue.contract.stage import Stage
 from etendue.contract.wording import Unit, units
-from etendue.differing import Difference, apart, between, full_scale
 
 if TYPE_CHECKING:
     from etendue.types.arrays import Array

@@ -19,12 +19,12 @@ from typing import Any
 from etendue.accuracy.differences import difference
 from etendue.accuracy.pilot import MOST, chosen_places, narrowed
 from etendue.accuracy.reference import Knob, ReferencePipeline, reference_of, with_settings
+from etendue.archive.read.differing import Difference
 from etendue.archive.records.remembered import recall, remember
 from etendue.contract.arrays.variables import variable as known
 from etendue.contract.capabilities import has_no_mean
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
-from etendue.differing import Difference
 from etendue.errors import RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import behind

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
+from etendue.archive.read.differing import apart, full_scale
 from etendue.compute.cell import compute, smallest
 from etendue.compute.job import Job, Looking, Walk
 from etendue.compute.joined.segments import Result
@@ -30,7 +31,6 @@ from etendue.contract.capabilities import is_random, is_source, no_coordinates
 from etendue.contract.ports import CellReport
 from etendue.contract.stage import Stage, looks, looks_at_stages, reads_of, writes_of
 from etendue.contract.values import quantities
-from etendue.differing import apart, full_scale
 from etendue.plan.expansion.forms import output_grid
 from etendue.plan.model import CellRef
 from etendue.testing.examples import GUESSED, BlurAndSum, GaussianTransfer, edges, edges_of, exemplary, sheet

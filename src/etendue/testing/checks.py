@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from etendue.archive.read.differing import full_scale
 from etendue.contract.arrays.facts import Facts
 from etendue.contract.capabilities import is_source
 from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.values import quantities
 from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.contract.values.units import UnitError, parse_unit
-from etendue.differing import full_scale
 from etendue.plan.wiring.parameters import Unfit, resolve
 from etendue.testing.bench import (
     CLEAR,

@@ -13,12 +13,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from etendue.archive.read.differing import full_scale
 from etendue.compute.bands import run_bands
 from etendue.contract.arrays import dims
 from etendue.contract.arrays.grid import Coordinate, Grid
 from etendue.contract.capabilities import Banded, Bounded, is_source, is_transfer
 from etendue.contract.stage import Stage
-from etendue.differing import full_scale
 from etendue.testing.bench import (
     EXTREMES,
     FRAME,

@@ -14,8 +14,8 @@ import math
 
 import numpy as np
 
+from etendue.archive.read.differing import full_scale
 from etendue.contract.stage import parameters_of
-from etendue.differing import full_scale
 from etendue.plan.wiring.parameters import SMALLEST
 from etendue.testing.bench import Arrays, Bench, BenchTrial, largest_difference
 from etendue.testing.checks import bound_of

@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 import scipy
 
+from etendue.archive.read.differing import full_scale
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, writes_of
-from etendue.differing import full_scale
 from etendue.testing import measured
 from etendue.testing.bench import largest_difference
 from etendue.types.arrays import Array, FloatArray

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.differing import apart
+from etendue.archive.read.differing import apart
 from etendue.telling import said
 from etendue.types.arrays import Array
 from etendue_camera.colour import difference, encoding

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from etendue.archive.read.differing import Difference, between, together
 from etendue.archive.read.stored import Stored, StoredArrays
 from etendue.archive.sharding.partition import Cutter
 from etendue.archive.structure.naming import cell_name
 from etendue.contract.ports import CellReport, ContactSheet, Passing, WrittenChunk
-from etendue.differing import Difference, between, together
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from etendue.archive.read.differing import Difference, between, together
 from etendue.archive.read.stored import Stored, StoredArrays
 from etendue.archive.records.provenance import latest_record, node_changes
-from etendue.differing import Difference, between, together
 from etendue.errors import ArchiveError
 from etendue.types.documents import AxisValue, Document, DocumentView
 

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from etendue.archive.read.differing import full_scale
 from etendue.compute.rows import has_rows
 from etendue.contract.capabilities import halo_of
-from etendue.differing import full_scale
 from etendue.testing.bench import FRAME, PRECISIONS, Bench, LawBroken, digests, largest_difference
 from etendue.testing.measured import hold, ratio_of
 from etendue.types.arrays import Array

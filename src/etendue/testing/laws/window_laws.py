@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from etendue.archive.read.differing import apart, full_scale
 from etendue.compute.rows import has_rows
 from etendue.contract.arrays import colouring, dims, variables
 from etendue.contract.arrays.colouring import Pattern
@@ -19,7 +20,6 @@ from etendue.contract.arrays.grid import Coordinate, Line
 from etendue.contract.arrays.variables import Declaration
 from etendue.contract.capabilities import draws_anew, halo_of, is_transfer
 from etendue.contract.values import quantities
-from etendue.differing import apart, full_scale
 from etendue.plugins import discovery
 from etendue.testing.bench import Bench, Frame
 from etendue.testing.measured import hold, ratio_of, within
