@@ -144,6 +144,8 @@ def test_what_is_undefined_in_one_run_alone_cannot_be_compared():
     own = difference(np.array([1.0, np.nan]), np.array([1.0, 1.0]), parse_declaration("v", "stage [1] nan"), Stage())
     assert own.relative is None
     assert "undefined" in own.why
+    other = difference(np.array(-math.inf), np.array(math.inf), parse_declaration("v", "[m] nan"), Stage())
+    assert other.relative is None
 
 
 def test_settings_belong_to_knobs():

@@ -224,7 +224,7 @@ def _alone(names: list[str], others: list[str]) -> Document:
 
 
 def _stage(found: StageDifference) -> Document:
-    known = [one.difference for one in found.differing if not one.difference.why]
+    known = [one for one in found.differing if not one.difference.why]
     return {
         "name": found.name,
         "cells": found.cells,
@@ -233,9 +233,9 @@ def _stage(found: StageDifference) -> Document:
         "only_first": len(found.only_first),
         "only_second": len(found.only_second),
         "since": found.since or None,
-        "largest": max((one.largest for one in known), default=None),
-        "rms": max((one.rms for one in known), default=None),
-        "relative": max((_size(one) for one in found.differing), default=None),
+        "largest": max((one.difference.largest for one in known), default=None),
+        "rms": max((one.difference.rms for one in known), default=None),
+        "relative": max((_size(one) for one in known), default=None),
         "worst": [_shown(one) for one in sorted(found.differing, key=_size, reverse=True)[:WORST]],
         "named": {"only_first": found.only_first[:WORST], "only_second": found.only_second[:WORST]},
     }
