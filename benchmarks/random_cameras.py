@@ -32,8 +32,9 @@ import drawn_cameras
 
 import etendue
 from etendue.errors import PluginError, RequestError
+from etendue.types.documents import Document
 from etendue_lab.stability import camera_laws
-from etendue_lab.stability.camera_laws import Broken, Document, Failure, Refused
+from etendue_lab.stability.camera_laws import Broken, Failure, Refused
 
 MOST_REFUSED = 0.1
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import math
 import platform
 import shutil
 import socket
@@ -19,7 +20,7 @@ from rocrate.rocrate import ROCrate
 from etendue.archive.checks.verify import verify
 from etendue.archive.read.comparing import Compared
 from etendue.archive.read.differences import differences
-from etendue.archive.read.differing import between
+from etendue.archive.read.differing import between, together
 from etendue.archive.read.stored import Stored
 from etendue.archive.records.rerun import recorded
 from etendue.cli import main
@@ -193,7 +194,7 @@ def test_the_size_of_a_difference_is_that_of_what_was_added(values, step):
     found, off = between(one, other), np.abs(one - other)
     assert found.same == (one.tobytes() == other.tobytes())
     assert found.largest == off.max()
-    assert found.rms == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-12, abs=1e-300)  # sums in another order
+    assert found.rms == pytest.approx(math.hypot(*off) / math.sqrt(off.size), rel=1e-12, abs=1e-300)
     assert between(one, one).same
 
 
@@ -202,7 +203,20 @@ def test_undefined_values_and_other_shapes_are_no_numbers():
     assert between(one, one.copy()).same
     assert between(one, np.array([np.nan, np.nan, np.inf])).undefined == 1
     assert between(one, np.array([1.0, np.nan, -np.inf])).undefined == 1
-    assert "float32" in between(one, one.astype(np.float32)).shapes
+    assert between(one, np.array([1.0, np.inf, np.inf])).undefined == 1
+    assert "float32" in between(one, one.astype(np.float32)).why
+    assert between(one, one[:2]).relative is None
+
+
+def test_the_rms_is_that_of_the_values_defined_in_both():
+    one = np.arange(1.0, 5.0)
+    holes = np.concatenate([one, np.full(4, np.nan)])
+    whole = between(holes, holes + 1)
+    parts = together(between(holes[n : n + 3], holes[n : n + 3] + 1) for n in (0, 3, 6))
+    assert (whole.rms, whole.scale, whole.defined) == (1.0, 4.0, 4)
+    assert (parts.rms, parts.scale, parts.defined) == (pytest.approx(1.0), 4.0, 4)
+    assert between(one, one + 1e-200 * (one == 1)).same
+    assert between(1e-200 * one, 2e-200 * one).relative == pytest.approx(math.sqrt(7.5) / 4)
 
 
 def test_two_archives_differ_since_a_parameter(archive, tmp_path, capsys):

@@ -129,22 +129,24 @@ def test_what_stands_behind_a_stage_that_hides_its_mean_is_unknown():
 )
 def test_errors_are_relative_to_full_scale(declared, reference, found, rms):
     own = difference(np.array(found), np.array(reference), parse_declaration("v", declared), Stage())
-    assert own.rms == pytest.approx(rms, rel=1e-9)
-    assert own.largest >= own.rms
+    assert own.relative == pytest.approx(rms, rel=1e-9)
+    assert own.largest_relative >= own.relative
 
 
 def test_shares_are_of_the_frame_and_places_in_a_list_right_or_wrong():
     share = parse_declaration("gamut_clipped", "[1]")
-    assert difference(np.array(0.02), np.array(0.01), share, Stage()).rms == pytest.approx(0.01)
+    assert difference(np.array(0.02), np.array(0.01), share, Stage()).relative == pytest.approx(0.01)
     place = parse_declaration("limiting_factor", "[1] nan")
-    assert [difference(np.array(n), np.array(2.0), place, Stage()).rms for n in (2.0, 3.0, 1.0)] == [0.0, 1.0, 1.0]
-    assert difference(np.array(np.nan), np.array(np.nan), place, Stage()).rms == 0
+    assert [difference(np.array(n), np.array(2.0), place, Stage()).relative for n in (2.0, 3.0, 1.0)] == [0.0, 1.0, 1.0]
+    assert difference(np.array(np.nan), np.array(np.nan), place, Stage()).relative == 0
 
 
 def test_what_is_undefined_in_one_run_alone_cannot_be_compared():
     own = difference(np.array([1.0, np.nan]), np.array([1.0, 1.0]), parse_declaration("v", "stage [1] nan"), Stage())
-    assert own.rms is None
+    assert own.relative is None
     assert "undefined" in own.why
+    other = difference(np.array(-math.inf), np.array(math.inf), parse_declaration("v", "[m] nan"), Stage())
+    assert other.relative is None
 
 
 def test_settings_belong_to_knobs():

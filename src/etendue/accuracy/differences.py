@@ -1,7 +1,7 @@
 """Measure how far a variable of one run is from another run, relative to full scale.
 
 In:  the same variable of two runs, its declaration, the stage that writes it.
-Out: ``Difference``: rms over the picture and the largest pixel.
+Out: ``Difference``, of which the relative values are those over the picture and of the largest pixel.
 
 Full scale is 1 for pictures without a unit, white - black for codes with a black level (``Variable.black``), and else
 the largest value of the reference. Values without a place are relative: metrics per stage each to itself, vectors and
@@ -10,12 +10,12 @@ matrices to their largest element. ``Variable.full`` overrides this: a share of 
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from etendue.archive.read.differing import Difference, apart, between, full_scale
 from etendue.contract.arrays.variables import Declaration, variable
 from etendue.contract.stage import Stage
 from etendue.contract.wording import Unit, units
@@ -24,48 +24,29 @@ if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
 
-@dataclass(frozen=True)
-class VariableError:
-    """``rms`` and ``largest`` relative to ``scale``; None if the two cannot be compared, for the reason in ``why``."""
-
-    rms: float | None
-    largest: float | None
-    scale: float
-    why: str = ""
-
-
-def difference(found: Array, reference: Array, declaration: Declaration, stage: Stage) -> VariableError:
+def difference(found: Array, reference: Array, declaration: Declaration, stage: Stage) -> Difference:
     """Return the difference of two arrays of one variable that ``stage`` has written.
 
     Values that are undefined in both runs are ignored; if a value is undefined in only one, the arrays cannot be
     compared. For codes without a unit (flags, maps, positions in a list) the rms is the root of the share that differs.
     """
-    found, reference = np.asarray(found), np.asarray(reference)
+    found, reference = np.asarray(found, np.float64), np.asarray(reference, np.float64)
     if found.shape != reference.shape:
-        return VariableError(None, None, math.nan, f"shape {found.shape}, but the reference has {reference.shape}")
+        return between(reference, found)
     if (declaration.dtype != "float" and declaration.unit == "1") or variable(declaration.variable).index:
-        same = (found == reference) | ((found != found) & (reference != reference))
-        share = 1.0 - float(np.mean(same)) if found.size else 0.0
-        return VariableError(math.sqrt(share), float(share > 0), 1.0)
-    found, reference = found.astype(np.float64), reference.astype(np.float64)
-    known = np.isfinite(reference)
-    if not np.array_equal(known, np.isfinite(found)):
-        return VariableError(None, None, math.nan, "undefined at different places than the reference")
-    if not known.any():
-        return VariableError(0.0, 0.0, 1.0)
-    scale = full_scale(reference, known, declaration, stage)
-    away = np.abs(found - reference)[known] / np.broadcast_to(scale, known.shape)[known]
-    largest = float(away.max())
-    rms = largest * float(np.sqrt(np.mean((away / largest) ** 2))) if largest > 0 else 0.0
-    return VariableError(rms, largest, float(np.max(scale)))
+        return between(np.zeros(found.shape), np.sign(apart(found, reference)), 1.0)
+    scale = scale_of(reference, declaration, stage)
+    largest = float(np.max(scale, initial=0.0))
+    own = between(reference * (largest / scale), found * (largest / scale), largest)  # each value has its own scale
+    return replace(own, why="undefined at different places than the reference") if own.undefined else own
 
 
-def full_scale(reference: Array, known: Array, declaration: Declaration, stage: Stage) -> float | Array:
+def scale_of(reference: Array, declaration: Declaration, stage: Stage) -> float | Array:
     """Return the full scale of a variable: a number, or one per value."""
     said = variable(declaration.variable)
     if said.full is not None:
         return said.full
-    largest = float(np.abs(reference[known]).max()) or 1.0
+    largest = full_scale(reference) or 1.0
     if {"y", "x"} <= set(declaration.dims):
         if name := units().get(declaration.unit, Unit()).bits:
             codes, black = getattr(stage, name, None), getattr(stage, said.black, 0.0)
@@ -73,5 +54,5 @@ def full_scale(reference: Array, known: Array, declaration: Declaration, stage: 
         return 1.0 if declaration.unit == "1" else largest
     if set(declaration.dims) - {"stage"}:
         return largest
-    own = np.abs(np.where(known, reference, 1.0))
+    own = np.abs(np.where(np.isfinite(reference), reference, largest))
     return np.where(own > 0, own, 1.0 if declaration.unit == "1" else largest)

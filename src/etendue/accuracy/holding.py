@@ -21,7 +21,7 @@ from etendue.plan.identity.keys import digest
 from etendue.plan.model import Plan
 from etendue.result_files import finite
 from etendue.session import Options
-from etendue.types.documents import Document, DocumentView, Place
+from etendue.types.documents import AxisValues, Document, DocumentView
 
 if TYPE_CHECKING:
     from etendue.contract.ports import Progress
@@ -46,7 +46,7 @@ class HeldTolerance:
     seconds: float = 0.0
     remembered: bool = False
     key: str = ""
-    places: tuple[Place, ...] = ()
+    places: tuple[AxisValues, ...] = ()
 
     @property
     def held(self) -> bool:

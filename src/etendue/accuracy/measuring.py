@@ -16,9 +16,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from etendue.accuracy.differences import VariableError, difference
+from etendue.accuracy.differences import difference
 from etendue.accuracy.pilot import MOST, chosen_places, narrowed
 from etendue.accuracy.reference import Knob, ReferencePipeline, reference_of, with_settings
+from etendue.archive.read.differing import Difference
 from etendue.archive.records.remembered import recall, remember
 from etendue.contract.arrays.variables import variable as known
 from etendue.contract.capabilities import has_no_mean
@@ -28,16 +29,15 @@ from etendue.errors import RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import behind
 from etendue.plan.identity.keys import digest
-from etendue.plan.model import CellRef, Plan
+from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.planner import make_plan
 from etendue.plan.wiring.graph import build_graph
 from etendue.result_files import finite
 from etendue.session import Collected, Options, collect
-from etendue.types.documents import Document, DocumentView, Place
+from etendue.types.documents import AxisValues, Document, DocumentView
 
 FORM = 1  # version of the cached documents: increase it to discard earlier ones
 LEFT_OUT, PRECISION = "left out", "precision"
-Wanted = tuple[str, str]  # stage and variable
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class GlobalError:
     max: float | None
     scale: float | None
     how: str
-    at: Place = field(default_factory=dict)
+    at: AxisValues = field(default_factory=dict)
     linear: tuple[float | None, float | None] | None = None
     why: str = ""
     below: float = 0.0  # possible error of the reference itself
@@ -131,7 +131,7 @@ class Measurement:
     also : variables (stage, name) to measure in addition to the wanted ones
     """
 
-    also: tuple[Wanted, ...] = ()
+    also: tuple[StageVariable, ...] = ()
 
     def __init__(
         self,
@@ -211,7 +211,7 @@ class Measurement:
         self.seconds += sum(report.seconds for report in found.reports.values())
         return found
 
-    def measured(self, plan: Plan) -> tuple[Wanted, ...]:
+    def measured(self, plan: Plan) -> tuple[StageVariable, ...]:
         """Return the variables to measure in a plan."""
         return tuple(dict.fromkeys((*plan.wanted, *self.also)))
 
@@ -225,7 +225,7 @@ class Measurement:
                     asked.setdefault(linear[0], set()).add(linear[1])
         return asked
 
-    def cells_of(self, plan: Plan, stage: str) -> list[tuple[CellRef, Place]]:
+    def cells_of(self, plan: Plan, stage: str) -> list[tuple[CellRef, AxisValues]]:
         """Return the cells of a stage at the places, each once, with their axis values."""
         axes = [plan.axis(dim) for dim in plan.node(stage).axes]
         found: dict[CellRef, DocumentView] = {}
@@ -284,24 +284,30 @@ class Measurement:
         self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any
     ) -> GlobalError:
         """Return the error of the worst cell of one variable."""
-        worst: tuple[VariableError, CellRef, Place] | None = None
+        worst: tuple[Difference, CellRef, AxisValues] | None = None
         doubt = self.own_error_behind(stage)
         for ref, at in self.cells_of(plan, stage):
             own = _difference(plan, found, self.exact, truth, ref, name)
-            if own.rms is None:
+            if own.relative is None:
                 return GlobalError(None, None, None, "unknown", at, None, own.why)
             if coarser is not None:
                 other = _difference(coarser[0], coarser[1], self.exact, truth, ref, name)
-                doubt = max(doubt, float("inf") if other.rms is None else other.rms)
-            if worst is None or own.rms > (worst[0].rms or 0.0):
+                doubt = max(doubt, float("inf") if other.relative is None else other.relative)
+            if worst is None or own.relative > (worst[0].relative or 0.0):
                 worst = own, ref, at
         assert worst is not None
-        rms, largest = worst[0].rms, worst[0].largest
+        rms, largest = worst[0].relative, worst[0].largest_relative
         how = "measured" if doubt <= 0.1 * max(plan.pipeline.tolerance, rms or 0.0) else f"unknown below {doubt:.1g}"
         linear = in_front(plan, worst[1], name)
         beside = _difference(plan, found, self.exact, truth, *linear) if linear else None
         return GlobalError(
-            rms, largest, worst[0].scale, how, worst[2], (beside.rms, beside.largest) if beside else None, below=doubt
+            rms,
+            largest,
+            worst[0].scale,
+            how,
+            worst[2],
+            (beside.relative, beside.largest_relative) if beside else None,
+            below=doubt,
         )
 
     def own_error_behind(self, stage: str) -> float:
@@ -355,7 +361,7 @@ def in_front(plan: Plan, ref: CellRef, name: str) -> tuple[CellRef, str] | None:
     return cell.inputs[0][1], cell.inputs[0][2]
 
 
-def _difference(plan: Plan, found: Collected, exact: Plan, truth: Collected, ref: CellRef, name: str) -> VariableError:
+def _difference(plan: Plan, found: Collected, exact: Plan, truth: Collected, ref: CellRef, name: str) -> Difference:
     for run in (found, truth):
         report = run.reports.get(ref)
         if report is None or report.status not in ("done", "left_out"):
@@ -363,8 +369,8 @@ def _difference(plan: Plan, found: Collected, exact: Plan, truth: Collected, ref
                 "the reference" if run is truth else "the cell",
                 f"{report.status}: {report.message}" if report else "was not computed",
             )
-            return VariableError(None, None, float("nan"), f"{who} {what}")
+            return Difference(False, f"{who} {what}")
     if plan.cells[ref].grids[name] != exact.cells[ref].grids[name]:
-        return VariableError(None, None, float("nan"), "the reference has another grid")
+        return Difference(False, "the reference has another grid")
     cell = exact.cells[ref]
     return difference(found.arrays[ref][name], truth.arrays[ref][name], exact.node(ref[0]).writes[name], cell.stage)

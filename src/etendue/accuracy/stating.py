@@ -10,12 +10,12 @@ from collections.abc import Sequence
 
 from etendue.accuracy.measuring import MeasuredErrors
 from etendue.plan.model import CellRef, Plan
-from etendue.types.documents import Place
+from etendue.types.documents import AxisValues
 
 MARGIN = 3.0  # factor on the worst measured error: a few cells represent many
 
 
-def stated_elsewhere(plan: Plan, measured: MeasuredErrors, places: Sequence[Place]) -> dict[str, float | None]:
+def stated_elsewhere(plan: Plan, measured: MeasuredErrors, places: Sequence[AxisValues]) -> dict[str, float | None]:
     """Return the stated error by variable, rms relative to full scale; None if unknown, or if every cell was measured.
 
     The bounds of all decisions on the way to a cell are added up. If that sum exceeds those of the measured cells, the

@@ -22,7 +22,7 @@ from etendue.contract.stage import parameters_of
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.wiring.parameters import Unfit, resolve
-from etendue.types.documents import Place
+from etendue.types.documents import AxisValues
 
 TOLERANCES = tuple(10.0**-n for n in range(1, 9))
 WORTH = 0.9  # a slower setting is on the front only if its error is below this fraction of the faster one's
@@ -33,7 +33,7 @@ class Accuracy:
     """The result of the study."""
 
     pipeline: str
-    at: Place  # axis values of the cells
+    at: AxisValues  # axis values of the cells
     curves: list[SettingCurve]
     trials: list[SettingTrial]  # all trials, the reference first
     frontier: list[SettingTrial]
@@ -45,7 +45,7 @@ class Accuracy:
     verified: list[tuple[float, float | None, str]] = field(
         default_factory=list
     )  # error of the cheapest settings on the other source
-    verified_at: Place = field(default_factory=dict)
+    verified_at: AxisValues = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from etendue.accuracy.differences import difference
 from etendue.accuracy.frontier import Convergence, convergence, remaining
-from etendue.accuracy.measuring import GlobalError, Measurement, Wanted
+from etendue.accuracy.measuring import GlobalError, Measurement
 from etendue.accuracy.reference import Knob, reference_of, with_settings
 from etendue.compute.tables import TABLES
 from etendue.contract.arrays.dims import banded
@@ -21,7 +21,7 @@ from etendue.contract.registry import Registry
 from etendue.errors import RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import behind
-from etendue.plan.model import Plan
+from etendue.plan.model import Plan, StageVariable
 from etendue.plan.planner import make_plan
 from etendue.session import Collected, Options, collect
 from etendue.types.documents import DocumentView
@@ -238,7 +238,7 @@ class Trials:
             exact.node(stage).writes[name],
             cell.stage,
         )
-        return found.rms, name
+        return found.relative, name
 
 
 def seconds_by_stage(found: Collected) -> dict[str, float]:
@@ -261,7 +261,7 @@ def affected(plan: Plan, knob: Knob) -> frozenset[str]:
     return frozenset(found.union(*joined))
 
 
-def own_variables(plan: Plan, stage: str) -> tuple[Wanted, ...]:
+def own_variables(plan: Plan, stage: str) -> tuple[StageVariable, ...]:
     """Return where the error of a stage is measured: at all metrics of a probe, else at the first variable without
     bands from that stage on.
     """

@@ -33,6 +33,7 @@ from etendue.pipeline.file import PipelineFile
 from etendue.types.documents import DocumentView
 
 CellRef = tuple[str, tuple[int, ...]]
+StageVariable = tuple[str, str]
 
 
 @dataclass(frozen=True)
@@ -290,7 +291,7 @@ class Plan:
     axes: tuple[Axis, ...]
     nodes: tuple[Node, ...]
     cells: Mapping[CellRef, Cell]
-    wanted: tuple[tuple[str, str], ...]  # (node, variable)
+    wanted: tuple[StageVariable, ...]
     kept: frozenset[tuple[str, str]]
     precision: str
     shared: DocumentView

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
+from etendue.archive.read.differing import apart, full_scale
 from etendue.compute.cell import compute, smallest
 from etendue.compute.job import Job, Looking, Walk
 from etendue.compute.joined.segments import Result
@@ -391,15 +392,6 @@ def facts_of(array: Array, dims: tuple[str, ...]) -> Facts:
     )
 
 
-def full_scale(array: Array) -> float:
-    found = np.abs(np.asarray(array, dtype=float))
-    return float(np.nanmax(found)) if found.size and not np.isnan(found).all() else 0.0
-
-
 def largest_difference(one: Array, other: Array) -> float:
     """Return the largest absolute difference; infinite if only one of the two values is undefined."""
-    one, other = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
-    if np.any(np.isnan(one) != np.isnan(other)):
-        return math.inf
-    with np.errstate(invalid="ignore"):
-        return full_scale(np.where(one == other, 0.0, one - other))  # equal infinities do not differ
+    return float(apart(one, other).max(initial=0.0))

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.archive.read.differing import full_scale
 from etendue.contract.arrays.facts import Facts
 from etendue.contract.capabilities import is_source
 from etendue.contract.stage import Stage, parameters_of
@@ -33,7 +34,6 @@ from etendue.testing.bench import (
     Frame,
     LawBroken,
     facts_of,
-    full_scale,
     largest_difference,
 )
 from etendue.testing.measured import hold, magnified, ratio_of, told, within

@@ -13,6 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from etendue.archive.read.differing import full_scale
 from etendue.compute.bands import run_bands
 from etendue.contract.arrays import dims
 from etendue.contract.arrays.grid import Coordinate, Grid
@@ -30,7 +31,6 @@ from etendue.testing.bench import (
     Finding,
     LawBroken,
     digests,
-    full_scale,
     largest_difference,
 )
 from etendue.testing.checks import (

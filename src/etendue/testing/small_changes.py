@@ -14,9 +14,10 @@ import math
 
 import numpy as np
 
+from etendue.archive.read.differing import full_scale
 from etendue.contract.stage import parameters_of
 from etendue.plan.wiring.parameters import SMALLEST
-from etendue.testing.bench import Arrays, Bench, BenchTrial, full_scale, largest_difference
+from etendue.testing.bench import Arrays, Bench, BenchTrial, largest_difference
 from etendue.testing.checks import bound_of
 from etendue.testing.digits import UNSTATED
 from etendue.testing.measured import hold, magnified, ratio_of, within

@@ -105,8 +105,8 @@ def judged(stage: str, name: str, one: Compared, allowed: float | None, elsewher
     if found.same:
         return CellResult(stage, name, one.path, "same", 0.0, 0.0)
     told = (stage, name, one.path)
-    if found.shapes:
-        return CellResult(*told, "beyond", why=f"shape or type: {found.shapes}")
+    if found.why:
+        return CellResult(*told, "beyond", why=f"shape or type: {found.why}")
     if found.undefined:
         return CellResult(
             *told,

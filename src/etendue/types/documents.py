@@ -12,4 +12,4 @@ Document = dict[str, Any]  # texts, numbers, booleans, None, and lists and docum
 DocumentView = Mapping[str, Any]  # the same, read-only
 Scalar = str | float | bool | None  # a single value of a document
 AxisValue = Scalar | tuple[Scalar, ...]
-Place = Mapping[str, AxisValue]  # values by axis
+AxisValues = Mapping[str, AxisValue]  # values by axis

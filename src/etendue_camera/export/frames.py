@@ -29,7 +29,7 @@ from etendue.present.plots.drawing.strip import white_of
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.opening import opened
 from etendue.present.plots.places import is_called, is_value
-from etendue.types.documents import Document, DocumentView, Place
+from etendue.types.documents import AxisValues, Document, DocumentView
 from etendue_camera.arrays import Array, FloatArray
 
 PLANE = ("channel", "y", "x")
@@ -61,7 +61,7 @@ class ArchivedFrame:
 
     group: StageGroup
     variable: str
-    labels: Place  # axis values, and the position along leading dims such as ``frame``
+    labels: AxisValues  # axis values, and the position along leading dims such as ``frame``
     status: str
     stored: Stored
 
@@ -79,7 +79,7 @@ class ArchivedFrame:
         return ", ".join(f"{dim}={plain(value)}" for dim, value in self.labels.items())
 
 
-def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str, labels: Place) -> FloatArray:
+def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str, labels: AxisValues) -> FloatArray:
     """Return a verified variable of one cell, at the labels of its other dims."""
     axes = _cell_axes(data)
     name = cell_label(stage, {dim: labels[dim] for dim in axes})

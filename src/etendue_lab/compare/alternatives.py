@@ -15,10 +15,10 @@ from etendue.errors import Fault, RequestError
 from etendue.pipeline.derived import wanting
 from etendue.pipeline.file import PipelineFile
 from etendue.pipeline.presets import preset_names
-from etendue.plan.model import Node, Plan
+from etendue.plan.model import Node, Plan, StageVariable
 from etendue.plan.planner import make_plan
 from etendue_lab.compare.axis import SENSOR, AxisRequest, candidates, check_writes
-from etendue_lab.compare.branches import Branched, Place, nodes_of, noise_free, writer
+from etendue_lab.compare.branches import Branched, nodes_of, noise_free, writer
 from etendue_lab.compare.compared import ComparedRow
 
 
@@ -60,7 +60,7 @@ def values_of(asked: AxisRequest, nodes: Sequence[Node], registry: Registry) -> 
     return tuple(found), notes
 
 
-def wanted_of(branched: Branched) -> tuple[Place, ...]:
+def wanted_of(branched: Branched) -> tuple[StageVariable, ...]:
     """Return what is measured, and the white points needed for colour differences."""
     places = [*branched.places()]
     for variable in ("white_xyz", "white"):
@@ -71,7 +71,7 @@ def wanted_of(branched: Branched) -> tuple[Place, ...]:
 
 
 def planned(
-    branched: Branched, wanted: tuple[Place, ...], asked: AxisRequest, values: Any, registry: Registry
+    branched: Branched, wanted: tuple[StageVariable, ...], asked: AxisRequest, values: Any, registry: Registry
 ) -> tuple[Plan, Any, list[ComparedRow]]:
     """Return the plan of all compatible alternatives, their values, and a ``refused`` row for each other one."""
     pipeline = wanting(branched.pipeline, wanted, kept=True)

@@ -22,7 +22,7 @@ from etendue.errors import PluginError, RequestError
 from etendue.pipeline.derived import each, free_name
 from etendue.pipeline.file import PipelineFile, StageEntry
 from etendue.plan import stage_calls
-from etendue.plan.model import Node
+from etendue.plan.model import Node, StageVariable
 from etendue.plan.wiring.graph import Graph, build_graph
 from etendue.plan.wiring.quantities import to_be_found
 from etendue.types.documents import Document, DocumentView
@@ -34,15 +34,14 @@ CAMERA, TRISTIMULUS = "rgb_camera", "xyz_scene"
 LIGHT, CHARGE, MOSAIC = "photon_rate", "photocurrent", "mosaic_linear"
 PLANE = (MOSAIC, "clipping_level")  # what each plane has of its own: its values and its clipping level
 PICTURES = (CAMERA, TRISTIMULUS, "rgb_linear", "xyz_display", "rgb_display")
-Place = tuple[str, str]  # stage and variable
 
 
 @dataclass(frozen=True)
 class Pair:
     """A variable of the pipeline, and its counterpart in the reference."""
 
-    ours: Place
-    reference: Place
+    ours: StageVariable
+    reference: StageVariable
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class Branched:
         name = key.rpartition(".")[2]
         return {key: values} | ({f"{self.counterpart}.{name}": values} if self.counterpart else {})
 
-    def places(self) -> tuple[Place, ...]:
+    def places(self) -> tuple[StageVariable, ...]:
         pairs = [pair for pair in (self.linear, self.display, self.colour) if pair]
         return tuple(dict.fromkeys(place for pair in pairs for place in (pair.ours, pair.reference)))
 

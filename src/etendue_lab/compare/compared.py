@@ -12,11 +12,11 @@ from typing import Any
 
 from etendue.contract.arrays.grid import Line
 from etendue.errors import Fault, RequestError
-from etendue.plan.model import Alternative, CellRef, Plan
+from etendue.plan.model import Alternative, CellRef, Plan, StageVariable
 from etendue.present.pictures.crops import Plane
 from etendue.session import Outcome
 from etendue_lab.compare.axis import AxisRequest
-from etendue_lab.compare.branches import Branched, Place
+from etendue_lab.compare.branches import Branched
 
 
 @dataclass
@@ -68,7 +68,7 @@ class Reader:
     def ref(self, name: str, position: int) -> CellRef:
         return (name, tuple(position if dim in self.dims else 0 for dim in self.plan.node(name).axes))
 
-    def at(self, place: Place, position: int) -> Any:
+    def at(self, place: StageVariable, position: int) -> Any:
         return self.outcome.arrays.get(self.ref(place[0], position), {}).get(place[1])
 
     def of(self, found: tuple[str, Any], position: int = 0) -> Any:

@@ -20,7 +20,7 @@ from etendue.contract.stage import parameters_of
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.derived import wanting, with_values
 from etendue.pipeline.file import PipelineFile
-from etendue.plan.model import Node, Plan
+from etendue.plan.model import Node, Plan, StageVariable
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
 from etendue.types.arrays import Array
@@ -28,7 +28,7 @@ from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 from etendue_camera.roles import EdgeScene, FlatScene
 from etendue_lab.compare import installed
 from etendue_lab.compare.axis import AxisRequest
-from etendue_lab.compare.branches import CAMERA, Branched, Place, noise_free, writer
+from etendue_lab.compare.branches import CAMERA, Branched, noise_free, writer
 from etendue_lab.compare.figures import BORDER
 
 ANGLE = 5.0  # degrees from the columns
@@ -83,13 +83,13 @@ def _measured(
     if outcome.failed and not any(place[0] == r.stage for r in outcome.failed):
         raise ValueError(outcome.failed[0].message.strip().rpartition("\n")[2])
 
-    def at(where: Place, which: int, position: int) -> Any:
+    def at(where: StageVariable, which: int, position: int) -> Any:
         node = made.node(where[0])
         by_dim = {a.dim: which if a.dim == scene else position for a in made.axes}
         found = outcome.arrays.get((node.name, tuple(by_dim[dim] for dim in node.axes)), {})
         return found.get(where[1])
 
-    def mtf50(where: Place, position: int) -> float | None:
+    def mtf50(where: StageVariable, position: int) -> float | None:
         planes = [at(where, which, position) for which in (0, 1)]
         if any(p is None for p in planes):
             return None

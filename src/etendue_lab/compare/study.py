@@ -24,7 +24,7 @@ from etendue.contract.capabilities import Viewed, is_source, is_transfer
 from etendue.contract.registry import Registry, installed_stages
 from etendue.errors import RequestError
 from etendue.pipeline.file import PipelineFile
-from etendue.plan.model import CellRef
+from etendue.plan.model import CellRef, StageVariable
 from etendue.present.pictures.crops import Plane
 from etendue.run.one_thread import ONE_THREAD
 from etendue.session import Options, execute
@@ -40,7 +40,7 @@ from etendue_lab.compare.axis import (
     own_value,
     without_sweep,
 )
-from etendue_lab.compare.branches import Branched, Place, with_reference, writer
+from etendue_lab.compare.branches import Branched, with_reference, writer
 from etendue_lab.compare.compared import ComparedRow, Reader
 from etendue_lab.compare.figures import BORDER, colour_figures, display_figures, linear_figures
 
@@ -56,8 +56,8 @@ class Comparison:
     pipeline: str
     key: str
     rows: list[ComparedRow]
-    variable: Place  # where psnr and mtf50 are measured
-    reference: Place
+    variable: StageVariable  # where psnr and mtf50 are measured
+    reference: StageVariable
     without: str
     noise: str  # 1 frame, or expected values
     size: tuple[int, int]  # pixels along y and x, of the best

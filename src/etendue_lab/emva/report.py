@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from etendue.types.documents import Document, Place
+from etendue.types.documents import AxisValues, Document
 from etendue_camera.electronics import emva
 
 FIGURES = (
@@ -84,7 +84,7 @@ class SensorChannel:
     reason in ``why``.
     """
 
-    at: Place
+    at: AxisValues
     channel: str
     measurement: emva.SensorFigures | None
     times: tuple[float, ...]

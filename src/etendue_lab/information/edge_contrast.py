@@ -16,7 +16,7 @@ import numpy as np
 
 from etendue.contract.registry import Registry
 from etendue.pipeline.derived import wanting
-from etendue.plan.model import Plan
+from etendue.plan.model import Plan, StageVariable
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
 from etendue.types.arrays import Array
@@ -25,7 +25,7 @@ from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 from etendue_camera.sensor import cfa
 from etendue_lab.compare.edge import ANGLE, edge_and_field
 from etendue_lab.compare.figures import BORDER
-from etendue_lab.information.fine_detail import FineDetail, Place
+from etendue_lab.information.fine_detail import FineDetail
 from etendue_lab.noise.flat_field import MOSAIC
 
 SAMPLES = 129  # of the edge's response up to 1 cycle/pixel
@@ -33,12 +33,12 @@ SAMPLES = 129  # of the edge's response up to 1 cycle/pixel
 
 def edge_contrast(
     detail: FineDetail,
-    places: list[Place],
+    places: list[StageVariable],
     white: float,
     frequency: Array,
     registry: Registry,
     options: Options | None = None,
-) -> dict[Place, Document]:
+) -> dict[StageVariable, Document]:
     """Return by picture and channel the contrast at the frequencies along the normal of the edge, `ANGLE` degrees from
     x.
 
@@ -59,7 +59,7 @@ def edge_contrast(
     if failed is not None:
         raise ValueError(f"stage {failed.stage!r} failed on the slanted edge: {failed.message.splitlines()[-1]}")
     own = np.exp(-2 * (math.pi * sigma / detail.pitch * frequency) ** 2)
-    found: dict[Place, Document] = {}
+    found: dict[StageVariable, Document] = {}
     for place in places:
         edge, field = (np.asarray(arrays.arrays[refs[place[0], i]][place[1]], np.float64) for i in (0, 1))
         if not (np.isfinite(field).all() and (field > 0).all()):
@@ -77,7 +77,7 @@ def edge_contrast(
     return found
 
 
-def _sites(plan: Plan, place: Place, channel: str) -> Any:
+def _sites(plan: Plan, place: StageVariable, channel: str) -> Any:
     """Return a mask of a channel's pixels in the window of the edge."""
     node = plan.node(place[0])
     grid = plan.cells[node.name, (0,) * len(node.axes)].grids[MOSAIC]

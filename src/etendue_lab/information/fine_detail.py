@@ -27,7 +27,7 @@ from etendue.contract.registry import Registry
 from etendue.errors import RequestError
 from etendue.pipeline.derived import wanting
 from etendue.pipeline.file import PipelineFile
-from etendue.plan.model import CellRef, Plan
+from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
 from etendue.transfer.products import Product, alone, behind_filters, between, weights
@@ -39,7 +39,6 @@ from etendue_lab.noise.flat_field import MOSAIC, REACH, FlatField, another, foll
 CHARGE, CURRENT, LIGHT = "expected_charge", "photocurrent", "photon_rate"
 LINEAR = ("rgb_camera", "xyz_scene", "rgb_linear")
 SHOT = "shot noise"
-Place = tuple[str, str]  # stage and variable
 
 
 class FineDetail(FlatField):
@@ -192,7 +191,7 @@ class FineDetail(FlatField):
         return scale.electrons()
 
     @cached_property
-    def answers(self) -> dict[Place, list[tuple[Array, Array, float]]]:
+    def answers(self) -> dict[StageVariable, list[tuple[Array, Array, float]]]:
         """Responses to a step of one pixel by picture, with variances and weight, at several places of the frame; see
         `FlatField.responses`.
         """
@@ -203,7 +202,7 @@ class FineDetail(FlatField):
         corner = [shape[i] - (REACH + 4) for i in (-2, -1)]  # windows may be cut at the near border, not at the far one
         return np.array([[corner[0] + y, corner[1] + x] for y, x in self.order])
 
-    def signal_in(self, picture: Place, fy: Array, fx: Array, dark: bool = False) -> Any:
+    def signal_in(self, picture: StageVariable, fy: Array, fx: Array, dark: bool = False) -> Any:
         """Return (channel, m, n): mean of a picture times the transfer function of grey detail; ``dark``: its mean
         alone, including dark charge.
         """
@@ -217,7 +216,7 @@ class FineDetail(FlatField):
             )
         return total
 
-    def noise_in(self, picture: Place, fy: Array, fx: Array) -> Any:
+    def noise_in(self, picture: StageVariable, fy: Array, fx: Array) -> Any:
         """Return (channel, channel, m, n): cross power spectra of a picture's noise."""
         total: Any = 0.0
         for responses, variance, weight in self.answers[picture]:
@@ -225,11 +224,11 @@ class FineDetail(FlatField):
             total = total + weight * noise_power.carried_power(found, variance)
         return total
 
-    def periodogram_of(self, picture: Place, block: int) -> Any:
+    def periodogram_of(self, picture: StageVariable, block: int) -> Any:
         """Return (channel, channel, block, block): expected periodograms of a picture's noise."""
         return sum(w * noise_power.expected_periodogram(h, v, block) for h, v, w in self.answers[picture])
 
-    def names_of(self, picture: Place) -> tuple[str, ...]:
+    def names_of(self, picture: StageVariable) -> tuple[str, ...]:
         return tuple(str(v) for v in self.plan.cells[picture[0], ()].grids[picture[1]]["channel"].values())
 
 
@@ -287,7 +286,7 @@ def small(plan: Plan) -> Mapping[CellRef, tuple[str, ...]]:
 
 def frames(
     detail: FineDetail, registry: Registry, count: int, expected: Collection[str] = ()
-) -> list[dict[Place, Any]]:
+) -> list[dict[StageVariable, Any]]:
     """Return pictures and mosaic of noise frames of the same light, each with its own fixed patterns, in the window.
 
     ``expected``: stages whose expected values replace what they draw or round.

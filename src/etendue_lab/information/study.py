@@ -22,7 +22,7 @@ from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.file import PipelineFile
-from etendue.plan.model import Plan
+from etendue.plan.model import Plan, StageVariable
 from etendue.session import Options
 from etendue.types.arrays import Array
 from etendue.types.documents import Document
@@ -31,7 +31,7 @@ from etendue_camera.resolution import noise_power
 from etendue_lab.compare.axis import one_camera
 from etendue_lab.compare.edge import ANGLE
 from etendue_lab.information.edge_contrast import edge_contrast
-from etendue_lab.information.fine_detail import LINEAR, FineDetail, Place, fine_detail, frames
+from etendue_lab.information.fine_detail import LINEAR, FineDetail, fine_detail, frames
 from etendue_lab.information.report import InformationReport, NeqCurve, StageRow
 from etendue_lab.noise.flat_field import MOSAIC
 
@@ -123,10 +123,10 @@ class _Chain:
                 picture[0], picture[1], lambda fy, fx, p=picture: self._together(p, fy, fx), self._by_channel(picture)
             )
 
-    def _together(self, picture: Place, fy: Array, fx: Array) -> Any:
+    def _together(self, picture: StageVariable, fy: Array, fx: Array) -> Any:
         return kernel.neq_of_channels(self.detail.signal_in(picture, fy, fx), self.detail.noise_in(picture, fy, fx))
 
-    def _by_channel(self, picture: Place) -> dict[str, float]:
+    def _by_channel(self, picture: StageVariable) -> dict[str, float]:
         """Return bits per pixel of each channel alone."""
         s, w = (of(picture, self.square.fy, self.square.fx) for of in (self.detail.signal_in, self.detail.noise_in))
         return {
@@ -161,7 +161,7 @@ class _Found:
         self.variance = kernel.signal_variance(report.ratio)
 
     def measure(self, count: int) -> None:
-        stacks: dict[Place, list[Any]] = {}
+        stacks: dict[StageVariable, list[Any]] = {}
         for frame in frames(self.detail, self.registry, count):
             for place, picture in frame.items():
                 stacks.setdefault(place, []).append(picture)
@@ -224,7 +224,7 @@ class _Found:
             curves.append(self._curve(place, channel, expected, total, periodograms))
         return curves
 
-    def _picture(self, place: Place, frames: Array, contrast: Document) -> list[NeqCurve]:
+    def _picture(self, place: StageVariable, frames: Array, contrast: Document) -> list[NeqCurve]:
         detail = self.detail
         power, count = noise_power.periodograms(frames, BLOCK)
         expected_power = detail.periodogram_of(place, BLOCK)
@@ -246,7 +246,7 @@ class _Found:
         """Return power along x: the mean of the three rows next to fy = 0."""
         return (power[0] + power[1] + power[-1]) / ROWS
 
-    def _curve(self, place: Place, channel: str, expected: Array, found: Any, count: int) -> NeqCurve:
+    def _curve(self, place: StageVariable, channel: str, expected: Array, found: Any, count: int) -> NeqCurve:
         bits = [
             kernel.capacity_along(partial(np.interp, xp=self.frequency, fp=own), self.variance)
             for own in (expected, found)

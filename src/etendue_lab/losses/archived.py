@@ -18,7 +18,7 @@ from etendue.errors import EtendueError
 from etendue.pipeline.derived import at_value
 from etendue.pipeline.file import PipelineFile
 from etendue.result_files import finite
-from etendue.types.documents import Document, Place
+from etendue.types.documents import AxisValues, Document
 from etendue_lab.compare.axis import SENSOR
 from etendue_lab.losses.study import RUNS, losses
 
@@ -30,7 +30,9 @@ ABOUT = (
 )
 
 
-def losses_at(folder: Path, at: Place, told: Callable[[str], None] = lambda text: None, runs: int = RUNS) -> Document:
+def losses_at(
+    folder: Path, at: AxisValues, told: Callable[[str], None] = lambda text: None, runs: int = RUNS
+) -> Document:
     """Return Shapley values of the camera at given values of its axes, ``{dim: value}``; if there are none, ``why``.
 
     Only cameras with a grey card and, for colour, at most ``runs`` with the scene are computed; the archive itself is
@@ -44,7 +46,7 @@ def losses_at(folder: Path, at: Place, told: Callable[[str], None] = lambda text
     return {**found, "losses": shown, "about": ABOUT, "why": ""}
 
 
-def camera_at(folder: Path, at: Place) -> PipelineFile:
+def camera_at(folder: Path, at: AxisValues) -> PipelineFile:
     """Return the pipeline of an archive's last run without its sweep: every axis at one of its values.
 
     Raises

@@ -17,9 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from etendue.plan.model import StageVariable
 from etendue_camera.resolution import noise_power
 from etendue_camera.resolution.information import nyquist_square
-from etendue_lab.information.fine_detail import SHOT, FineDetail, Place
+from etendue_lab.information.fine_detail import SHOT, FineDetail
 from etendue_lab.losses.shapley import Shares
 
 CAMERA = "rgb_camera"
@@ -42,7 +43,7 @@ class Game:
     ]  # loss minus that without both: predicted from shares, and actual
 
 
-def pictures_of(detail: FineDetail) -> list[Place]:
+def pictures_of(detail: FineDetail) -> list[StageVariable]:
     """Return the pictures of camera primaries, stage after stage."""
     return [place for place in detail.answers if place[1] == CAMERA]
 
@@ -128,7 +129,9 @@ class SignalToNoise:
         }
         return sum(max(0.0, v) for n, v in every.items() if n in present)
 
-    def _mosaic(self, place: Place, light: Mapping[str, float], variance: Mapping[str, float]) -> tuple[Any, float]:
+    def _mosaic(
+        self, place: StageVariable, light: Mapping[str, float], variance: Mapping[str, float]
+    ) -> tuple[Any, float]:
         """Return noise power and signal of the demosaicer's picture or, without it, of full planes."""
         if place != self.places[0]:
             return np.full(self.square.weight.shape, variance[self.channel]), light[self.channel]
@@ -141,7 +144,7 @@ class SignalToNoise:
         )
 
     @cached_property
-    def _carried(self) -> dict[Place, tuple[Any, Any]]:
+    def _carried(self) -> dict[StageVariable, tuple[Any, Any]]:
         """Noise transfer by picture: (place, m, n) noise power for unit variance at a position of the mosaic cell,
         (place,) signal for unit mean.
         """
@@ -161,7 +164,7 @@ class SignalToNoise:
         return found
 
     @cached_property
-    def _step(self) -> dict[Place, tuple[Any, float]]:
+    def _step(self) -> dict[StageVariable, tuple[Any, float]]:
         """Factors by picture after the first: noise power and signal relative to those of the previous picture."""
         variance = {c: self.detail.variances(c) for c in self.detail.channels}
         found, last = {}, None
@@ -181,6 +184,6 @@ class SignalToNoise:
         return found
 
 
-def _index(detail: FineDetail, place: Place, channel: str) -> int:
+def _index(detail: FineDetail, place: StageVariable, channel: str) -> int:
     names = detail.names_of(place)
     return names.index(channel) if channel in names else min(1, len(names) - 1)

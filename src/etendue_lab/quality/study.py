@@ -26,7 +26,7 @@ from etendue.plan.planner import make_plan
 from etendue.present.terminal.tables import floored
 from etendue.result_files import check_folder, finite, write_whole
 from etendue.session import Options, Outcome, execute
-from etendue.types.documents import Document, Place
+from etendue.types.documents import AxisValues, Document
 from etendue_camera.colour.matrices import RGB_TO_XYZ_SRGB
 from etendue_camera.roles import Displaying
 from etendue_lab.quality.figures import FLAT_SIZES, UNITS, Shot, figures
@@ -45,7 +45,7 @@ APPLIED = (
 )  # applied to rgb_camera by the camera, but not, or differently, by its ideal
 SAMPLES_PER_DEGREE = 34.0  # a display of 100 dpi at 50 cm
 MOST = 12  # default maximum number of pictures
-Show = Callable[[int, Place, Shot, Shot, Any], tuple[str, bytes]]
+Show = Callable[[int, AxisValues, Shot, Shot, Any], tuple[str, bytes]]
 
 
 @dataclass

@@ -29,7 +29,7 @@ from etendue_lab.quality.study import Show, _cell, write
 from etendue_lab.quality.study import quality as measure
 
 if TYPE_CHECKING:
-    from etendue.types.documents import Place
+    from etendue.types.documents import AxisValues
 
 COLUMNS = (
     ("psnr_linear", "PSNR linear", ".2f"),
@@ -188,7 +188,7 @@ def _axis(value: Any) -> str:
 def pictures_of(name: str) -> Show:
     """Return a function that draws camera, ideal camera and their difference."""
 
-    def show(number: int, at: Place, shot: Shot, ideal: Shot, shown: Any) -> tuple[str, bytes]:
+    def show(number: int, at: AxisValues, shot: Shot, ideal: Shot, shown: Any) -> tuple[str, bytes]:
         where = ", ".join(f"{key} = {_cell(value)}" for key, value in at.items())
         picture = side_by_side(shot.xyz(), ideal.xyz(), shown, shot.to_xyz.sum(axis=1), f"{name}  {where}".strip())
         return f"quality_{number:03d}.png", picture

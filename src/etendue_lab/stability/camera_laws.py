@@ -24,12 +24,14 @@ from typing import Any
 import numpy as np
 import scipy
 
+from etendue.archive.read.differing import full_scale
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, writes_of
 from etendue.testing import measured
+from etendue.testing.bench import largest_difference
 from etendue.types.arrays import Array, FloatArray
+from etendue.types.documents import Document
 
-Document = dict[str, Any]
 Run = Callable[[Document], Any]  # from a document to its tree
 
 TIMES = tuple(10.0**k for k in range(-3, 4))
@@ -307,15 +309,12 @@ def even(document: Document) -> Document:
 
 
 def flux(made: Document, tree: Any) -> Iterator[Broken]:
-    first, last = (
-        array(tree, place.partition(".")[0], "irradiance").astype(np.float64) for place in (made["wanted"] * 2)[:2]
-    )
-    scale = first.max()
-    away = np.abs(last - first).max()
-    measured.told(float(away / scale) if scale else 0.0, FLUX)
-    if away > FLUX * scale:
+    first, last = (array(tree, place.partition(".")[0], "irradiance") for place in (made["wanted"] * 2)[:2])
+    away = measured.ratio_of(largest_difference(last, first), full_scale(first))
+    measured.told(away, FLUX)
+    if away > FLUX:
         behind = made["wanted"][-1].partition(".")[0]
-        yield Broken("flux", f"a uniform plane changes by {away / scale:.3g} of its value up to {behind}")
+        yield Broken("flux", f"a uniform plane changes by {away:.3g} of its value up to {behind}")
 
 
 def light(document: Document) -> Document:
@@ -330,12 +329,10 @@ def light(document: Document) -> Document:
 
 def linear(made: Document, tree: Any) -> Iterator[Broken]:
     once, ten = array(tree, "cfa", "photocurrent").astype(np.float64)
-    scale = np.abs(ten).max()
-    away = np.abs(ten - 10 * once).max()
-    measured.told(float(away / scale) if scale else 0.0, LINEAR)
-    if away > LINEAR * scale:
+    away = measured.ratio_of(largest_difference(ten, 10 * once), full_scale(ten))
+    measured.told(away, LINEAR)
+    if away > LINEAR:
         yield Broken(
             "linear",
-            "the current for ten times the light differs from ten times the current by "
-            f"{away / max(scale, 1e-300):.3g} of its maximum",
+            f"the current for ten times the light differs from ten times the current by {away:.3g} of its maximum",
         )

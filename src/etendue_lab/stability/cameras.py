@@ -23,8 +23,9 @@ from etendue.errors import EtendueError, PluginError, RequestError
 from etendue.telling import said
 from etendue.testing.cases import sobol
 from etendue.testing.measured import measuring
+from etendue.types.documents import Document
 from etendue_lab.stability import camera_laws
-from etendue_lab.stability.camera_laws import STAND_IN, Broken, Document, Failure, Refused, of
+from etendue_lab.stability.camera_laws import STAND_IN, Broken, Failure, Refused, of
 from etendue_lab.stability.rows import LawCase
 
 STAGE = "whole camera"

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.archive.read.differing import apart
 from etendue.telling import said
 from etendue.types.arrays import Array
 from etendue_camera.colour import difference, encoding
@@ -164,9 +165,9 @@ def judged(
         return LawCase(stage, law, case, True, condition=condition, why=f"refused: {error}")
     except Exception as error:
         return LawCase(stage, law, case, False, condition=condition, why=said(error))
-    same = (got == wanted) | (np.isnan(got) & np.isnan(wanted))
+    away = apart(got, wanted)
     with np.errstate(all="ignore"):
-        off = np.where(same | (np.abs(got - wanted) <= form.least), 0.0, np.abs(got - wanted) / np.abs(wanted))
+        off = np.where(away <= form.least, 0.0, away / np.abs(wanted))
     worst = float(np.max(np.where(np.isnan(off), np.inf, off)))
     ok = worst <= bound
     why = "" if ok else f"gives {np.ravel(got)[0]:.17g}; the exact value is {np.ravel(wanted)[0]:.17g}"

@@ -23,7 +23,7 @@ from etendue.errors import ArchiveError
 from etendue.types.documents import AxisValue, Document, DocumentView
 
 _LABEL = re.compile(r""" ([^ =]+)=('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|\S+)""")
-Place = tuple[str, frozenset[tuple[str, Any]]]  # a stage, and axis values by dim
+StageAndValues = tuple[str, frozenset[tuple[str, Any]]]  # a stage, and axis values by dim
 WORST = 5  # cells of a stage that are listed
 
 
@@ -33,8 +33,7 @@ class CellDifference:
 
     cell: str
     variable: str
-    difference: Difference | None
-    why: str = ""  # why it cannot be compared
+    difference: Difference
 
 
 @dataclass
@@ -86,7 +85,7 @@ class _Side:
         node = self.record["nodes"].get(stage, {})
         return (node.get("stage") or [None])[0] if name == "use" else node.get("shown", {}).get(name)
 
-    def places(self, other: _Side) -> dict[Place, str]:
+    def places(self, other: _Side) -> dict[StageAndValues, str]:
         """Return the names of the finished cells by stage and axis values, in terms of the axes of both archives."""
         found = {}
         for name, (stage, labels) in self.cells.items():
@@ -187,8 +186,7 @@ def _cells(one: Stored, name: str, other: Stored, twin: str) -> list[CellDiffere
             else:
                 off = between(mine.read(variable), theirs.read(variable))
         except ArchiveError as error:
-            found.append(CellDifference(name, variable, None, str(error)))
-            continue
+            off = Difference(False, str(error))
         if not off.same:
             found.append(CellDifference(name, variable, off))
     return found
@@ -226,8 +224,7 @@ def _alone(names: list[str], others: list[str]) -> Document:
 
 
 def _stage(found: StageDifference) -> Document:
-    known = [one for one in found.differing if one.difference is not None]
-    worst = sorted(known, key=_size, reverse=True)[:WORST]
+    known = [one for one in found.differing if not one.difference.why]
     return {
         "name": found.name,
         "cells": found.cells,
@@ -236,24 +233,22 @@ def _stage(found: StageDifference) -> Document:
         "only_first": len(found.only_first),
         "only_second": len(found.only_second),
         "since": found.since or None,
-        "largest": max((one.difference.largest for one in known if one.difference), default=None),
-        "rms": max((one.difference.rms for one in known if one.difference), default=None),
+        "largest": max((one.difference.largest for one in known), default=None),
+        "rms": max((one.difference.rms for one in known), default=None),
         "relative": max((_size(one) for one in known), default=None),
-        "worst": [_shown(one) for one in (*worst, *(one for one in found.differing if one.difference is None))][:WORST],
+        "worst": [_shown(one) for one in sorted(found.differing, key=_size, reverse=True)[:WORST]],
         "named": {"only_first": found.only_first[:WORST], "only_second": found.only_second[:WORST]},
     }
 
 
 def _size(one: CellDifference) -> float:
-    if one.difference is None or one.difference.relative is None:
-        return float("inf")
-    return one.difference.relative
+    return float("inf") if one.difference.relative is None else one.difference.relative
 
 
 def _shown(one: CellDifference) -> Document:
     own = one.difference
-    if own is None or own.shapes:
-        return {"cell": one.cell, "variable": one.variable, "why": own.shapes if own else one.why}
+    if own.why:
+        return {"cell": one.cell, "variable": one.variable, "why": own.why}
     return {
         "cell": one.cell,
         "variable": one.variable,

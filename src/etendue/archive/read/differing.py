@@ -1,6 +1,6 @@
-"""Measure how far two arrays of the same cell differ.
+"""Measure how far two arrays of one variable differ.
 
-In:  two arrays, or bands of them.
+In:  two arrays, or parts of them.
 Out: ``Difference``: whether the bits agree; if not, the largest and the rms difference and the full scale.
 """
 
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from etendue.types.arrays import Array
+    from etendue.types.arrays import Array, FloatArray
 
 PIECE = 1 << 18  # values compared at a time, which bounds the temporary memory
 
@@ -26,20 +26,22 @@ class Difference:
     Attributes
     ----------
     same : whether shape, type and every bit agree
-    shapes : '' where shape and type agree, else both
+    why : why the two cannot be compared: other shapes or types, or one of them is missing; '' if they can
     values : how many values were compared
     differing : how many of them differ
     undefined : how many are NaN or infinite in one of the arrays alone, or differently
+    defined : how many are finite in both arrays
     largest : largest absolute difference of the defined values
     rms : root mean square difference of the defined values
-    scale : full scale: the largest absolute value of the first array
+    scale : full scale: the largest absolute value of the first array, unless it is given
     """
 
     same: bool
-    shapes: str = ""
+    why: str = ""
     values: int = 0
     differing: int = 0
     undefined: int = 0
+    defined: int = 0
     largest: float = 0.0
     rms: float = 0.0
     scale: float = 0.0
@@ -47,67 +49,80 @@ class Difference:
     @property
     def relative(self) -> float | None:
         """The rms difference relative to full scale; None if it is undefined."""
-        if self.shapes or self.undefined or not math.isfinite(self.rms):
+        return self._share(self.rms)
+
+    @property
+    def largest_relative(self) -> float | None:
+        """The largest difference relative to full scale; None if it is undefined."""
+        return self._share(self.largest)
+
+    def _share(self, size: float) -> float | None:
+        if self.why or self.undefined or not math.isfinite(size):
             return None
         if not self.scale:
-            return 0.0 if not self.rms else None
-        return self.rms / self.scale
+            return 0.0 if not size else None
+        return size / self.scale
 
 
-def between(first: Array, second: Array) -> Difference:
-    """Return the difference of two arrays; the first defines full scale."""
+def between(first: Array, second: Array, scale: float | None = None) -> Difference:
+    """Return the difference of two arrays; the first defines full scale, unless it is given."""
     if first.shape != second.shape or first.dtype != second.dtype:
         return Difference(False, f"{first.dtype}{list(first.shape)} and {second.dtype}{list(second.shape)}")
     one, other = np.ascontiguousarray(first).reshape(-1), np.ascontiguousarray(second).reshape(-1)
-    return together(_piece(one[n : n + PIECE], other[n : n + PIECE]) for n in range(0, max(one.size, 1), PIECE))
+    return together(_piece(one[n : n + PIECE], other[n : n + PIECE], scale) for n in range(0, max(one.size, 1), PIECE))
 
 
-def _piece(one: Array, other: Array) -> Difference:
+def _piece(one: Array, other: Array, scale: float | None) -> Difference:
+    known, scale = np.isfinite(one) & np.isfinite(other), full_scale(one) if scale is None else scale
     if one.tobytes() == other.tobytes():
-        return Difference(True, values=one.size, scale=_scale(one))
-    a, b = one.astype(np.float64), other.astype(np.float64)
-    defined = np.isfinite(a) & np.isfinite(b)
-    alike = defined | (a == b) | (np.isnan(a) & np.isnan(b))
-    off = np.abs(a[defined] - b[defined])
-    changed = one.view(f"V{one.itemsize}") != other.view(f"V{one.itemsize}")
-    square = float(np.mean(np.square(off))) if off.size else 0.0
+        return Difference(True, values=one.size, defined=int(known.sum()), scale=scale)
+    off = apart(one, other)
+    largest = float(off[known].max(initial=0.0))
     return Difference(
         False,
-        "",
-        one.size,
-        int(changed.sum()),
-        int(one.size - alike.sum()),
-        float(off.max(initial=0.0)),
-        math.sqrt(square),
-        _scale(one),
+        values=one.size,
+        differing=int((one.view(f"V{one.itemsize}") != other.view(f"V{one.itemsize}")).sum()),
+        undefined=int(np.count_nonzero(off[~known])),
+        defined=int(known.sum()),
+        largest=largest,
+        rms=largest * math.sqrt(np.mean(np.square(off[known] / largest))) if 0 < largest < math.inf else largest,
+        scale=scale,
     )
 
 
-def _scale(values: Array) -> float:
-    """Return the largest finite absolute value."""
-    if not values.size:
-        return 0.0
-    low, high = float(values.min()), float(values.max())
-    if math.isfinite(low) and math.isfinite(high):
-        return max(abs(low), abs(high))
-    finite = values[np.isfinite(values)]
-    return float(np.abs(finite.astype(np.float64)).max(initial=0.0))
+def apart(one: Array, other: Array) -> FloatArray:
+    """Return the absolute difference of each pair of values: 0 if both are NaN or the same infinity, infinite if one of
+    them alone is.
+    """
+    one, other = np.asarray(one, np.float64), np.asarray(other, np.float64)
+    with np.errstate(invalid="ignore", over="ignore"):
+        off = np.where((one == other) | (np.isnan(one) & np.isnan(other)), 0.0, np.abs(one - other))
+    return np.where(np.isnan(off), np.inf, off)
+
+
+def full_scale(values: Array) -> float:
+    """Return the largest finite absolute value; 0 if there is none."""
+    largest = max(-float(np.min(values, initial=0)), float(np.max(values, initial=0)))
+    if math.isfinite(largest):
+        return largest
+    return float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
 
 
 def together(parts: Iterable[Difference]) -> Difference:
     """Combine the differences of the parts of one array."""
     whole = Difference(True)
     for part in parts:
-        count = whole.values + part.values
-        square = (whole.values * whole.rms**2 + part.values * part.rms**2) / count if count else 0.0
+        defined = whole.defined + part.defined
+        shares = (math.sqrt(one.defined / defined) * one.rms if one.rms else 0.0 for one in (whole, part))
         whole = Difference(
             whole.same and part.same,
-            whole.shapes or part.shapes,
-            count,
+            whole.why or part.why,
+            whole.values + part.values,
             whole.differing + part.differing,
             whole.undefined + part.undefined,
+            defined,
             max(whole.largest, part.largest),
-            math.sqrt(square),
+            math.hypot(*shares),
             max(whole.scale, part.scale),
         )
     return whole

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from etendue.plan.model import Cell, CellRef, Plan
-from etendue.types.documents import Place
+from etendue.types.documents import AxisValues
 
 Index = tuple[int, ...]
 
@@ -19,7 +19,7 @@ def cell_name(plan: Plan, ref: CellRef) -> str:
     return cell_label(ref[0], plan.labels(ref))
 
 
-def cell_label(stage: str, labels: Place) -> str:
+def cell_label(stage: str, labels: AxisValues) -> str:
     """Return the name of a cell in the journal."""
     return stage + "".join([_piece(dim, value) for dim, value in labels.items()])
 

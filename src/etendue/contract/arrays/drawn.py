@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from etendue.contract.arrays.colouring import flat_dims
 from etendue.contract.arrays.variables import Variable, variable
-from etendue.types.documents import Document, DocumentView, Place
+from etendue.types.documents import AxisValues, Document, DocumentView
 
 BY = "drawn_by"  # attributes that hold only at some axis values, as JSON: [[{dim: value}, {attribute: value}], ...]
 
@@ -69,7 +69,7 @@ class Drawn:
         return {"drawn_as": self.shown} | {name: value for name, value in found.items() if value}
 
 
-def read(name: str, attrs: DocumentView, at: Place) -> Drawn:
+def read(name: str, attrs: DocumentView, at: AxisValues) -> Drawn:
     """Return how to draw an array, from its attributes at a place on the axes; without any, from its name."""
     if "drawn_as" not in attrs:
         return Drawn.of(variable(name))

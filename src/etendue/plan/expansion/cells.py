@@ -38,7 +38,7 @@ BYTES_OF_A_CELL = 1300  # of a plan in memory, measured by benchmarks/scale.py
 
 
 Told = Callable[[int, int], None]  # called with the cells planned so far and the total
-Place = Callable[[tuple[int, ...]], tuple[int, ...]]  # maps the position of a cell to that of a cell it reads
+PositionMap = Callable[[tuple[int, ...]], tuple[int, ...]]  # maps the position of a cell to that of a cell it reads
 
 
 def expand(
@@ -302,8 +302,8 @@ class _Expansion:
 class Reading(NamedTuple):
     """Where an alternative of a node finds what it reads and looks at."""
 
-    inputs: tuple[tuple[str, str, str, Place], ...]  # port or shared quantity, node, variable, where
-    looks_at: tuple[tuple[str, tuple[tuple[str, Place], ...]], ...]
+    inputs: tuple[tuple[str, str, str, PositionMap], ...]  # port or shared quantity, node, variable, where
+    looks_at: tuple[tuple[str, tuple[tuple[str, PositionMap], ...]], ...]
     ports: frozenset[str]
     quantities: frozenset[str]
     alike: bool  # whether the decisions about a cell follow from its stage and the grids and facts of its inputs
@@ -323,7 +323,7 @@ def reading_of(node: Node, number: int, nodes: Mapping[str, Node]) -> Reading:
     )
 
 
-def places(node: Node, source: Node) -> Place:
+def places(node: Node, source: Node) -> PositionMap:
     """Return the map from a position of ``node`` to one of ``source``; dims that ``node`` lacks are at their first
     value, which is right because a node lacks only dims that do not change what it reads.
     """

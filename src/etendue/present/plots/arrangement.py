@@ -15,7 +15,7 @@ from etendue.contract.wording import first, prefix
 from etendue.errors import RequestError, nearest
 from etendue.present.plots.holdings import HeldVariable
 from etendue.present.plots.labels import name_text, value_text
-from etendue.types.documents import Place
+from etendue.types.documents import AxisValues
 
 MOST_PANELS = 16
 
@@ -58,7 +58,7 @@ class Arrangement:
     x: PlotDim | None
     y: PlotDim | None
     panels: tuple[PlotDim, ...] = ()
-    fixed: Place = field(default_factory=dict)
+    fixed: AxisValues = field(default_factory=dict)
     said: tuple[str, ...] = ()  # texts of the fixed dims
 
     @property
@@ -89,9 +89,9 @@ def arranged(
     sides: int,
     along: Sequence[str] = (),
     panels: Sequence[str] = (),
-    at: Place | None = None,
+    at: AxisValues | None = None,
     most: int = MOST_PANELS,
-    middle: Place | None = None,
+    middle: AxisValues | None = None,
 ) -> Arrangement:
     """Place dims: up to ``sides`` of them along the sides, others over panels as long as they fit, the rest at one
     value.
@@ -118,7 +118,7 @@ def arranged(
     return Arrangement(free.get(x), free.get(y), tuple(chosen), at, tuple(said))
 
 
-def _check(asked: Sequence[str], free: Mapping[str, PlotDim], at: Place) -> None:
+def _check(asked: Sequence[str], free: Mapping[str, PlotDim], at: AxisValues) -> None:
     for name in asked:
         if name not in free:
             why = "it is fixed" if name in at else f"not a dim of the plotted variable{nearest(name, free)}"
@@ -151,7 +151,7 @@ def _over_panels(chosen: list[PlotDim], rest: Sequence[PlotDim], most: int) -> t
     return chosen, left
 
 
-def _value(dim: PlotDim, middle: Place) -> Any:
+def _value(dim: PlotDim, middle: AxisValues) -> Any:
     """Return the value of a dim that does not fit: that of ``middle`` if the dim has it, else its middle."""
     value = middle.get(dim.name)
     return value if value in dim.values else dim.values[len(dim.values) // 2]

@@ -17,7 +17,7 @@ from etendue.present.plots.holdings import HeldVariable, Holdings
 from etendue.present.plots.labels import places_text
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot
-from etendue.types.documents import Document, DocumentView, Place
+from etendue.types.documents import AxisValues, Document, DocumentView
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,10 @@ class PlotRequest:
     lines: str = ""
     panels: tuple[str, ...] = ()
     better: tuple[str, ...] = ()
-    at: Place = field(default_factory=dict)
+    at: AxisValues = field(default_factory=dict)
     blame: DocumentView | None = None  # for a budget: the document of each stage's share of the losses
-    blamed_at: Place | None = None  # axis values of the cell of ``blame``; None: the cell whose pictures are kept
-    middle: Place = field(default_factory=dict)  # values of dims that are not requested and do not fit
+    blamed_at: AxisValues | None = None  # axis values of the cell of ``blame``; None: the cell whose pictures are kept
+    middle: AxisValues = field(default_factory=dict)  # values of dims that are not requested and do not fit
 
     @property
     def first(self) -> str:

@@ -21,7 +21,7 @@ from etendue.contract.values.names import TABLES
 from etendue.errors import ArchiveError, EtendueError, RequestError, nearest
 from etendue.present.plots.labels import title_text
 from etendue.types.arrays import Array
-from etendue.types.documents import AxisValue, Document, DocumentView, Place
+from etendue.types.documents import AxisValue, AxisValues, Document, DocumentView
 
 PLANE = ("y", "x")
 FINISHED = (0, 1)  # values of status: done, left out
@@ -129,7 +129,7 @@ class HeldVariable:
         group = self.groups[0]
         return str(group[dim].attrs.get("parameter", dim)) if dim in group.coords else dim
 
-    def values(self, at: Place | None = None) -> xarray.DataArray:
+    def values(self, at: AxisValues | None = None) -> xarray.DataArray:
         """Return all values, or those at given axis values: float64, NaN where a cell is missing; axes in order.
 
         Raises
@@ -139,15 +139,15 @@ class HeldVariable:
         """
         return self._joined(self.variable, at or {})[0]
 
-    def failed(self, at: Place | None = None) -> xarray.DataArray:
+    def failed(self, at: AxisValues | None = None) -> xarray.DataArray:
         """Return over the axes whether a cell failed, or was skipped after one that failed."""
         return self._joined(self.variable, at or {})[1]
 
-    def there(self, at: Place | None = None) -> xarray.DataArray:
+    def there(self, at: AxisValues | None = None) -> xarray.DataArray:
         """Return over the axes whether a cell is finished."""
         return self._joined(self.variable, at or {})[2]
 
-    def _joined(self, variable: str, at: Place) -> tuple[xarray.DataArray, xarray.DataArray, xarray.DataArray]:
+    def _joined(self, variable: str, at: AxisValues) -> tuple[xarray.DataArray, xarray.DataArray, xarray.DataArray]:
         axes = [dim for dim in self.axes if dim not in at]
         labels = {dim: self.values_of(dim) for dim in axes}
         whole: Any = None
@@ -178,7 +178,7 @@ class HeldVariable:
         values = xarray.DataArray(whole, {**over, **coords}, (*axes, *dims), variable, dict(first[variable].attrs))
         return values, xarray.DataArray(failed, over, tuple(axes)), xarray.DataArray(finished, over, tuple(axes))
 
-    def groups_at(self, at: Place) -> list[xarray.Dataset]:
+    def groups_at(self, at: AxisValues) -> list[xarray.Dataset]:
         """Return the groups that have cells at some values of the axes."""
         own = {dim: value for dim, value in at.items() if dim in self.axes}
         return [
@@ -186,7 +186,7 @@ class HeldVariable:
         ]
 
     def _cells(
-        self, group: xarray.Dataset, variable: str, at: Place, axes: Sequence[str]
+        self, group: xarray.Dataset, variable: str, at: AxisValues, axes: Sequence[str]
     ) -> tuple[xarray.DataArray, Array]:
         """Return a variable of a group at some values, and the status of each cell over the axes."""
         chosen = group[[variable, *(["status"] if "status" in group else [])]].sel(

@@ -16,7 +16,7 @@ from etendue.contract.values.units import UnitError, to_unit
 from etendue.errors import Fault, RequestError, nearest
 from etendue.present.plots.holdings import HeldVariable
 from etendue.present.plots.labels import value_text
-from etendue.types.documents import Document, Place
+from etendue.types.documents import AxisValues, Document
 
 SAME = 1e-9  # relative tolerance between an axis value and its retyped text, perhaps in another unit
 
@@ -72,7 +72,7 @@ def _number(text: str) -> Decimal | str:
         return text
 
 
-def resolved(held: Sequence[HeldVariable], at: Place) -> Document:
+def resolved(held: Sequence[HeldVariable], at: AxisValues) -> Document:
     """Return the request as values of dims. Names are those of dims or of the parameters that axes set; values are
     numbers or texts with units.
 
@@ -112,7 +112,7 @@ def resolved(held: Sequence[HeldVariable], at: Place) -> Document:
     return found
 
 
-def resolved_in(array: Any, at: Place) -> Document:
+def resolved_in(array: Any, at: AxisValues) -> Document:
     """Return the same for the dims of one xarray array."""
     found: Document = {}
     faults = []

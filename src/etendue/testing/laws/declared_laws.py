@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from etendue.archive.read.differing import full_scale
 from etendue.contract import wording
 from etendue.contract.capabilities import Noisy
-from etendue.testing.bench import LARGE, SMALL, Bench, full_scale
+from etendue.testing.bench import LARGE, SMALL, Bench
 from etendue.testing.checks import bound_of
 from etendue.testing.digits import UNSTATED
 from etendue.testing.measured import hold, magnified, ratio_of, within

@@ -10,10 +10,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from etendue.archive.read.differing import full_scale
 from etendue.compute.rows import has_rows
 from etendue.contract.capabilities import halo_of
-from etendue.testing.bench import FRAME, PRECISIONS, Bench, LawBroken, digests
-from etendue.testing.measured import hold
+from etendue.testing.bench import FRAME, PRECISIONS, Bench, LawBroken, digests, largest_difference
+from etendue.testing.measured import hold, ratio_of
 from etendue.types.arrays import Array
 
 
@@ -62,7 +63,5 @@ def _differing(whole: Mapping[str, Array], cut: Mapping[str, Array], names: list
         one, other = np.asarray(whole[name]), np.asarray(cut.get(name))
         if one.shape != other.shape or one.dtype.kind not in "iufb":
             return ""
-        one, other = one.astype(float), other.astype(float)
-        top = float(np.nanmax(np.abs(one), initial=0.0))
-        shares.append(float(np.nanmax(np.abs(other - one), initial=0.0)) / top if top > 0 else np.inf)
+        shares.append(ratio_of(largest_difference(one, other), full_scale(one)))
     return f", by up to {max(shares):.1g} of the largest value" if shares else ""

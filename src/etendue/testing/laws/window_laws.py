@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from etendue.archive.read.differing import apart, full_scale
 from etendue.compute.rows import has_rows
 from etendue.contract.arrays import colouring, dims, variables
 from etendue.contract.arrays.colouring import Pattern
@@ -20,7 +21,7 @@ from etendue.contract.arrays.variables import Declaration
 from etendue.contract.capabilities import draws_anew, halo_of, is_transfer
 from etendue.contract.values import quantities
 from etendue.plugins import discovery
-from etendue.testing.bench import Bench, Frame, full_scale
+from etendue.testing.bench import Bench, Frame
 from etendue.testing.measured import hold, ratio_of, within
 from etendue.types.arrays import Array
 
@@ -74,12 +75,11 @@ def _off(found: Array, expected: Array, halo: int | None) -> float:
     """Return the difference between a window and the same place of the whole, in full scale: the maximum inside its
     border, else the median.
     """
-    undefined = (found != found) & (expected != expected)
-    apart = np.where(undefined, 0.0, np.abs(np.subtract(found, expected, dtype=float)))
+    away = apart(found, expected)
     if halo is None:  # each method fills borders by its own rule, as far as it reaches
-        off = float(np.median(apart, axis=(-2, -1)).max(initial=0.0))
+        off = float(np.median(away, axis=(-2, -1)).max(initial=0.0))
     else:
-        off = float(np.max(apart[..., halo : apart.shape[-2] - halo, halo : apart.shape[-1] - halo], initial=0.0))
+        off = float(np.max(away[..., halo : away.shape[-2] - halo, halo : away.shape[-1] - halo], initial=0.0))
     return ratio_of(off, full_scale(expected))
 
 

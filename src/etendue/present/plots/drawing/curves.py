@@ -23,7 +23,7 @@ from etendue.present.plots.holdings import HeldVariable, Holdings
 from etendue.present.plots.labels import name_text, unit_text
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
-from etendue.types.documents import Document, Place
+from etendue.types.documents import AxisValues, Document
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,8 +40,8 @@ def curves(
     x: str = "",
     lines: str = "",
     panels: Sequence[str] = (),
-    at: Place | None = None,
-    middle: Place | None = None,
+    at: AxisValues | None = None,
+    middle: AxisValues | None = None,
 ) -> Plot:
     """Plot lines of a variable. ``x``: an axis, or a coordinate or variable along its own dim; ``lines``: the dim shown
     as separate lines.
@@ -113,7 +113,7 @@ def _draw_panels(
 
 
 def _draw_lines(
-    axes: Axes, holdings: Holdings, held: HeldVariable, x: tuple[str, str], hue: PlotDim | None, at: Place
+    axes: Axes, holdings: Holdings, held: HeldVariable, x: tuple[str, str], hue: PlotDim | None, at: AxisValues
 ) -> tuple[list[list[Any]], str, str]:
     """Draw the lines of a panel and the end of x; return their numbers, the title of x, and the name of the end."""
     rows: list[list[Any]] = []
@@ -168,7 +168,7 @@ def _along(held: HeldVariable, x: str, free: Sequence[str], dims: Sequence[PlotD
     raise RequestError(f"--x {x}: not a dim of {held.name}{nearest(x, [*free, *beside, *(dim.name for dim in dims)])}")
 
 
-def _told_apart(lines: str, rest: Sequence[PlotDim], chosen: Place) -> str:
+def _told_apart(lines: str, rest: Sequence[PlotDim], chosen: AxisValues) -> str:
     """Return the dim shown as lines: as requested, else named dims first (stages, factors), then the axis with the most
     values that lines can show.
     """
@@ -182,7 +182,7 @@ def _told_apart(lines: str, rest: Sequence[PlotDim], chosen: Place) -> str:
     return (named or open_)[0].name if open_ else ""
 
 
-def _x_of(held: HeldVariable, along: str, beside: str, at: Place) -> tuple[Any, str, str]:
+def _x_of(held: HeldVariable, along: str, beside: str, at: AxisValues) -> tuple[Any, str, str]:
     """Return the x values of a line, their unit, and the title of the axis."""
     if not beside:
         units = held.units_of(along)
@@ -201,7 +201,7 @@ def _x_of(held: HeldVariable, along: str, beside: str, at: Place) -> tuple[Any, 
     raise RequestError(f"{beside} has no values here")
 
 
-def _end(holdings: Holdings, held: HeldVariable, at: Place, units: str) -> tuple[float, str] | None:
+def _end(holdings: Holdings, held: HeldVariable, at: AxisValues, units: str) -> tuple[float, str] | None:
     """Return where x ends for a line, in its unit, and the name of that end; None if it has no known end."""
     if units in PER_PIXEL:
         return 0.5, NYQUIST

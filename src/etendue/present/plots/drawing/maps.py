@@ -22,7 +22,7 @@ from etendue.present.plots.labels import bare_text, unit_text
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot
 from etendue.types.arrays import Array
-from etendue.types.documents import Place
+from etendue.types.documents import AxisValues
 
 if TYPE_CHECKING:
     import xarray
@@ -34,8 +34,8 @@ def figure_map(
     x: str = "",
     y: str = "",
     panels: Sequence[str] = (),
-    at: Place | None = None,
-    middle: Place | None = None,
+    at: AxisValues | None = None,
+    middle: AxisValues | None = None,
 ) -> Plot:
     """Plot a map of a metric, or of an index by name. Without ``figure`` a sensible one is chosen.
 
@@ -61,8 +61,8 @@ def factor_map(
     x: str = "",
     y: str = "",
     panels: Sequence[str] = (),
-    at: Place | None = None,
-    middle: Place | None = None,
+    at: AxisValues | None = None,
+    middle: AxisValues | None = None,
 ) -> Plot:
     """Plot a map of an index over two axes by the names that it stands for, such as the limiting factor.
 

@@ -22,7 +22,7 @@ from etendue.present.plots.labels import number_text, places_text, unit_text
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
 from etendue.types.arrays import Array
-from etendue.types.documents import AxisValue, Place
+from etendue.types.documents import AxisValue, AxisValues
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +72,7 @@ def pareto(
     first: str = "",
     second: str = "",
     better: Mapping[str, str] | Sequence[str] = (),
-    at: Place | None = None,
+    at: AxisValues | None = None,
 ) -> Plot:
     """Plot two metrics against each other, every cell a point; the Pareto front is drawn and labelled.
 
@@ -160,7 +160,7 @@ def _better(held: HeldVariable, place: int, asked: Mapping[str, str] | Sequence[
     return SAID[word]
 
 
-def _at(held: HeldVariable, place: Place) -> xarray.DataArray:
+def _at(held: HeldVariable, place: AxisValues) -> xarray.DataArray:
     own = {dim: value for dim, value in place.items() if dim in (*held.axes, *held.dims)}
     values = held.values(own)
     return values.sel({dim: value for dim, value in own.items() if dim in values.dims}).reset_coords(drop=True)

@@ -27,7 +27,7 @@ from etendue.present.plots.labels import places_text, value_text
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
 from etendue.types.arrays import Array
-from etendue.types.documents import Place
+from etendue.types.documents import AxisValues
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +59,7 @@ class Tile:
     )
 
 
-def strip(holdings: Holdings, variable: str = "", stage: str = "", at: Place | None = None) -> Plot:
+def strip(holdings: Holdings, variable: str = "", stage: str = "", at: AxisValues | None = None) -> Plot:
     """Plot all stages of one cell, or one ``variable`` at all values of the one axis that ``at`` leaves open.
 
     Raises
@@ -75,7 +75,7 @@ def strip(holdings: Holdings, variable: str = "", stage: str = "", at: Place | N
     return Plot(figure, ("stage", "variable", "height", "width"), rows, [], DPI)
 
 
-def _of_stages(holdings: Holdings, variable: str, stage: str, at: Place) -> tuple[list[Tile], str]:
+def _of_stages(holdings: Holdings, variable: str, stage: str, at: AxisValues) -> tuple[list[Tile], str]:
     frames = holdings.table("frames")
     kept = [one for one in holdings.of_kind("picture") if drawn_of(one).shown]
     if not at and frames is not None:
@@ -92,7 +92,7 @@ def _of_stages(holdings: Holdings, variable: str, stage: str, at: Place) -> tupl
     return _with_parts(found), places_text(cell, units)
 
 
-def _of_variable(holdings: Holdings, variable: str, stage: str, at: Place) -> tuple[list[Tile], str]:
+def _of_variable(holdings: Holdings, variable: str, stage: str, at: AxisValues) -> tuple[list[Tile], str]:
     held = holdings.find(f"{stage}.{variable}" if stage else variable, "picture")
     asked = resolved([held], at)
     swept = [dim for dim in held.axes if len(held.values_of(dim)) > 1]
@@ -119,7 +119,7 @@ def _one_open(held: HeldVariable, open_: list[str]) -> list[str]:
     return open_
 
 
-def picture_of(held: HeldVariable, at: Place) -> tuple[xarray.DataArray, bool]:
+def picture_of(held: HeldVariable, at: AxisValues) -> tuple[xarray.DataArray, bool]:
     """Return the array of one cell and whether the cell has failed.
 
     Raises
@@ -166,7 +166,7 @@ def _words_at(held: HeldVariable, dims: Sequence[str]) -> str:
     return " ".join(f"--at {dim}={shlex.quote(text)}" for dim, text in typed.items())
 
 
-def _picture(held: HeldVariable, at: Place) -> tuple[xarray.DataArray, bool] | None:
+def _picture(held: HeldVariable, at: AxisValues) -> tuple[xarray.DataArray, bool] | None:
     """Return one cell of a variable from the group that has it; None if none has."""
     values = {dim: value for dim, value in at.items() if dim in held.axes}
     inner = {dim: value for dim, value in at.items() if dim in held.dims}
@@ -188,7 +188,7 @@ def drawn_of(held: HeldVariable) -> Drawn:
     return read(held.variable, held.groups[0].variables[held.variable].attrs, {})
 
 
-def white_of(holdings: Holdings, held: HeldVariable, at: Place) -> float:
+def white_of(holdings: Holdings, held: HeldVariable, at: AxisValues) -> float:
     """Return the linear value shown as white in the picture of a cell: the same for all stages of its kind, as far as
     they exist.
     """
@@ -321,7 +321,7 @@ def _placed(figure: Figure, picture: Array, left: int, top: int, size: tuple[int
     return axes
 
 
-def show(holdings: Holdings, variable: str, stage: str = "", at: Place | None = None) -> Plot:
+def show(holdings: Holdings, variable: str, stage: str = "", at: AxisValues | None = None) -> Plot:
     """Show one picture of one cell, upright, with its true aspect and colours.
 
     Raises

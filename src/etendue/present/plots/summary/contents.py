@@ -34,7 +34,7 @@ from etendue.present.plots.holdings import FINISHED, HeldVariable, Holdings
 from etendue.present.plots.kinds import shown_at
 from etendue.present.plots.labels import places_text, unit_text, value_text
 from etendue.present.plots.summary.cells import counts_of, failed_cells, omitted_cells, stages_of, state_of
-from etendue.types.documents import Document, Place
+from etendue.types.documents import AxisValues, Document
 
 if TYPE_CHECKING:
     from etendue.types.documents import AxisValue
@@ -257,7 +257,7 @@ def _finished(one: HeldVariable) -> list[Document]:
     return found
 
 
-def _is_finished(one: HeldVariable, at: Place) -> bool:
+def _is_finished(one: HeldVariable, at: AxisValues) -> bool:
     """Return whether the cell at some values of the sweep is finished; a variable that no axis reaches counts as
     finished.
     """
@@ -269,7 +269,7 @@ def _is_finished(one: HeldVariable, at: Place) -> bool:
     return not one.axes
 
 
-def _figures(holdings: Holdings, at: Place) -> list[Metric]:
+def _figures(holdings: Holdings, at: AxisValues) -> list[Metric]:
     """Return the preferred metrics; then all others with one number per cell."""
     able: dict[str, HeldVariable] = {}
     for one in holdings.of_kind("figure"):
@@ -284,7 +284,7 @@ def _figures(holdings: Holdings, at: Place) -> list[Metric]:
     return list(itertools.islice(found, MOST_FIGURES))
 
 
-def _figure(one: HeldVariable, at: Place) -> Metric | None:
+def _figure(one: HeldVariable, at: AxisValues) -> Metric | None:
     """Return a metric of one cell and its range over the sweep; None if neither is known."""
     cells = math.prod(len(one.values_of(dim)) for dim in one.axes)
     ranged = cells <= RANGED
@@ -303,7 +303,7 @@ def _figure(one: HeldVariable, at: Place) -> Metric | None:
     return Metric(one.variable, f"{name}{behind}{without}{rest}", one.units, own, least, most)
 
 
-def _pictures(holdings: Holdings, at: Place) -> list[Tile]:
+def _pictures(holdings: Holdings, at: AxisValues) -> list[Tile]:
     """Return a small picture of every stage at one cell."""
     frames = holdings.table("frames")
     if frames is not None:
@@ -342,13 +342,13 @@ def _going_on(place: str, folder: Path | None, state: str) -> list[tuple[str, st
     ]
 
 
-def _places(one: HeldVariable, at: Place) -> str:
+def _places(one: HeldVariable, at: AxisValues) -> str:
     """Return the values along swept axes, as keyword arguments of a call."""
     axes = {dim: one.values_of(dim) for dim in one.axes if dim.isidentifier()}
     return "".join(f", {dim}={at.get(dim, values[0])!r}" for dim, values in axes.items() if len(values) > 1)
 
 
-def _commands(holdings: Holdings, place: str, at: Place) -> list[tuple[str, str]]:
+def _commands(holdings: Holdings, place: str, at: AxisValues) -> list[tuple[str, str]]:
     """Return next steps: in Python for any tree, and as commands for a stored one."""
     varying = [one for one in holdings.of_kind("figure") if any(len(one.values_of(dim)) > 1 for dim in one.axes)]
     names = [one.variable for one in varying]
