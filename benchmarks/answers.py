@@ -23,7 +23,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from etendue.accuracy.answer import apart, is_number
+from etendue.accuracy.answer import is_number, part_between
 from etendue.accuracy.pilots import state_errors
 from etendue.accuracy.refinement import Point
 from etendue.contract.registry import installed_stages
@@ -190,7 +190,7 @@ def one(given: tuple[str, int, float]) -> tuple[str, int, str, list[Row], float]
             or cell.grids[error.variable] != plan.of(error.stage)[0].grids[error.variable]
         ):
             continue
-        away = apart(found[key], reference[key], declared, cell.stage)
+        away = part_between(found[key], reference[key], declared, cell.stage)
         if isinstance(away, str):
             continue
         scale = float(np.nanmax(np.abs(reference[key]))) if is_number(declared) else 1.0
@@ -216,7 +216,7 @@ def main() -> None:
     for kind, seed, why, rows, _ in sorted(found, key=lambda item: (KINDS.index(item[0]), item[1])):
         if why:
             print(f"refused: {kind} {seed}: {why}")
-        for name, unit, stated, true, scale, parts, missing in rows:
+        for name, _, stated, true, scale, parts, missing in rows:
             measured = not missing
             table.setdefault(kind, []).append((stated / scale, true / scale, scale, measured))
             shown = " ".join(f"{part} {value / scale:.1e}" for part, value in parts.items())
@@ -229,12 +229,13 @@ def main() -> None:
                 print(line)
     print(f"{'kind':14} variables  held  below 10 x  not measured")
     total = [0.0, 0.0, 0.0]
-    for kind, rows in [*table.items(), ("all", [row for rows in table.values() for row in rows])]:
-        measured = [row for row in rows if row[3]]
+    whole = [row for own in table.values() for row in own]
+    for kind, every_row in [*table.items(), ("all", whole)]:
+        measured = [row for row in every_row if row[3]]
         held = np.mean([stated >= true or true < NOTHING for stated, true, _, _ in measured])
         near = [stated < 10 * true for stated, true, _, _ in measured if true >= NOTHING]
-        total = [100 * held, 100 * float(np.mean(near or [1.0])), 100 * (1 - len(measured) / len(rows))]
-        print(f"{kind:14} {len(rows):9} {total[0]:5.1f} % {total[1]:9.1f} % {total[2]:11.1f} %")
+        total = [100 * held, 100 * float(np.mean(near or [1.0])), 100 * (1 - len(measured) / len(every_row))]
+        print(f"{kind:14} {len(every_row):9} {total[0]:5.1f} % {total[1]:9.1f} % {total[2]:11.1f} %")
     print("worst ten:")
     missed = [row for row in every if row[3] and row[1] >= NOTHING and row[0] < row[1]]
     for row in sorted(missed, key=lambda row: row[2])[:10]:

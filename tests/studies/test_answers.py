@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from etendue import simulate
 from etendue.accuracy import recalled
-from etendue.accuracy.answer import answers_of, apart
+from etendue.accuracy.answer import answers_of, part_between
 from etendue.accuracy.pilots import state_errors
 from etendue.accuracy.refinement import Point
 from etendue.cli.program import main
@@ -87,7 +87,7 @@ def test_stated_error_covers_a_run_with_everything_three_times_as_fine(scene: di
     errors = stated(made).errors
     for name, error in errors.items():
         array, declared, stage = exact[error.variable]
-        true = apart(own[error.variable][0], array, declared, stage)
+        true = part_between(own[error.variable][0], array, declared, stage)
         assert not isinstance(true, str)
         floor = 1e-7 * max(float(np.max(np.abs(array))), 1.0)
         assert error.rms + floor >= true.rms, name
@@ -188,7 +188,11 @@ def test_every_refinement_is_accepted_by_its_stage() -> None:
                 values = own.refined(name, factor)
                 assert bool(values) <= (not why)
                 other = dataclasses.replace(own, **values)
-                _, grids = other.describe()
+                try:
+                    _, grids = other.describe()
+                except ValueError:  # a chart may be too small for coarse samples
+                    assert factor < 0
+                    continue
                 checked += len(grids)
                 if name == "margin" and values:
                     inner, outer = own.describe()[1]["radiance"], grids["radiance"]

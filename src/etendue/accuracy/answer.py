@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etendue.accuracy.differences import difference
+from etendue.archive.read.differing import apart
 from etendue.contract.arrays.variables import Declaration
 from etendue.contract.stage import Stage
-from etendue.types.documents import Document, DocumentView, Place
+from etendue.types.documents import AxisValues, Document, DocumentView
 
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
@@ -94,7 +95,7 @@ class AnswerErrors:
 
     errors: Mapping[str, AnswerError]
     shown: Mapping[str, AnswerError]
-    at: Place
+    at: AxisValues
     points: int = 1  # of the sweep, measured
     seconds: float = 0.0
     dear: float = 0.0  # predicted seconds of what was too costly
@@ -126,21 +127,26 @@ def is_number(declaration: Declaration) -> bool:
     return set(declaration.dims) <= {"stage"}
 
 
-def apart(found: Array, reference: Array, declaration: Declaration, stage: Stage) -> Part | str:
-    """Return how far two evaluations of a variable are apart; a text if they cannot be compared."""
+def part_between(found: Array, reference: Array, declaration: Declaration, stage: Stage) -> Part | str:
+    """Return how far two evaluations of a variable are apart; a text if they cannot be compared.
+
+    Of a number per stage the error is that after the last stage, and the maximum that over all of them.
+    """
     if not is_number(declaration):
         own = difference(found, reference, declaration, stage)
-        return own.why if own.rms is None or own.largest is None else Part(own.rms, own.largest)
-    if np.shape(found) != np.shape(reference):
-        return "it has another shape"
+        if own.relative is None or own.largest_relative is None:
+            return own.why or "undefined at different places than the reference"
+        return Part(own.relative, own.largest_relative)
     one, other = (np.ravel(np.asarray(array, dtype=float)) for array in (found, reference))
+    if one.shape != other.shape:
+        return "it has another shape"
+    away = apart(one, other)
     known = np.isfinite(other)
-    if not np.array_equal(known, np.isfinite(one)):
+    if not np.isfinite(away[known]).all():
         return "it is undefined in one of the two"
-    away = np.abs(one[known] - other[known])
-    if not away.size:
+    if not known.any():
         return "it is undefined without noise, or here"
-    return Part(float(away[-1] if known[-1] else away.max()), float(away.max()))
+    return Part(float(away[-1] if known[-1] else away[known].max()), float(away[known].max()))
 
 
 def worst(errors: Iterable[AnswerError]) -> AnswerError:

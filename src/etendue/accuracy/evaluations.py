@@ -10,16 +10,16 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from etendue.accuracy.refinement import Factors, Point, Wanted
+from etendue.accuracy.refinement import Factors, Point
 from etendue.contract.ports import Progress
 from etendue.errors import MachineError
-from etendue.plan.model import Plan
+from etendue.plan.model import Plan, StageVariable
 from etendue.run.machine import check_machine
 
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
-Evaluated = tuple[Plan, dict[Wanted, "Array"]]
+Evaluated = tuple[Plan, dict[StageVariable, "Array"]]
 Shown = Callable[[Plan], Progress] | None
 PLANNING = 0.02  # seconds of a plan of one point, until one was made
 AS_PLANNED, EXACT = "as planned", "exact"  # beside '': nothing left out

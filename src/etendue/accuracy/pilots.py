@@ -13,16 +13,16 @@ import math
 import time
 from collections.abc import Iterable, Mapping
 
-from etendue.accuracy.answer import OMISSIONS, AnswerError, AnswerErrors, Part, apart, is_number, scaled, worst
+from etendue.accuracy.answer import OMISSIONS, AnswerError, AnswerErrors, Part, is_number, part_between, scaled, worst
 from etendue.accuracy.evaluations import AS_PLANNED, EXACT, Evaluated, Evaluations, Shown, TooDear
 from etendue.accuracy.pilot import chosen_places
-from etendue.accuracy.refinement import Factors, Point, Wanted
+from etendue.accuracy.refinement import Factors, Point
 from etendue.contract.registry import Registry
 from etendue.plan.cost import cell_seconds
-from etendue.plan.model import CellRef, Plan
+from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.reports import Reports
 from etendue.plan.shown import shown_cells
-from etendue.types.documents import Place
+from etendue.types.documents import AxisValues
 
 # A refinement by two of first order leaves as much again as it changes. A margin twice as large leaves little.
 SAFETY: Mapping[str, float] = {"spacing": 2.0, "bins": 2.0, "margin": 1.5}
@@ -30,8 +30,8 @@ ELSEWHERE = 2.0  # factor for points of a sweep that were not measured
 PLACES = 4  # points of a sweep that are measured, as far as the budget allows
 FEW_BANDS, COARSE = {"bins": -8}, {"spacing": -2}
 
-Parts = dict[Wanted, dict[str, Part]]
-Texts = dict[Wanted, dict[str, str]]
+Parts = dict[StageVariable, dict[str, Part]]
+Texts = dict[StageVariable, dict[str, str]]
 
 
 def state_errors(
@@ -63,7 +63,7 @@ def state_errors(
     return AnswerErrors(errors, found[0], at, len(found), time.process_time() - began, dear, budget)
 
 
-def shown_place(plan: Plan) -> Place:
+def shown_place(plan: Plan) -> AxisValues:
     """Return the axis values of the cells that pictures and headline metrics show."""
     shown = {dim: 0 for dim in (axis.dim for axis in plan.axes)}
     for name, index in shown_cells(plan).values():
@@ -134,7 +134,7 @@ def _finer(base: Factors, name: str) -> Factors:
 
 
 def _compare(
-    parts: Parts, missing: Texts, pair: tuple[Evaluated, Evaluated], name: str, wanted: Iterable[Wanted]
+    parts: Parts, missing: Texts, pair: tuple[Evaluated, Evaluated], name: str, wanted: Iterable[StageVariable]
 ) -> None:
     """Add what two evaluations of some variables differ by."""
     (plan, values), (other, reference) = pair
@@ -147,7 +147,7 @@ def _compare(
         if plan.of(stage)[0].grids[variable] != cell.grids[variable]:
             missing[one][name] = "the variable is on the grid that is refined"
             continue
-        found = apart(values[one], reference[one], other.node(stage).writes[variable], cell.stage)
+        found = part_between(values[one], reference[one], other.node(stage).writes[variable], cell.stage)
         if isinstance(found, str):
             missing[one][name] = found
         else:

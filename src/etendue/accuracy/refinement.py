@@ -20,15 +20,14 @@ from etendue.pipeline.derived import wanting, with_values
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import ancestry, in_front
 from etendue.plan.cost import cell_seconds
-from etendue.plan.model import CellRef, Plan
+from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
 
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
-    from etendue.types.documents import Place
+    from etendue.types.documents import AxisValues
 
-Wanted = tuple[str, str]  # stage and variable
 Factors = Mapping[str, int]  # by discretisation: n times as fine, or -n: n times as coarse
 
 
@@ -43,7 +42,7 @@ class Point:
     wanted : variables to compute there
     """
 
-    def __init__(self, plan: Plan, registry: Registry, place: Place, wanted: tuple[Wanted, ...]) -> None:
+    def __init__(self, plan: Plan, registry: Registry, place: AxisValues, wanted: tuple[StageVariable, ...]) -> None:
         self.registry, self.wanted, self.axes = registry, wanted, plan.axes
         pipeline = replace(plan.pipeline, leave_out=plan.leaves_out and plan.pipeline.leave_out)
         self.pipeline = wanting(narrowed(pipeline, plan.axes, [dict(place)]), wanted)
@@ -63,7 +62,7 @@ class Point:
         """Return the discretisations that can be refined."""
         return list(dict.fromkeys(name for _, name, why in self._discretisations() if not why))
 
-    def affected(self, plan: Plan, name: str) -> list[Wanted]:
+    def affected(self, plan: Plan, name: str) -> list[StageVariable]:
         """Return the wanted variables that a discretisation can change."""
         stages = {stage for stage, own, why in self._discretisations() if own == name and not why}
         return [one for one in self.wanted if stages & in_front(plan, [one[0]])]
@@ -99,7 +98,7 @@ class Point:
     def as_planned(self) -> Plan:
         return make_plan(self.pipeline, self.registry, expected=True)
 
-    def refs(self, plan: Plan) -> dict[Wanted, CellRef]:
+    def refs(self, plan: Plan) -> dict[StageVariable, CellRef]:
         return {(stage, name): plan.of(stage)[0].ref for stage, name in self.wanted}
 
     def seconds(self, plan: Plan) -> float:
@@ -107,7 +106,7 @@ class Point:
         needed = ancestry(plan, set(self.refs(plan).values()))
         return sum(cell_seconds(plan.node(ref[0]), plan.cells[ref], plan.precision) for ref in needed)
 
-    def values(self, plan: Plan, progress: Progress | None = None) -> dict[Wanted, Array]:
+    def values(self, plan: Plan, progress: Progress | None = None) -> dict[StageVariable, Array]:
         """Return the values of the wanted variables; those whose cells fail are missing."""
         refs = self.refs(plan)
         asked: dict[CellRef, set[str]] = {}
