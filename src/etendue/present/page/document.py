@@ -25,7 +25,8 @@ from etendue.present.page.figures import Coordinate, MetricColumn, figures
 from etendue.present.page.looks import pictured
 from etendue.present.page.opened import Opened
 from etendue.present.page.opening import opening
-from etendue.present.page.tables import NUMBERS, WORDS, Ledger, failures, ledger, measured, omissions, stage_rows
+from etendue.present.page.tables import NUMBERS, WORDS, Ledger, failures, ledger, measured, stage_rows
+from etendue.present.plots.summary.cells import omissions
 from etendue.types.documents import Document, DocumentView
 
 FORMAT = 1
