@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.accuracy.differences import VariableError, difference
-from etendue.accuracy.pilot import MOST, chosen_places, narrowed
+from etendue.accuracy.pilot import MOST, narrowed, places
 from etendue.accuracy.reference import Knob, ReferencePipeline, reference_of, with_settings
 from etendue.archive.records.remembered import recall, remember
 from etendue.contract.arrays.variables import variable as known
@@ -144,7 +144,9 @@ class Measurement:
     ) -> None:
         self.registry, self.options, self.progress = registry, options or Options(), progress
         graph = build_graph(pipeline, registry)
-        self.places = chosen_places(graph.axes, cells)
+        categorical = [any(isinstance(value, str | bool) for value in axis.values) for axis in graph.axes]
+        found = places([len(axis.values) for axis in graph.axes], categorical, cells)
+        self.places = tuple({a.dim: a.values[i] for a, i in zip(graph.axes, one, strict=True)} for one in found)
         self.pipeline = narrowed(pipeline, graph.axes, self.places)
         if reference is None:
             reference = self.possible(reference_of(self.pipeline, registry))

@@ -63,13 +63,6 @@ def _halton(number: int, base: int) -> float:
     return found
 
 
-def chosen_places(axes: Sequence[Axis], most: int = MOST) -> tuple[dict[str, AxisValue], ...]:
-    """Return the axis values at each place, by dim."""
-    categorical = [any(isinstance(value, str | bool) for value in axis.values) for axis in axes]
-    found = places([len(a.values) for a in axes], categorical, most)
-    return tuple({axis.dim: axis.values[i] for axis, i in zip(axes, place, strict=True)} for place in found)
-
-
 def narrowed(pipeline: PipelineFile, axes: Sequence[Axis], chosen: Sequence[dict[str, AxisValue]]) -> PipelineFile:
     """Return the pipeline with its sweep reduced to the values at some places, in the order of the file."""
     sweep = {key: written for key, written in pipeline.sweep.items() if key in {axis.key for axis in axes}}

@@ -139,7 +139,8 @@ def quality(
     whys = [_why_not(camera, place) or _why_not(perfect, place) for place in places]
     chosen = evenly([number for number, why in enumerate(whys) if not why], most)
     for number, (place, why) in enumerate(zip(places, whys, strict=True)):
-        row = _unmeasured(camera_plan, place)
+        row = {axis.key: axis.values[place[axis.dim]] for axis in camera_plan.axes} | {"status": "done", "reason": ""}
+        row |= dict.fromkeys((*UNITS, *SCALARS), math.nan) | {"flat": None}
         result.rows.append(row)
         if why:
             row |= {"status": "failed", "reason": why}
@@ -148,7 +149,8 @@ def quality(
         shown = _measured(row, shot, reference, samples_per_degree)
         if row["status"] != "done":
             continue
-        row |= _scalars(camera, place)
+        known = {name: _array(camera, place, name) for name in SCALARS}
+        row |= {name: math.nan if own is None else float(own) for name, own in known.items()}
         drawable += shown is not None
         if show is not None and shown is not None and number in chosen:
             result.pictures |= dict([show(number, {key: row[key] for key in axes}, shot, reference, shown)])
@@ -159,12 +161,6 @@ def quality(
             f"{drawable} draws all"
         )
     return result
-
-
-def _unmeasured(plan: Plan, place: Mapping[str, int]) -> Document:
-    """Return a row before anything is measured."""
-    at = {axis.key: axis.values[place[axis.dim]] for axis in plan.axes}
-    return {**at, "status": "done", "reason": "", **dict.fromkeys((*UNITS, *SCALARS), math.nan), "flat": None}
 
 
 def _measured(row: Document, shot: Shot, reference: Shot, samples_per_degree: float) -> Any:
@@ -252,11 +248,6 @@ def _why_not(outcome: Outcome, place: Mapping[str, int]) -> str:
 def _array(outcome: Outcome, place: Mapping[str, int], variable: str) -> Any:
     name = _writer(outcome.plan, variable)
     return None if name is None else outcome.arrays.get(_ref(outcome, name, place), {}).get(variable)
-
-
-def _scalars(outcome: Outcome, place: Mapping[str, int]) -> dict[str, float]:
-    found = {name: _array(outcome, place, name) for name in SCALARS}
-    return {name: math.nan if own is None else float(own) for name, own in found.items()}
 
 
 def _shot(outcome: Outcome, place: Mapping[str, int]) -> Shot:

@@ -12,7 +12,7 @@ from etendue.accuracy import holding
 from etendue.accuracy.measuring import Measurement
 from etendue.accuracy.stating import stated_elsewhere
 from etendue.cli.options import installed
-from etendue.present.terminal.global_error import global_error_document, held_document, say_held
+from etendue.present.terminal.global_error import global_error_document, say_held
 
 if TYPE_CHECKING:
     from etendue.types.documents import Document
@@ -29,7 +29,10 @@ def held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) 
 def kept(held: Any, folder: Path, made: Any) -> Document:
     """The errors that a run holds, kept in its archive; as in ``--json``."""
     holding.keep(held, folder)
-    return held_document(held, stated_elsewhere(made, held.measured, held.places))
+    stated = stated_elsewhere(made, held.measured, held.places)
+    document = global_error_document(held.measured, held.asked, held.norm, stated)
+    document["measured"] |= {"seconds": held.seconds, "remembered": held.remembered}
+    return {**document, "hold": held.document()}
 
 
 def measurement(made: Any, options: Any, watched: Any) -> Any:

@@ -41,13 +41,6 @@ def global_error_document(
     return {"global_error": errors, "measured": told}
 
 
-def held_document(held: Any, stated: Mapping[str, float | None]) -> Document:
-    """Return what ``--hold`` found and the errors that it measured."""
-    document = global_error_document(held.measured, held.asked, held.norm, stated)
-    document["measured"] |= {"seconds": held.seconds, "remembered": held.remembered}
-    return {**document, "hold": held.document()}
-
-
 def say_held(held: Any) -> list[str]:
     """Return the lines printed before a run: the tolerance found, and what cannot be held."""
     when = "found by an earlier run" if held.remembered else f"measured in {human_seconds(held.seconds)} of thread time"

@@ -14,7 +14,7 @@ from html import escape
 
 from etendue.contract.wording import words as called
 from etendue.present.plots.drawing.strip import Tile
-from etendue.present.plots.summary.contents import MOST_PICTURES, MOST_ROWS, Glance, Metric
+from etendue.present.plots.summary.contents import MOST_PICTURES, MOST_ROWS, Glance
 from etendue.present.terminal.cells import Column
 from etendue.present.terminal.html_tables import table
 from etendue.present.terminal.terminal import human_seconds
@@ -75,15 +75,11 @@ def page(one: Glance, run: str = "") -> str:
 def _figures(one: Glance) -> str:
     """Return the table of metrics; numbers stay with their units."""
     columns: list[Column] = [
-        ("metric", "left", _titled),
+        ("metric", "left", lambda own: own.title + f" ({own.name})" * (own.title.replace(" ", "_") != own.name)),
         (_unbroken(f"at {one.at}") if one.at else "value", "left", lambda own: _unbroken(own.said)),
         ("over the sweep", "left", lambda own: _unbroken(own.spanned)),
     ]
     return table("Metrics", columns if one.axes else columns[:2], one.figures)
-
-
-def _titled(own: Metric) -> str:
-    return own.title if own.title.replace(" ", "_") == own.name else f"{own.title} ({own.name})"
 
 
 def _unbroken(words: str) -> str:
