@@ -219,7 +219,7 @@ class Holdings:
                 found.setdefault(dim, {}).update(dict.fromkeys(one.values_of(dim)))
         for dim, order in self.order.items():
             if dim in found:
-                found[dim] = dict.fromkeys(sorted(found[dim], key=lambda v, own=order: own.get(v, len(own))))
+                found[dim] = dict.fromkeys(value for value in order if value in found[dim]) | found[dim]
         return {dim: list(values) for dim, values in found.items()}
 
     def _order(self, groups: Iterable[xarray.Dataset]) -> dict[str, dict[AxisValue, int]]:

@@ -69,7 +69,7 @@ def _table(
     table = _Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for name, justify, *_ in columns:
         broken = name in wrap
-        table.add_column(name, justify=justify, no_wrap=not broken, overflow="fold" if broken else "ellipsis")
+        table.add_column(escape(name), justify=justify, no_wrap=not broken, overflow="fold" if broken else "ellipsis")
     for row, texts in zip(rows, cells(columns, rows), strict=True):
         table.add_row(*map(escape, texts), style=style(row))
     return table
