@@ -48,7 +48,7 @@ def a_list(documents: Callable[[], list[Any]]) -> Callable[[], tuple[tuple[Any, 
 
 
 def a_run() -> tuple[tuple[Any, ...], Any]:
-    outcome = run(plan_of())
+    outcome = run(plan_of({"wanted": ["raw"]}))
     return (outcome,), outcome_document(outcome)
 
 
