@@ -187,6 +187,12 @@ def _alone(
     return compute(job, results, began)
 
 
+def _delivered(job: Job, result: Result) -> dict[str, Any]:
+    """Return what the owner of the run gets of a cell."""
+    given = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
+    return given if job.look is None else job.look(given)
+
+
 def _settle(jobs: tuple[Job, ...]) -> None:
     """Flush what the cells have written to its files; all of them write to one archive."""
     target = next((job.target for job in reversed(jobs) if job.store and job.target), None)
@@ -235,8 +241,7 @@ def run_batch(
             results[job.ref] = result
             reports.append(report)
             if job.ref in deliver:
-                given = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
-                kept[job.ref] = given if job.look is None else job.look(given)
+                kept[job.ref] = _delivered(job, result)
                 clock = clock if job.look is None else None  # the caller's reduction is not counted as run time
             for ref in let_go(job, readers, own):
                 results.pop(ref, None)

@@ -140,7 +140,7 @@ def compare(
     there = [row.position for row in rows if row.position is not None]
     known = {position: references[position] for position in there if references[position] is not None}
     if sum(row.status != "refused" for row in rows) == 1:
-        why = "the others are refused" if len(rows) > 1 else "it is the only one"
+        why = ("it is the only one", "the others are refused")[len(rows) > 1]
         notes = [f"nothing to compare with: {why}", *notes]
     notes += _on_the_references(known, rows, reader, branched) + reader.shared_faults()
     pictures = reader.pictures(branched, measured)

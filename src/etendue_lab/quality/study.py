@@ -139,8 +139,14 @@ def quality(
     whys = [_why_not(camera, place) or _why_not(perfect, place) for place in places]
     chosen = evenly([number for number, why in enumerate(whys) if not why], most)
     for number, (place, why) in enumerate(zip(places, whys, strict=True)):
-        row = {axis.key: axis.values[place[axis.dim]] for axis in camera_plan.axes} | {"status": "done", "reason": ""}
-        row |= dict.fromkeys((*UNITS, *SCALARS), math.nan) | {"flat": None}
+        at = {axis.key: axis.values[place[axis.dim]] for axis in camera_plan.axes}
+        row: Document = {
+            **at,
+            "status": "done",
+            "reason": "",
+            **dict.fromkeys((*UNITS, *SCALARS), math.nan),
+            "flat": None,
+        }
         result.rows.append(row)
         if why:
             row |= {"status": "failed", "reason": why}
@@ -149,11 +155,10 @@ def quality(
         shown = _measured(row, shot, reference, samples_per_degree)
         if row["status"] != "done":
             continue
-        known = {name: _array(camera, place, name) for name in SCALARS}
-        row |= {name: math.nan if own is None else float(own) for name, own in known.items()}
+        row |= _scalars(camera, place)
         drawable += shown is not None
         if show is not None and shown is not None and number in chosen:
-            result.pictures |= dict([show(number, {key: row[key] for key in axes}, shot, reference, shown)])
+            result.pictures |= dict([show(number, at, shot, reference, shown)])
     result.notes += [*_notes(result, camera_plan, registry), *floored(camera_plan, camera.reports)]
     if show is not None and len(result.pictures) < drawable:
         result.notes.append(
@@ -248,6 +253,11 @@ def _why_not(outcome: Outcome, place: Mapping[str, int]) -> str:
 def _array(outcome: Outcome, place: Mapping[str, int], variable: str) -> Any:
     name = _writer(outcome.plan, variable)
     return None if name is None else outcome.arrays.get(_ref(outcome, name, place), {}).get(variable)
+
+
+def _scalars(outcome: Outcome, place: Mapping[str, int]) -> dict[str, float]:
+    found = {name: _array(outcome, place, name) for name in SCALARS}
+    return {name: math.nan if own is None else float(own) for name, own in found.items()}
 
 
 def _shot(outcome: Outcome, place: Mapping[str, int]) -> Shot:

@@ -12,7 +12,8 @@ from etendue.accuracy import holding
 from etendue.accuracy.measuring import Measurement
 from etendue.accuracy.stating import stated_elsewhere
 from etendue.cli.options import installed
-from etendue.present.terminal.global_error import global_error_document, say_held
+from etendue.present.terminal.global_error import global_error_document, not_held
+from etendue.present.terminal.terminal import human_seconds
 
 if TYPE_CHECKING:
     from etendue.types.documents import Document
@@ -21,7 +22,10 @@ if TYPE_CHECKING:
 def held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) -> Any:
     """Find the tolerance that holds an error, and print it before the run."""
     found = holding.hold(pipeline, installed(), asked, options=options, progress=watched, archive=folder)
-    for text in say_held(found):
+    when = f"measured in {human_seconds(found.seconds)} of thread time"
+    told = f"hold {found.asked:g}: local tolerance {found.tolerance:g}, "
+    told += "found by an earlier run" if found.remembered else when
+    for text in (told, *not_held(found.document(), found.measured.errors)):
         click.echo(text, err=True)
     return found
 
