@@ -327,9 +327,8 @@ class Pipeline(Extended, PipelineSource):
         shared_text = ", ".join(f"{key} = {value}" for key, value in self.quantities.items())
         axes = ", ".join(self.axes)
         notes = [f"{self.table}: {shared_text}"] * bool(shared_text) + [f"swept: {axes}"] * bool(axes)
-        return table_page(
-            f"pipeline {self.words['name']}", ("stage", "use", "parameters"), rows, [escape(note) for note in notes]
-        )
+        columns = (("stage",), ("use",), ("parameters",))
+        return table_page(f"pipeline {self.words['name']}", columns, rows, [escape(note) for note in notes])
 
 
 def replaced(pipeline: Pipeline, stages: tuple[Any, ...]) -> Pipeline:

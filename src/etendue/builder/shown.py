@@ -8,18 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
+from typing import Any
 
-from etendue.present.terminal.cells import cells
+from etendue.present.terminal.cells import Column
 from etendue.present.terminal.html_tables import rows_of
 from etendue.present.terminal.terminal import plan_columns
 from etendue.telling import human_bytes, human_seconds
 from etendue.types.documents import Document
 
 
-def table_page(title: str, heads: Sequence[str], rows: Iterable[Sequence[object]], notes: Sequence[str] = ()) -> str:
+def table_page(title: str, columns: Sequence[Column], rows: Iterable[Any], notes: Sequence[str] = ()) -> str:
     """Return a table with its title above and notes (HTML) below."""
     below = "".join(f"<div>{note}</div>" for note in notes)
-    return f"<div><b>{escape(title)}</b>{rows_of(heads, rows)}{below}</div>"
+    return f"<div><b>{escape(title)}</b>{rows_of(columns, rows)}{below}</div>"
 
 
 def plan_page(document: Document) -> str:
@@ -32,5 +33,4 @@ def plan_page(document: Document) -> str:
         f"of memory"
     )
     notes = [whole, *(f"note: {escape(text)}" for text in document["warnings"])]
-    rows = cells(columns, document["stages"])
-    return table_page(f"plan of {document['name']}", [name for name, *_ in columns], rows, notes)
+    return table_page(f"plan of {document['name']}", columns, document["stages"], notes)

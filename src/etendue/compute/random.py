@@ -97,7 +97,8 @@ def tiled_normal(
     One `philox` generator per 64 x 64 tile of absolute coordinates, named by seed_words and two 8-byte
     little-endian signed tile numbers. A window that cuts a tile draws all of it.
     """
-    return _tiled(_normal_tile, seed_words, first_row, first_column, rows, columns, dtype)
+    at = seed_words, first_row, first_column, rows, columns
+    return _tiled(lambda generator: generator.standard_normal((TILE, TILE), dtype=np.float32), *at, dtype)
 
 
 def tiled_uniform(seed_words: bytes, first_row: int, first_column: int, rows: int, columns: int) -> FloatArray:
@@ -109,15 +110,8 @@ def tiled_uniform(seed_words: bytes, first_row: int, first_column: int, rows: in
         Multiples of 2^-53 whatever the precision of a run: with 24 bits, the share below a threshold of 1e-6 would be
         1.3 % too large, and below 1e-8 six times too large.
     """
-    return _tiled(_uniform_tile, seed_words, first_row, first_column, rows, columns, np.float64)
-
-
-def _normal_tile(generator: np.random.Generator) -> FloatArray:
-    return generator.standard_normal((TILE, TILE), dtype=np.float32)
-
-
-def _uniform_tile(generator: np.random.Generator) -> FloatArray:
-    return generator.random((TILE, TILE))
+    at = seed_words, first_row, first_column, rows, columns
+    return _tiled(lambda generator: generator.random((TILE, TILE)), *at, np.float64)
 
 
 def _tiled(

@@ -102,7 +102,7 @@ def units() -> Mapping[str, Unit]:
 
 
 @cache
-def _prefixes() -> Mapping[str, str]:
+def prefixes() -> Mapping[str, str]:
     found = {}
     for name in quantities.names():
         try:
@@ -115,12 +115,7 @@ def _prefixes() -> Mapping[str, str]:
 def prefix(dim: str) -> str:
     """Return what is written before values along a dim instead of its name: ``f/`` of an f-number."""
     name = dim.rpartition(".")[2]
-    return next((own for quantity, own in _prefixes().items() if name.endswith(quantity)), "")
-
-
-def prefix_of(key: str) -> str:
-    """Return the same for a shared quantity."""
-    return _prefixes().get(key, "")
+    return next((own for quantity, own in prefixes().items() if name.endswith(quantity)), "")
 
 
 def _all(form: type[_Form], what: str) -> dict[str, _Form]:

@@ -18,7 +18,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, partial
-from typing import Any, NoReturn
+from typing import Any
 
 from etendue import interrupts
 from etendue.process import SharedChange, StateBefore
@@ -86,7 +86,8 @@ class Guest:
 
     def __exit__(self, *_: object) -> None:
         if os.getpid() != self.process:
-            _came_back(self.name)
+            _say(f"note: a process that {self.name} had forked returned from it and was ended\n")
+            interrupts.end_now(1)  # everything that follows belongs to its parent
         _here.count -= 1
         EXIT.__exit__()
         changed: list[str] = []
@@ -158,12 +159,6 @@ def _arithmetic_again() -> None:
 
 
 # -- ending the process ---------------------------------------------------------------------------------------------
-
-
-def _came_back(name: str) -> NoReturn:
-    """End a forked child that returned from foreign code: everything that follows belongs to its parent."""
-    _say(f"note: a process that {name} had forked returned from it and was ended\n")
-    interrupts.end_now(1)
 
 
 def _say(line: str) -> None:

@@ -155,20 +155,14 @@ class Bench:
             size = frame[0 if dim == "y" else 1]
             if dims.banded((*declaration.dims, *_usual(declaration))):
                 return Line(size, -0.5 * (size - 1) * SPACING, SPACING)
-            pitch = self._spacing(dim)
+            name = dims.dim(dim).spacing  # the quantity that states it: the stage's value, else the default
+            pitch = float(getattr(self.stage, name, quantities.declared(name).default)) if name else 1.0
             return Line(size, 0.0, 1.0, "1", (-0.5 * (size - 1) * pitch, pitch))
         if dim == "channel":
             return XYZ if declaration.variable.startswith("xyz") else RGB
         if dim == "component":
             return XYZ
         return self._made_elsewhere.get(dim) or exemplary(dim) or GUESSED
-
-    def _spacing(self, dim: str) -> float:
-        """Return the distance of samples along a dim, from the quantity that states it: the stage's value, else the
-        default.
-        """
-        name = dims.dim(dim).spacing
-        return float(getattr(self.stage, name, quantities.declared(name).default)) if name else 1.0
 
     @cached_property
     def _made_elsewhere(self) -> dict[str, Coordinate]:

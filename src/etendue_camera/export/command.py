@@ -77,7 +77,8 @@ def export(asked: ExportRequest) -> Exported:
     wanted = _wanted(asked)
     shelf = Shelf(asked.archive)
     pictures = _chosen(shelf, asked, wanted)
-    outcome = Exported(_folder(asked, pictures))
+    folder = asked.output or Path(f"{asked.archive.resolve().name}-export")
+    outcome = Exported(folder.parent if asked.output is not None and _is_file(asked, pictures) else folder)
     jobs = []
     for kind, frame in pictures:
         if frame.status in FINISHED:
@@ -168,12 +169,6 @@ def _is_file(asked: ExportRequest, pictures: list[tuple[str, ArchivedFrame]]) ->
             )
         return True
     return False
-
-
-def _folder(asked: ExportRequest, pictures: list[tuple[str, ArchivedFrame]]) -> Path:
-    if asked.output is None:
-        return Path(f"{asked.archive.resolve().name}-export")
-    return asked.output.parent if _is_file(asked, pictures) else asked.output
 
 
 def _path(asked: ExportRequest, folder: Path, kind: str, frame: ArchivedFrame, count: int) -> Path:

@@ -84,16 +84,12 @@ def leaves(chart: LeafChart) -> Leaves:
         count <= MOST, f"smallest is {smallest} um, for which the chart needs {count} discs; allowed: at most {MOST}"
     )
     rng = np.random.default_rng(int(seed))
-    radius = _radii(rng.random(count), smallest, largest, exponent)
+    share, ratio, power = rng.random(count), largest / smallest, 1 - exponent
+    flat = abs(power) < 1e-6
+    radius = smallest * (ratio**share if flat else (1 + share * (ratio**power - 1)) ** (1 / power))
     y = (rng.random(count) - 0.5) * (height + 2 * largest)
     x = (rng.random(count) - 0.5) * (width + 2 * largest)
     return Leaves(y, x, radius, low + (high - low) * rng.random(count), float(low), float(high))
-
-
-def _radii(share: FloatArray, smallest: float, largest: float, exponent: float) -> FloatArray:
-    """Return radii at quantiles of the distribution."""
-    ratio, power = largest / smallest, 1 - exponent
-    return smallest * ratio**share if abs(power) < 1e-6 else smallest * (1 + share * (ratio**power - 1)) ** (1 / power)
 
 
 def _mean_power(smallest: float, largest: float, exponent: float, power: int) -> float:

@@ -10,19 +10,17 @@ import csv
 import json
 import math
 import sys
-from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
 from etendue.cli import options
 from etendue.cli.saying import say, show
 from etendue.present.pictures.crops import Strip, strip
-from etendue.present.terminal.terminal import escape
+from etendue.present.terminal.cells import Column
+from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.present.terminal.work_precision import Point, work_precision
 from etendue.result_files import check_folder, finite, write_whole
 from etendue.types.documents import Document
@@ -103,14 +101,14 @@ def _plain(value: object) -> Scalar:
 
 def print_comparison(found: Comparison, files: list[Path]) -> None:
     """Print the table, best first, and remarks."""
-    console = Console(highlight=False, soft_wrap=False)
+    console = _out()
     if not console.is_terminal:
         console.width = max(console.width, UNBOUNDED)
     columns = _columns(found)
-    shown = [c for c in columns if console.width >= NARROW or c.name not in DISPENSABLE]
+    shown = [c for c in columns if console.width >= NARROW or c[0] not in DISPENSABLE]
     origins = {id(row): f"{row.distribution} {row.version}" for row in found.rows if row.distribution}
     beside = bool(origins) and console.width >= WIDE
-    console.print(_table_of(found, shown, origins if beside else {}))
+    console.print(_table_of(found, [*shown, *([FROM] if beside else [])]))
     for word, text in _remarks(found, {} if beside else origins):
         console.print(f"{word:<10}{escape(text)}", soft_wrap=True)
     if len(shown) < len(columns):
@@ -122,24 +120,17 @@ def print_comparison(found: Comparison, files: list[Path]) -> None:
         console.print(f"{'file':<10}{escape(str(path))}", soft_wrap=True)
 
 
-def _table_of(found: Comparison, shown: list[_Column], beside: dict[int, str]) -> Table:
-    """Return the table; ``beside``: the origin of rows, shown in a column if not empty."""
+def _table_of(found: Comparison, shown: list[Column]) -> Table:
+    """Return the table; the last line holds the MTF50 of the reference, if all rows have the same one."""
     height, width = found.size
     title = f"{escape(found.pipeline)}: {escape(found.key)} by {_ranked_by(found)}, {width} x {height} pixels"
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
-    table.add_column("", justify="right", no_wrap=True)
-    table.add_column("alternative", overflow="fold")
-    for column in shown:
-        table.add_column(column.name, justify="right", no_wrap=True)
-    if beside:
-        table.add_column("from", no_wrap=True)
-    for number, row in enumerate((r for r in found.rows if r.psnr is not None), 1):
-        end = [beside.get(id(row), "")] if beside else []
-        table.add_row(str(number), escape(row.label), *(c.of(row) for c in shown), *end)
+    rows = [{"rank": number} | vars(row) for number, row in enumerate((r for r in found.rows if r.psnr is not None), 1)]
+    columns = (("", "right", "rank"), ("alternative", "left", "label"), *shown)
+    table = _table(title, *columns, rows=rows, wrap=("alternative",))
     ideal = {row.mtf50_reference for row in found.rows} - {None}
     if len(ideal) == 1:
-        known = {"MTF50": _number(ideal.pop(), ".3f")}
-        table.add_row("", "reference", *(known.get(c.name, "") for c in shown), *([""] if beside else []), style="dim")
+        known = {"alternative": "reference", "MTF50": _number(ideal.pop(), ".3f")}
+        table.add_row(*(known.get(name, "") for name, *_ in columns), style="dim")
     return table
 
 
@@ -152,27 +143,20 @@ def _ranked_by(found: Comparison) -> str:
     )
 
 
-class _Column(NamedTuple):
-    name: str
-    of: Callable[[ComparedRow], str]
-
-
-def _columns(found: Comparison) -> list[_Column]:
-    columns = [
-        _Column("PSNR", lambda r: _number(r.psnr, ".2f")),
-        *([_Column("own scale", lambda r: _number(r.psnr_white, ".2f"))] if found.rank_by == "psnr_white" else []),
-        _Column("encoded", lambda r: _number(r.psnr_encoded, ".2f")),
-        _Column("dE00", lambda r: _number(r.delta_e, ".2f")),
-        _Column("zipper", lambda r: "-" if r.zipper is None else f"{100 * r.zipper:.1f} %"),
-        _Column("false colour", lambda r: _number(r.false_colour, ".2f")),
-        _Column("MTF50", lambda r: _number(r.mtf50, ".3f")),
+def _columns(found: Comparison) -> list[Column]:
+    columns: list[Column] = [
+        ("PSNR", "right", "psnr", ".2f", "-"),
+        *([("own scale", "right", "psnr_white", ".2f", "-")] if found.rank_by == "psnr_white" else []),
+        ("encoded", "right", "psnr_encoded", ".2f", "-"),
+        ("dE00", "right", "delta_e", ".2f", "-"),
+        ("zipper", "right", "zipper", lambda share: f"{100 * share:.1f} %", "-"),
+        ("false colour", "right", "false_colour", ".2f", "-"),
+        ("MTF50", "right", "mtf50", ".3f", "-"),
     ]
     if len({row.mtf50_reference for row in found.rows} - {None}) > 1:
-        columns.append(_Column("ideal", lambda r: _number(r.mtf50_reference, ".3f")))
+        columns.append(("ideal", "right", "mtf50_reference", ".3f", "-"))
     if any(row.seconds is not None for row in found.rows):
-        columns.append(_Column("error", lambda r: _number(r.error, ".2g")))
-        columns.append(_Column("time", lambda r: _milliseconds(r.seconds)))
-        columns.append(_Column("Mpixel/s", lambda r: _number(r.mpixel_per_second, ".1f") + ("*" if r.pareto else " ")))
+        columns += [("error", "right", "error", ".2g", "-"), ("time", "right", "seconds", _seconds, "-"), SPEED]
     return columns
 
 
@@ -224,8 +208,12 @@ def _number(value: float | None, form: str) -> str:
     return format(value, form)
 
 
-def _milliseconds(value: float | None) -> str:
-    return "-" if value is None else f"{1e3 * value:.2f} ms" if value < 1 else f"{value:.2f} s"
+def _seconds(value: float) -> str:
+    return f"{1e3 * value:.2f} ms" if value < 1 else f"{value:.2f} s"
+
+
+FROM = ("from", "left", lambda row: f"{row['distribution']} {row['version']}" if row["distribution"] else "")
+SPEED = ("Mpixel/s", "right", lambda r: _number(r["mpixel_per_second"], ".1f") + ("*" if r["pareto"] else " "))
 
 
 def write_files(found: Comparison, folder: Path) -> list[Path]:

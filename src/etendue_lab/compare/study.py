@@ -139,7 +139,10 @@ def compare(
     rows = ranked([*measured, *refused], by)
     there = [row.position for row in rows if row.position is not None]
     known = {position: references[position] for position in there if references[position] is not None}
-    notes = _if_alone(rows) + notes + _on_the_references(known, rows, reader, branched) + reader.shared_faults()
+    if sum(row.status != "refused" for row in rows) == 1:
+        why = ("it is the only one", "the others are refused")[len(rows) > 1]
+        notes = [f"nothing to compare with: {why}", *notes]
+    notes += _on_the_references(known, rows, reader, branched) + reader.shared_faults()
     pictures = reader.pictures(branched, measured)
     return Comparison(
         pipeline.name,
@@ -192,12 +195,6 @@ def _references(reader: Reader, branched: Branched, file: str) -> dict[int, Arra
         broke = next((r.message.strip().rpartition("\n")[2] for r in reader.outcome.failed), "no reference")
         raise RequestError(f"the pipeline fails for every value of {reader.asked.key}: {broke}", file)
     return found
-
-
-def _if_alone(rows: list[ComparedRow]) -> list[str]:
-    if sum(row.status != "refused" for row in rows) != 1:
-        return []
-    return [f"nothing to compare with: {'the others are refused' if len(rows) > 1 else 'it is the only one'}"]
 
 
 def rank_by(rows: Iterable[ComparedRow]) -> str:

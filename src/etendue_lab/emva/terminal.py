@@ -70,8 +70,9 @@ def print_emva(document: Document) -> None:
 
 
 def _figures(title: str, rows: list[Document]) -> Table:
+    units = {row["figure"]: "%" if row["figure"] in PERCENT else row["unit"] for row in rows}
     columns = (
-        ("metric", "left", lambda row: NAMES[row["figure"]] + _unit(row)),
+        ("metric", "left", lambda row: f"{NAMES[row['figure']]}, {units[row['figure']]}".removesuffix(", 1")),
         ("measured", "right", lambda row: _text(row, "value")),
         (
             "interval",
@@ -82,10 +83,6 @@ def _figures(title: str, rows: list[Document]) -> Table:
         ("held", "left", "held", lambda held: "yes" if held else "no"),
     )
     return _table(title, *columns, rows=rows)
-
-
-def _unit(row: Document) -> str:
-    return ", %" if row["figure"] in PERCENT else "" if row["unit"] == "1" else f", {row['unit']}"
 
 
 def _text(row: Document, name: str) -> str:

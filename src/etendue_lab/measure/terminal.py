@@ -7,6 +7,7 @@ Out: a table each for edges, stars, noise and the chart.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from etendue.cli.saying import tell
 from etendue.contract.values.units import UnitError, to_unit
 from etendue.errors import RequestError
 from etendue.present.plots.plot import check_suffix
+from etendue.present.terminal.cells import Column
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.types.documents import Document
 from etendue_lab.measure import study
@@ -36,6 +38,7 @@ DOUBTS = {
     "line": "it rises and falls like a line",
     "double": "it rises twice",
 }
+BOTH = (("delta_e", "as_is"), ("exposed", "exposed"))  # of the chart: names in a patch, and of their mean and max
 UNTRIED = {
     "sharp": "edges this sharp",
     "blurred": "edges this blurred",
@@ -65,25 +68,18 @@ def print_photograph(document: Document) -> None:
 
 
 def _print_responses(console: Console, title: str, where: str, rows: list[Document], pitch: float | None) -> None:
-    edges = where == "region"
-    columns = [
-        (where, "left"),
-        ("angle" if edges else "cycles", "right"),
-        ("MTF50", "right"),
-        ("interval", "left"),
-        ("MTF10", "right"),
-    ]
-    columns += [("cycles/mm", "right")] if pitch else []
-    columns += [("LW/PH", "right")]
+    turn = ("angle", "right", "angle", "{:.2f}°".format) if where == "region" else ("cycles", "right", "cycles")
+    columns = (
+        (where, "left", where),
+        turn,
+        ("MTF50", "right", "mtf50", _text),
+        ("interval", "left", lambda row: f"{_text(row['mtf50_low'])} to {_text(row['mtf50_high'])}"),
+        ("MTF10", "right", "mtf10", _text),
+        *((("cycles/mm", "right", "mtf50_lp_mm", _text),) if pitch else ()),
+        ("LW/PH", "right", "mtf50_lw_ph", _text),
+    )
     channels = sorted({row["channel"] for row in rows})
-    table = _table(f"{title}, {', '.join(channels)}; cycles/pixel", *columns)
-    for row in rows:
-        turn = f"{row['angle']:.2f}°" if edges else str(row["cycles"])
-        between = f"{_text(row['mtf50_low'], 4)} to {_text(row['mtf50_high'], 4)}"
-        cells = [row[where], turn, _text(row["mtf50"], 4), between, _text(row["mtf10"], 4)]
-        cells += [_text(row["mtf50_lp_mm"], 4)] if pitch else []
-        table.add_row(*cells, _text(row["mtf50_lw_ph"], 4))
-    console.print(table)
+    console.print(_table(f"{title}, {', '.join(channels)}; cycles/pixel", *columns, rows=rows))
     for row in rows:
         if row["flags"]:
             console.print(f"{row[where]}: {', '.join(FLAGS[flag] for flag in row['flags'])}")
@@ -103,30 +99,12 @@ def _print_responses(console: Console, title: str, where: str, rows: list[Docume
 
 
 def _print_noise(console: Console, patch: Document) -> None:
-    columns = (
-        ("channel", "left"),
-        ("mean", "right"),
-        ("sigma", "right"),
-        ("interval", "left"),
-        ("SNR", "right"),
-        ("SNR interval", "left"),
-    )
     for kind, title, scale in (
         ("linear", "linear light, % of full scale", 100.0),
         ("encoded", "numbers of the file", 1.0),
     ):
-        table = _table(f"noise of {patch['region']}, {title}", *columns)
-        for row in patch["channels"]:
-            own = row[kind]
-            if own is None:
-                continue
-            cells = [
-                _text(scale * own["mean"]["value"]),
-                _text(scale * own["sigma"]["value"], 4),
-                _range(own["sigma"], scale),
-            ]
-            table.add_row(row["channel"], *cells, _text(own["snr"]["value"], 4), _range(own["snr"]))
-        console.print(table)
+        rows = [row for row in patch["channels"] if row[kind]]
+        console.print(_table(f"noise of {patch['region']}, {title}", *_levels(kind, scale), rows=rows))
     if patch["hidden"] and not patch["not_covered"]:
         console.print(
             f"{patch['region']}: noise below the steps of the file cannot be measured: {', '.join(patch['hidden'])}"
@@ -137,30 +115,40 @@ def _print_noise(console: Console, patch: Document) -> None:
 
 def _print_chart(console: Console, chart: Document) -> None:
     columns = (
-        ("patch", "left"),
-        ("as photographed", "right"),
-        ("interval", "left"),
-        ("exposed", "right"),
-        ("exposed interval", "left"),
+        ("patch", "left", "patch"),
+        ("as photographed", "right", "delta_e", ".2f"),
+        ("interval", "left", "{delta_e_low:.2f} to {delta_e_high:.2f}".format_map),
+        ("exposed", "right", "exposed", ".2f"),
+        ("exposed interval", "left", "{exposed_low:.2f} to {exposed_high:.2f}".format_map),
     )
-    table = _table(f"ColorChecker in {escape(chart['space'])}: Delta E 2000 under {chart['white']}", *columns)
-    both = [(row, "delta_e", row, "exposed", row["patch"]) for row in chart["patches"]]
-    both += [(chart["as_is"], word, chart["exposed"], word, word) for word in ("mean", "max")]
-    for one, name, other, exposed, what in both:
-        table.add_row(what, f"{one[name]:.2f}", _apart(one, name), f"{other[exposed]:.2f}", _apart(other, exposed))
-    console.print(table)
+    whole = [
+        {"patch": word}
+        | {f"{name}{end}": chart[own][f"{word}{end}"] for name, own in BOTH for end in ("", "_low", "_high")}
+        for word in ("mean", "max")
+    ]
+    title = f"ColorChecker in {escape(chart['space'])}: Delta E 2000 under {chart['white']}"
+    console.print(_table(title, *columns, rows=[*chart["patches"], *whole]))
     console.print(f"exposed: after a gain of {chart['gain']:.4g}, which brings the greys to their reference brightness")
 
 
-def _apart(row: Document, name: str) -> str:
-    return f"{row[f'{name}_low']:.2f} to {row[f'{name}_high']:.2f}"
+def _levels(kind: str, scale: float) -> tuple[Column, ...]:
+    def text(name: str, part: str, digits: int = 4) -> Callable[[Document], str]:
+        return lambda row: _text((1.0 if name == "snr" else scale) * row[kind][name][part], digits)
+
+    def between(name: str) -> Callable[[Document], str]:
+        return lambda row: " to ".join(text(name, part)(row) for part in ("low", "high"))
+
+    return (
+        ("channel", "left", "channel"),
+        ("mean", "right", text("mean", "value", 3)),
+        ("sigma", "right", text("sigma", "value")),
+        ("interval", "left", between("sigma")),
+        ("SNR", "right", text("snr", "value")),
+        ("SNR interval", "left", between("snr")),
+    )
 
 
-def _range(estimate: Document, scale: float = 1.0) -> str:
-    return f"{_text(scale * estimate['low'], 4)} to {_text(scale * estimate['high'], 4)}"
-
-
-def _text(value: float, digits: int = 3) -> str:
+def _text(value: float | None, digits: int = 4) -> str:
     if value is None or math.isnan(value):
         return ""
     return "inf" if math.isinf(value) else f"{value:.0f}" if abs(value) >= 10**digits else f"{value:.{digits}g}"

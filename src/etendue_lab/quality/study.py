@@ -139,7 +139,14 @@ def quality(
     whys = [_why_not(camera, place) or _why_not(perfect, place) for place in places]
     chosen = evenly([number for number, why in enumerate(whys) if not why], most)
     for number, (place, why) in enumerate(zip(places, whys, strict=True)):
-        row = _unmeasured(camera_plan, place)
+        at = {axis.key: axis.values[place[axis.dim]] for axis in camera_plan.axes}
+        row: Document = {
+            **at,
+            "status": "done",
+            "reason": "",
+            **dict.fromkeys((*UNITS, *SCALARS), math.nan),
+            "flat": None,
+        }
         result.rows.append(row)
         if why:
             row |= {"status": "failed", "reason": why}
@@ -151,7 +158,7 @@ def quality(
         row |= _scalars(camera, place)
         drawable += shown is not None
         if show is not None and shown is not None and number in chosen:
-            result.pictures |= dict([show(number, {key: row[key] for key in axes}, shot, reference, shown)])
+            result.pictures |= dict([show(number, at, shot, reference, shown)])
     result.notes += [*_notes(result, camera_plan, registry), *floored(camera_plan, camera.reports)]
     if show is not None and len(result.pictures) < drawable:
         result.notes.append(
@@ -159,12 +166,6 @@ def quality(
             f"{drawable} draws all"
         )
     return result
-
-
-def _unmeasured(plan: Plan, place: Mapping[str, int]) -> Document:
-    """Return a row before anything is measured."""
-    at = {axis.key: axis.values[place[axis.dim]] for axis in plan.axes}
-    return {**at, "status": "done", "reason": "", **dict.fromkeys((*UNITS, *SCALARS), math.nan), "flat": None}
 
 
 def _measured(row: Document, shot: Shot, reference: Shot, samples_per_degree: float) -> Any:

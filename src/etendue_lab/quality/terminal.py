@@ -20,6 +20,7 @@ from etendue.cli import options
 from etendue.cli.saying import tell
 from etendue.contract.arrays.drawn import Drawn
 from etendue.present.pictures.appearance import Appearance, rendered
+from etendue.present.terminal.cells import Column
 from etendue.present.terminal.terminal import _out, _table, escape, short_axes
 from etendue.types.arrays import Array
 from etendue.types.documents import Document
@@ -32,17 +33,17 @@ if TYPE_CHECKING:
     from etendue.types.documents import AxisValues
 
 COLUMNS = (
-    ("psnr_linear", "PSNR linear", ".2f"),
-    ("psnr_encoded", "PSNR encoded", ".2f"),
-    ("ssim", "SSIM luma", ".4f"),
-    ("de_mean", "dE00 mean", ".2f"),
-    ("de_p95", "dE00 95 %", ".2f"),
-    ("scielab_mean", "S-CIELAB mean", ".2f"),
-    ("mean_snr", "SNR expected", ".1f"),
-    ("snr_flat", "SNR flat", ".1f"),
-    ("visible_noise", "visible noise", ".2f"),
-    ("dr_emva", "range dB", ".1f"),
-    ("clipped_fraction", "clipped", ".2%"),
+    ("PSNR linear", "right", "psnr_linear", ".2f", "-"),
+    ("PSNR encoded", "right", "psnr_encoded", ".2f", "-"),
+    ("SSIM luma", "right", "ssim", ".4f", "-"),
+    ("dE00 mean", "right", "de_mean", ".2f", "-"),
+    ("dE00 95 %", "right", "de_p95", ".2f", "-"),
+    ("S-CIELAB mean", "right", "scielab_mean", ".2f", "-"),
+    ("SNR expected", "right", "mean_snr", ".1f", "-"),
+    ("SNR flat", "right", "snr_flat", ".1f", "-"),
+    ("visible noise", "right", "visible_noise", ".2f", "-"),
+    ("range dB", "right", "dr_emva", ".1f", "-"),
+    ("clipped", "right", "clipped_fraction", ".2%", "-"),
 )
 DISPENSABLE = (
     "clipped_fraction",
@@ -63,11 +64,14 @@ LEAST_SCALE = 5.0  # minimum CIEDE2000 at the top of the colour bar
 def print_quality(document: Document) -> None:
     """Print one line for each cell, and what was compared."""
     console = _out()
-    known = [c for c in COLUMNS if any(_known(row[c[0]]) for row in document["rows"])]
+    known: list[Column] = [c for c in COLUMNS if any(_known(row[c[2]]) for row in document["rows"])]
     if not any(_known(row["clipped_fraction"]) and row["clipped_fraction"] > 0 for row in document["rows"]):
-        known = [c for c in known if c[0] != "clipped_fraction"]  # nothing clipped
+        known = [c for c in known if c[2] != "clipped_fraction"]  # nothing clipped
     short = short_axes(axis["name"] for axis in document["axes"])
-    axes = [(a["name"], f"{short[a['name']]} {a['units'] or ''}".strip().replace(" ", "\n")) for a in document["axes"]]
+    axes: list[Column] = [
+        (f"{short[a['name']]} {a['units'] or ''}".strip().replace(" ", "\n"), "right", a["name"], _axis)
+        for a in document["axes"]
+    ]
     title = f"{document['pipeline']}: each camera compared with the ideal one of the same scene"
     table, more = _fitting(console, document["rows"], axes, known)
     console.print(escape(title), soft_wrap=True)
@@ -78,14 +82,12 @@ def print_quality(document: Document) -> None:
     _print_remarks(console, document, axes, more)
 
 
-def _print_remarks(
-    console: Console, document: Document, axes: list[tuple[str, str]], more: list[tuple[str, str, str]]
-) -> None:
+def _print_remarks(console: Console, document: Document, axes: list[Column], more: list[Column]) -> None:
     """Print the remarks below the table."""
     ideal = document["ideal"]
     for row in document["rows"]:
         if row["status"] != "done":
-            where = ", ".join(f"{name} = {_axis(row[name])}" for name, _ in axes) or "the picture"
+            where = ", ".join(f"{name} = {_axis(row[name])}" for _, _, name, _ in axes) or "the picture"
             _line(console, row["status"], f"{where}: {row['reason']}")
     swapped = ", ".join(f"{use} in place of {name}" for name, use in ideal["replaced"].items())
     _line(console, "ideal", f"the same pipeline without {', '.join(ideal['left_out']) or 'a lens'}, and {swapped}")
@@ -100,7 +102,7 @@ def _print_remarks(
         _line(
             console,
             "more",
-            f"{', '.join(column for _, column, _ in more)}: with --json and -o, or in a wider terminal",
+            f"{', '.join(column for column, *_ in more)}: with --json and -o, or in a wider terminal",
         )
     for text in document["notes"]:
         _line(console, "note", text)
@@ -109,27 +111,22 @@ def _print_remarks(
 
 
 def _fitting(
-    console: Console, rows: list[Document], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]
-) -> tuple[Table, list[tuple[str, str, str]]]:
+    console: Console, rows: list[Document], axes: list[Column], known: list[Column]
+) -> tuple[Table, list[Column]]:
     """Return the table with as many columns as fit the terminal, and the omitted columns."""
-    table, more = _rows(rows, axes, known), []
+    done = [row if row["status"] == "done" else row | dict.fromkeys(column[2] for column in known) for row in rows]
+    table, more = _rows(done, [*axes, *known]), []
     for name in DISPENSABLE:
         if not console.is_terminal or _width(console, table) <= console.width:
             break
-        more += [column for column in known if column[0] == name]
-        known = [column for column in known if column[0] != name]
-        table = _rows(rows, axes, known)
+        more += [column for column in known if column[2] == name]
+        known = [column for column in known if column[2] != name]
+        table = _rows(done, [*axes, *known])
     return table, more
 
 
-def _rows(rows: list[Document], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]) -> Table:
-    heads = [name for _, name in axes] + [name.replace(" ", "\n", 1) for _, name, _ in known]
-    table = _table("", *((name, "right") for name in heads))
-    for row in rows:
-        done = row["status"] == "done"
-        values = [format(row[name], form) if done and _known(row[name]) else "-" for name, _, form in known]
-        table.add_row(*map(escape, [*(_axis(row[name]) for name, _ in axes), *values]))
-    return table
+def _rows(rows: list[Document], columns: list[Column]) -> Table:
+    return _table("", *((name.replace(" ", "\n", 1), *rest) for name, *rest in columns), rows=rows)
 
 
 def _width(console: Console, table: Table) -> int:

@@ -51,11 +51,6 @@ def _tangent(degrees: Any) -> Any:
     return np.tan(np.deg2rad(degrees))
 
 
-def _wiener(real: float, imaginary: float, noise: float) -> list[float]:
-    gain = deconvolution.wiener_gain(np.array(complex(real, imaginary)), noise)
-    return [float(gain.real), float(gain.imag)]
-
-
 def _paraxial(number: float, magnification: float, angle: float) -> Any:
     if magnification > 0:
         raise ValueError("a real image has a magnification up to 0")
@@ -113,7 +108,9 @@ FORMS = {
     "planck_ratio": ClosedForm(planck.planck_ratio),
     "laplacian_response": ClosedForm(lambda fx, fy: sharpening.laplacian_response(fy, fx)),
     "sharpen_response": ClosedForm(lambda fx, fy, k: sharpening.sharpen_response(fy, fx, k)),
-    "wiener_gain": ClosedForm(_wiener),
+    "wiener_gain": ClosedForm(
+        lambda a, b, noise: deconvolution.wiener_gain(np.array([complex(a, b)]), noise).view(float)
+    ),
 }
 
 

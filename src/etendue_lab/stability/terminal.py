@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -16,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from etendue.cli.saying import say, show
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.types.documents import Document
 from etendue_lab.stability.rows import counts, document, groups, single
 from etendue_lab.stability.study import stability as check
 
@@ -23,34 +25,24 @@ if TYPE_CHECKING:
     from etendue_lab.stability.rows import LawCases
 
 COLUMNS = (
-    ("stage, law and worst case", "left"),
-    ("cases", "right"),
-    ("error", "right"),
-    ("bound", "right"),
-    ("condition", "right"),
-    ("verdict", "left"),
+    ("stage, law and worst case", "left", "told"),
+    ("cases", "right", "cases"),
+    ("error", "right", "error", ".2g"),
+    ("bound", "right", "bound", ".2g"),
+    ("condition", "right", "condition", ".2g"),
+    ("verdict", "left", "verdict"),
 )
 
 
 def print_stability(groups: Sequence[LawCases], every: bool, counts: dict[str, int]) -> None:
     """Print ``groups``: one per law and stage, or one per row with ``every``."""
     console = _out()
-    table = _table("all cases" if every else "worst case of each law", *COLUMNS, wrap=(COLUMNS[0][0],))
-    last = ""
-    for group in groups:
-        row = group.worst
-        if row.stage != last:
-            table.add_row(f"[bold]{escape(row.stage)}[/bold]")
-        table.add_row(
-            f"  {row.law}{f': {escape(row.case)}' if row.case != 'ordinary' else ''}",
-            "" if every else str(group.cases),
-            number(row.error),
-            number(row.bound),
-            number(group.condition),
-            verdict(group, every),
-        )
-        last = row.stage
-    console.print(table)
+    rows: list[Document] = []
+    for stage, own in groupby(groups, lambda group: group.worst.stage):
+        rows.append(dict.fromkeys(one[2] for one in COLUMNS) | {"told": stage})
+        rows += [_row(group, every) for group in own]
+    title, wrap = "all cases" if every else "worst case of each law", COLUMNS[0][:1]
+    console.print(_table(title, *COLUMNS, rows=rows, wrap=wrap, style=lambda row: "" if row["verdict"] else "bold"))
     for group in groups:
         if group.worst.ok is not True:
             console.print(
@@ -63,16 +55,24 @@ def print_stability(groups: Sequence[LawCases], every: bool, counts: dict[str, i
     )
 
 
+def _row(group: LawCases, every: bool) -> Document:
+    row = group.worst
+    return {
+        "told": f"  {row.law}{f': {row.case}' if row.case != 'ordinary' else ''}",
+        "cases": None if every else group.cases,
+        "error": row.error,
+        "bound": row.bound,
+        "condition": group.condition,
+        "verdict": verdict(group, every),
+    }
+
+
 def verdict(group: LawCases, every: bool) -> str:
     if group.failed:
         return "FAILED" if every or group.cases == 1 else f"{group.failed} FAILED"
     if group.untried:
         return "not tested"
     return "refused" if every and group.worst.why.startswith("refused") else "passed"
-
-
-def number(value: float | None) -> str:
-    return "" if value is None else f"{value:.2g}"
 
 
 @contextmanager

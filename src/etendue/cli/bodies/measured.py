@@ -12,7 +12,8 @@ from etendue.accuracy import holding
 from etendue.accuracy.measuring import Measurement
 from etendue.accuracy.stating import stated_elsewhere
 from etendue.cli.options import installed
-from etendue.present.terminal.global_error import global_error_document, held_document, say_held
+from etendue.present.terminal.global_error import global_error_document, not_held
+from etendue.telling import human_seconds
 
 if TYPE_CHECKING:
     from etendue.types.documents import Document
@@ -21,7 +22,10 @@ if TYPE_CHECKING:
 def held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) -> Any:
     """Find the tolerance that holds an error, and print it before the run."""
     found = holding.hold(pipeline, installed(), asked, options=options, progress=watched, archive=folder)
-    for text in say_held(found):
+    when = f"measured in {human_seconds(found.seconds)} of thread time"
+    told = f"hold {found.asked:g}: local tolerance {found.tolerance:g}, "
+    told += "found by an earlier run" if found.remembered else when
+    for text in (told, *not_held(found.document(), found.measured.errors)):
         click.echo(text, err=True)
     return found
 
@@ -29,7 +33,10 @@ def held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) 
 def kept(held: Any, folder: Path, made: Any) -> Document:
     """Store the errors that a run holds in its archive, and return them as in ``--json``."""
     holding.keep(held, folder)
-    return held_document(held, stated_elsewhere(made, held.measured, held.places))
+    stated = stated_elsewhere(made, held.measured, held.places)
+    document = global_error_document(held.measured, held.asked, held.norm, stated)
+    document["measured"] |= {"seconds": held.seconds, "remembered": held.remembered}
+    return {**document, "hold": held.document()}
 
 
 def measurement(made: Any, options: Any, watched: Any) -> Any:

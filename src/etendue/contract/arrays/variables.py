@@ -151,10 +151,6 @@ class Declaration:
         extra = dims[: len(dims) - len(self.dims)]
         return extra if dims == (*extra, *self.dims) and not set(extra) & set(self.dims) else None
 
-    def led_by(self, mapped: tuple[str, ...]) -> Declaration:
-        """Return the declaration with the mapped dims in front, unless it has one of them itself."""
-        return replace(self, dims=(*mapped, *self.dims)) if mapped and not set(mapped) & set(self.dims) else self
-
 
 def parse_declaration(port: str, text: str) -> Declaration:
     """Parse one declaration; the variable is the port unless the text names one."""

@@ -64,7 +64,10 @@ def link(
             use_axis=use_axis,
             inputs=inputs,
             looks_at=looks_at,
-            writes={d.variable: d.led_by(mapped) for d in _written(made)},
+            writes={
+                d.variable: d if set(mapped) & set(d.dims) else replace(d, dims=(*mapped, *d.dims))
+                for d in _written(made)
+            },
             axes=(),
             mapped=mapped,
         )

@@ -18,7 +18,7 @@ import numpy as np
 from etendue.contract.arrays.variables import variable, without
 from etendue.contract.values import quantities
 from etendue.contract.values.tables import preset_keys, tables
-from etendue.contract.wording import prefix_of
+from etendue.contract.wording import prefixes
 from etendue.present.page.answers import answer
 from etendue.present.page.brought import wordings
 from etendue.present.page.columns import Columns
@@ -26,7 +26,8 @@ from etendue.present.page.figures import Coordinate, MetricColumn, figures
 from etendue.present.page.looks import pictured
 from etendue.present.page.opened import Opened
 from etendue.present.page.opening import opening
-from etendue.present.page.tables import NUMBERS, WORDS, Ledger, failures, ledger, measured, omissions, stage_rows
+from etendue.present.page.tables import NUMBERS, WORDS, Ledger, failures, ledger, measured, stage_rows
+from etendue.present.plots.summary.cells import omissions
 from etendue.types.documents import Document, DocumentView
 
 FORMAT = 1
@@ -63,7 +64,7 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: D
                 "units": a.units,
                 "text": a.text,
                 "values": list(a.values),
-                "prefix": prefix_of(a.key),
+                "prefix": prefixes().get(a.key, ""),
             }
             for a in opened.axes
         ],

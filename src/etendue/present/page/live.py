@@ -68,7 +68,7 @@ class Live:
         self._seen, self._state, self._cost = time.monotonic(), self._stat(), 0.5
         self._made()
         self.answers: dict[str, Callable[[Words], tuple[str, bytes, dict[str, str]]]] = {
-            "": self._page,
+            "": lambda _: ("text/html; charset=utf-8", page(self.shown("server"), live=True).encode(), {}),
             "state": self._now,
             "document": self._document,
             "picture": self._picture,
@@ -113,9 +113,6 @@ class Live:
         """Return the current document; ``through``: how its page sends requests, ``server`` or ``frame``."""
         made = self._made()
         return {**made, "live": {**made["live"], "through": through}}
-
-    def _page(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
-        return "text/html; charset=utf-8", page(self.shown("server"), live=True).encode(), {}
 
     def _made(self) -> Document:
         with self._lock:

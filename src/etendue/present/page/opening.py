@@ -125,12 +125,15 @@ def _open(numbers: Sequence[Number], chosen: DocumentView | None) -> list[Number
         ranked = _ranked(numbers, subject)
         on = [one for one in ranked if chosen and one.said in (chosen["x"], chosen["y"])]
         found += (on or [one for one in ranked if one.known.better or one.known.rank == 0])[:1]
-    rest = [one for one in _ranked(numbers, OTHER) if not any(_same(one, other) for other in found)]
+    rest = [
+        one
+        for one in _ranked(numbers, OTHER)
+        if not any(
+            one.figure.axes == other.figure.axes and np.array_equal(one.values, other.values, equal_nan=True)
+            for other in found
+        )
+    ]
     return [*found, *rest][:MOST_OPEN]
-
-
-def _same(one: Number, other: Number) -> bool:
-    return one.figure.axes == other.figure.axes and np.array_equal(one.values, other.values, equal_nan=True)
 
 
 def _subjects(figures: Sequence[MetricColumn]) -> list[Document]:

@@ -18,7 +18,7 @@ from etendue.archive.records.manifest import DATA
 from etendue.archive.records.remembered import documents
 from etendue.archive.sharding.unfolding import check_group
 from etendue.present.page.opened import Opened
-from etendue.types.arrays import Array
+from etendue.present.plots.summary.cells import each_of, largest, total
 from etendue.types.documents import Document
 
 if TYPE_CHECKING:
@@ -102,39 +102,20 @@ def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, s
                 "left_out": int((status == "left_out").sum()),
                 "failed": int((status == "failed").sum()),
                 "skipped": int((status == "skipped").sum()),
-                "seconds": _total(table["seconds"][own]),
-                "error": _largest(known),
+                "seconds": total(table["seconds"][own]),
+                "error": largest(known),
                 "error_least": float(known.min()) if known.size else None,
-                "bound": _largest(table["bound"][own]),
+                "bound": largest(table["bound"][own]),
                 "how": sorted({str(h) for h in table["how"][own] if h}),
             }
         )
     return rows
 
 
-def omissions(table: Ledger) -> list[Document]:
-    """Return what was left out or approximated, and why: a row per stage and reason."""
-    rows = []
-    for kind, column in (("left out", "why_left_out"), ("coarser", "approximated")):
-        for stage, why, own in _by(table, table[column] != "", column):
-            rows.append(
-                {
-                    "kind": kind,
-                    "stage": stage,
-                    "why": why,
-                    "cells": int(own.sum()),
-                    "of": int((table["stage"] == stage).sum()),
-                    "bound": _largest(table["bound"][own]),
-                    "saved": _total(table["seconds_saved"][own]),
-                }
-            )
-    return rows
-
-
 def failures(opened: Opened, table: Ledger) -> Document:
     """Return failed cells by stage and message, and how many later cells were skipped."""
     rows = []
-    for stage, message, own in _by(table, table["status"] == "failed", "message"):
+    for stage, message, own in each_of(table, table["status"] == "failed", "message"):
         examples = [
             {dim: _shown(column[row]) for dim, column in table["at"].items() if _shown(column[row]) not in (None, "")}
             for row in np.flatnonzero(own)[:EXAMPLES]
@@ -157,23 +138,6 @@ def measured(opened: Opened) -> list[Document]:
                     "how": str(one.get("how", "")),
                 }
     return sorted(found.values(), key=lambda one: -one["rms"])
-
-
-def _by(table: Ledger, which: Array, column: str) -> list[tuple[str, str, Array]]:
-    pairs = dict.fromkeys(zip(table["stage"][which].tolist(), table[column][which].tolist(), strict=True))
-    return [
-        (str(stage), str(text), which & (table["stage"] == stage) & (table[column] == text)) for stage, text in pairs
-    ]
-
-
-def _total(values: Array) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known.sum()) if known.size else None
-
-
-def _largest(values: Array) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known.max()) if known.size else None
 
 
 def _shown(value: Any) -> Scalar:

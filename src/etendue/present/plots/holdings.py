@@ -19,7 +19,6 @@ from etendue.contract.arrays.variables import Variable, without
 from etendue.contract.arrays.variables import variable as known
 from etendue.contract.values.names import TABLES
 from etendue.errors import ArchiveError, EtendueError, RequestError, nearest
-from etendue.present.plots.labels import title_text
 from etendue.types.arrays import Array
 from etendue.types.documents import AxisValue, AxisValues, Document, DocumentView
 
@@ -84,9 +83,9 @@ class HeldVariable:
     @property
     def title(self) -> str:
         """Its title and the stages that do not affect it; without the unit, which is shown separately."""
-        return title_text(str(self.attrs.get("long_name", self.variable.replace("_", " "))), self.units) + without(
-            self.attrs
-        )
+        own = str(self.attrs.get("long_name", self.variable.replace("_", " ")))
+        shown = ", line pairs per mm" if self.units in ("cycles/mm", "mm-1") else ""
+        return own.removesuffix(shown) + without(self.attrs)
 
     @property
     def kind(self) -> str:
@@ -223,17 +222,15 @@ class Holdings:
 
     @property
     def axes(self) -> dict[str, list[Any]]:
-        """Every axis of the sweep with its values."""
+        """Every axis of the sweep with its values: names in the order of the sweep, numbers as they are."""
         found: dict[str, dict[Any, None]] = {}
         for one in self:
             for dim in one.axes:
                 found.setdefault(dim, {}).update(dict.fromkeys(one.values_of(dim)))
-        return {dim: self._sorted(dim, values) for dim, values in found.items()}
-
-    def _sorted(self, dim: str, values: Iterable[Any]) -> list[Any]:
-        """Return names in the order of the sweep; numbers as they are."""
-        place = self.order.get(dim, {})
-        return sorted(values, key=lambda v: place.get(v, len(place))) if place else list(values)
+        for dim, order in self.order.items():
+            if dim in found:
+                found[dim] = dict.fromkeys(value for value in order if value in found[dim]) | found[dim]
+        return {dim: list(values) for dim, values in found.items()}
 
     def _order(self, groups: Iterable[xarray.Dataset]) -> dict[str, dict[AxisValue, int]]:
         """Return the order of names along each axis, as swept: from the ledger, else from the group that has most of

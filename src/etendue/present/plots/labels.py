@@ -68,11 +68,6 @@ def name_text(name: str, units: str = "") -> str:
     return f"{words}, {unit}" if unit else words
 
 
-def title_text(title: str, units: str) -> str:
-    """Return the title of a variable without the unit that is shown separately."""
-    return title.removesuffix(", line pairs per mm") if units in ("cycles/mm", "mm-1") else title
-
-
 def number_text(value: float, digits: int = 3) -> str:
     """Return a number for a cell of a map: at most ``digits`` digits, as short as possible."""
     if not math.isfinite(value):

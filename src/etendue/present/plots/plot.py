@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from io import BytesIO, StringIO
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 from etendue.errors import RequestError
@@ -27,13 +28,8 @@ UNDATED = {
 }
 
 
-def _styled() -> Any:
-    from matplotlib import rc_context
-
-    return rc_context(STYLE)
-
-
-OUR_STYLE = SharedChange(_styled)  # shared because matplotlib has one style for all threads
+# shared because matplotlib has one style for all threads
+OUR_STYLE = SharedChange(lambda: resolve_name("matplotlib:rc_context")(STYLE))
 
 
 @dataclass

@@ -67,14 +67,14 @@ def print_stages(documents: list[Document]) -> None:
     console = _out()
     roles, working = discovery.installed(), [d for d in documents if "broken" not in d]
     declared = roles.names("roles")
-    rows: list[tuple[str, str]] = []
+    rows: list[Document] = []
     for role in dict.fromkeys([*declared, *sorted({d["role"] for d in working})]):
         own = [d for d in working if d["role"] == role]
         if own:
             said = roles.first("roles", role)
-            rows.append((role or "(no role)", str(said.value) if said else ""))
-        rows += [(f"  {d['name']}", first_sentence(d["doc"]) + _origin(d)) for d in own]
-    columns = ("stage", "left"), ("description", "left")
+            rows.append({"name": role or "(no role)", "doc": str(said.value) if said else ""})
+        rows += [{"name": f"  {d['name']}", "doc": first_sentence(d["doc"]) + _origin(d)} for d in own]
+    columns = ("stage", "left", "name"), ("description", "left", "doc")
     console.print(_table("stages by role", *columns, rows=rows, wrap=("description",)))
     for role in sorted({d["role"] for d in working} - {"", *declared}):
         who = ", ".join(d["name"] for d in working if d["role"] == role)

@@ -11,6 +11,8 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+from etendue.types.documents import Document
+
 # name, side; key or function of a row (default: the column's position); format or function of a value; text for none
 Column = Sequence[Any]
 
@@ -19,6 +21,16 @@ def cells(columns: Iterable[Column], rows: Iterable[Any]) -> list[list[str]]:
     """Return a row of texts for each row."""
     own = [(*(column[2:] or (place,)), "", "")[:3] for place, column in enumerate(columns)]
     return [[_text(of(row) if callable(of) else row[of], form, none) for of, form, none in own] for row in rows]
+
+
+def once(rows: Iterable[Document], key: str, *also: str) -> list[Document]:
+    """The rows; ``key`` is empty where it and ``also`` are as in the row above."""
+    told, above = [], None
+    for row in rows:
+        own = [row[name] for name in (key, *also)]
+        told.append({**row, key: ""} if own == above else row)
+        above = own
+    return told
 
 
 def _text(value: Any, form: str | Callable[[Any], str], none: str) -> str:

@@ -42,21 +42,7 @@ def global_error_document(
     return {"global_error": errors, "measured": told}
 
 
-def held_document(held: Any, stated: Mapping[str, float | None]) -> Document:
-    """Return what ``--hold`` found and the errors that it measured."""
-    document = global_error_document(held.measured, held.asked, held.norm, stated)
-    document["measured"] |= {"seconds": held.seconds, "remembered": held.remembered}
-    return {**document, "hold": held.document()}
-
-
-def say_held(held: Any) -> list[str]:
-    """Return the lines printed before a run: the tolerance found, and what cannot be held."""
-    when = "found by an earlier run" if held.remembered else f"measured in {human_seconds(held.seconds)} of thread time"
-    said = [f"hold {held.asked:g}: local tolerance {held.tolerance:g}, {when}"]
-    return said + _not_held(held.document(), held.measured.errors)
-
-
-def _not_held(hold: Document, errors: Any) -> list[str]:
+def not_held(hold: Document, errors: Any) -> list[str]:
     """Return which variables are not held, by how much, and the causes."""
     said = []
     for name in hold["missed"][:SHOWN]:
@@ -117,7 +103,7 @@ def _print_held(out: Console, document: Document, errors: list[tuple[str, Docume
     missed = sum(error["held"] is False for _, error in errors)
     if "hold" in document:
         hold = document["hold"]
-        for text in _not_held(hold, document["global_error"]):
+        for text in not_held(hold, document["global_error"]):
             out.print(escape(text), soft_wrap=True)
         if hold["held"]:
             out.print(

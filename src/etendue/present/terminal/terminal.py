@@ -53,13 +53,20 @@ def human_rate(cells_a_second: float) -> str:
     return f"{cells_a_second:.0f} cells/s" if cells_a_second >= 10 else f"{cells_a_second:.2g} cells/s"
 
 
-def _table(title: str, *columns: Column, rows: Iterable[Any] = (), wrap: tuple[str, ...] = ()) -> Table:
-    """A table of rows; only columns in ``wrap`` are broken into lines."""
+def _table(
+    title: str,
+    *columns: Column,
+    rows: Sequence[Any] = (),
+    wrap: tuple[str, ...] = (),
+    style: Callable[[Any], str] = lambda row: "",
+) -> Table:
+    """A table of rows; only columns in ``wrap`` are broken into lines. ``style`` of a row: such as bold."""
     table = _Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for name, justify, *_ in columns:
-        table.add_column(name, justify=justify, no_wrap=name not in wrap)
-    for row in cells(columns, rows):
-        table.add_row(*map(escape, row))
+        broken = name in wrap
+        table.add_column(escape(name), justify=justify, no_wrap=not broken, overflow="fold" if broken else "ellipsis")
+    for row, texts in zip(rows, cells(columns, rows), strict=True):
+        table.add_row(*map(escape, texts), style=style(row))
     return table
 
 

@@ -39,12 +39,7 @@ class Blur(Bounded):
     # Error of the transform pair, relative to full scale: 6e-7 at 1024 x 1500.
     error: ClassVar[Any] = measured(1e-6, 2e-15)
 
-    def changes_nothing(self) -> bool:
-        return False
-
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        if self.changes_nothing():
-            return 0.0, "no effect with these parameters"
         if facts.uniform:
             return 0.0, "the scene is uniform: blur has no effect"
         return None
@@ -110,8 +105,8 @@ class LensGaussian(Blur, Transfer):
     radial: ClassVar = True
     sigma: float = param(0.8, units="um", at_least=0, doc="rms width of the point spread function along one axis")
 
-    def changes_nothing(self) -> bool:
-        return self.sigma == 0
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        return super().negligible(facts, grid) if self.sigma else (0.0, "no effect with these parameters")
 
     def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> FloatArray:
         return lens.gaussian_otf(fy, fx, self.sigma)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Stage, param
+from etendue.api import Facts, Grid, Stage, moves_light, param
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.restoration import deconvolution
@@ -27,7 +27,6 @@ from etendue_camera.restoration.stages.figures import (
     half_plane_gain,
     one_channel,
     padded_columns,
-    unknown_blur,
 )
 
 if TYPE_CHECKING:
@@ -65,7 +64,9 @@ class Inverse(KnownNoise):
         return System.of(transfers, len(picture), self.pixel_pitch, self.nodes)
 
     def warn_among(self, others: Mapping[str, type[Stage]]) -> list[str]:
-        return unknown_blur(others, "only the blur of other stages is inverted, and its metrics are NaN")
+        found = " and ".join(use for use, kind in others.items() if moves_light(kind))
+        so = "only the blur of other stages is inverted, and its metrics are NaN"
+        return [f"{found} has no transfer function, so its effect is unknown here: {so}"] if found else []
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,14 +7,13 @@ Out: ``mtf50_gain`` and ``noise_gain``, optional outputs of every sharpening and
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
 
-from etendue.api import Stage, moves_light
 from etendue.transfer import sampling
 from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution import restoration_gain
@@ -130,14 +129,6 @@ def half_plane_gain(gain: FloatArray, columns: int) -> float:
     if columns % 2 == 0:
         twice[:, -1] = 1.0
     return restoration_gain.response_noise_gain(gain, twice)
-
-
-def unknown_blur(others: Mapping[str, type[Stage]], so: str) -> list[str]:
-    """Return the warning of a stage that uses the camera's transfer functions, where another kind of stage moves
-    light.
-    """
-    found = [use for use, kind in others.items() if moves_light(kind)]
-    return [f"{' and '.join(found)} has no transfer function, so its effect is unknown here: {so}"] if found else []
 
 
 def padded_columns(picture: FloatArray) -> int:

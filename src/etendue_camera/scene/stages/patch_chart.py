@@ -100,9 +100,7 @@ def _squarest(count: int, aspect: float) -> int:
     """Return the number of columns with which patches in a frame (width over height ``aspect``) are most nearly square,
     with few empty places.
     """
-
-    def waste(columns: int) -> float:
-        rows = -(-count // columns)
-        return abs(math.log(aspect * rows / columns)) + (rows * columns - count) / count
-
-    return min(range(1, count + 1), key=waste)
+    return min(
+        range(1, count + 1),
+        key=lambda columns: abs(math.log(aspect * -(-count // columns) / columns)) + -count % columns / count,
+    )

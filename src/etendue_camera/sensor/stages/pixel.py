@@ -237,7 +237,7 @@ class Pixel(Collecting, Summed):
         if not few and self.kept_frequencies == 1:
             return bound, how
         lost = missing.of_the_light(
-            self.normalised(light.bands().edges),
+            shares(tuple(getattr(self, name) for name in SEEN_BY), state_of(self)[1], light.bands().edges),
             before,
             light,
             facts["irradiance"].content,
@@ -246,12 +246,6 @@ class Pixel(Collecting, Summed):
             self.kept_frequencies,
         )
         return bound + lost, "fitted"
-
-    def normalised(self, edges: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
-        """Return the weights of every channel with a sum of 1, (channel, wavelength), whatever the pixel size; 0 where
-        the channel sees nothing.
-        """
-        return shares(tuple(getattr(self, name) for name in SEEN_BY), state_of(self)[1], edges)
 
     def terms(self) -> int:
         return self.wavelength_terms

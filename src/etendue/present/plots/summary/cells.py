@@ -26,7 +26,8 @@ from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import places_text
 from etendue.present.terminal.terminal import human_rate
 from etendue.telling import human_seconds
-from etendue.types.documents import DocumentView
+from etendue.types.arrays import Array
+from etendue.types.documents import Document, DocumentView
 
 if TYPE_CHECKING:
     from etendue.archive.journaling.journal import Read
@@ -126,25 +127,37 @@ def _failed_by_status(holdings: Holdings, units: Mapping[str, str]) -> list[tupl
     return found
 
 
-def omitted_cells(ledger: xarray.Dataset) -> list[tuple[str, int, int, str, float, float]]:
-    """Return a row for each stage and reason: left out or approximated."""
-    stages = ledger["stage"].values.astype(object)
+def omissions(table: DocumentView) -> list[Document]:
+    """Return what was left out or approximated, and why: a row per stage and reason."""
     rows = []
-    for column, word in (("why_left_out", ""), ("approximated", "coarser: ")):
-        texts = ledger[column].values.astype(object)
-        there = texts != ""
-        for stage, text in dict.fromkeys(zip(stages[there].tolist(), texts[there].tolist(), strict=True)):
-            own = there & (stages == stage) & (texts == text)
-            bound, saved = (ledger[name].values[own].astype(float) for name in ("bound", "seconds_saved"))
-            most = float(np.nan_to_num(bound).max())
+    for kind, column in (("left out", "why_left_out"), ("coarser", "approximated")):
+        for stage, why, own in each_of(table, table[column] != "", column):
             rows.append(
-                (
-                    str(stage),
-                    int(own.sum()),
-                    int((stages == stage).sum()),
-                    f"{word}{text}",
-                    most,
-                    float(np.nansum(saved)),
-                )
+                {
+                    "kind": kind,
+                    "stage": stage,
+                    "why": why,
+                    "cells": int(own.sum()),
+                    "of": int((table["stage"] == stage).sum()),
+                    "bound": largest(table["bound"][own]),
+                    "saved": total(table["seconds_saved"][own]),
+                }
             )
     return rows
+
+
+def each_of(table: DocumentView, which: Array, column: str) -> list[tuple[str, str, Array]]:
+    pairs = dict.fromkeys(zip(table["stage"][which].tolist(), table[column][which].tolist(), strict=True))
+    return [
+        (str(stage), str(text), which & (table["stage"] == stage) & (table[column] == text)) for stage, text in pairs
+    ]
+
+
+def total(values: Array) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.sum()) if known.size else None
+
+
+def largest(values: Array) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.max()) if known.size else None

@@ -33,13 +33,14 @@ from etendue.present.plots.drawing.strip import Tile, drawn_of, of_frames, pictu
 from etendue.present.plots.holdings import FINISHED, HeldVariable, Holdings
 from etendue.present.plots.kinds import shown_at
 from etendue.present.plots.labels import places_text, unit_text, value_text
-from etendue.present.plots.summary.cells import counts_of, failed_cells, omitted_cells, stages_of, state_of
+from etendue.present.plots.summary.cells import counts_of, failed_cells, omissions, stages_of, state_of
 from etendue.types.documents import AxisValues, Document
 
 if TYPE_CHECKING:
     from etendue.types.documents import AxisValue
 
 MOST_FIGURES, MOST_PICTURES, MOST_ROWS, MOST_VALUES = 6, 24, 8, 8
+OMITTED = ("stage", "why_left_out", "approximated", "bound", "seconds_saved")
 RANGED = 50_000  # largest number of cells of which min and max are read
 LARGEST = 16 * 2**20  # largest number of elements of an array shown as a picture
 UNREADABLE = (
@@ -85,7 +86,7 @@ class Glance:
     counts : number of cells by status
     axes : (name, values, how many)
     at : axis values of the cell whose metrics and pictures are shown
-    omitted : (stage, cells, of, why, error bound, seconds saved)
+    omitted : what was left out or approximated, a row per stage and reason
     failed : (stage, where, message)
     commands : command and what it does
     """
@@ -99,7 +100,7 @@ class Glance:
     at: str
     figures: list[Metric]
     pictures: list[Tile]
-    omitted: list[tuple[str, int, int, str, float, float]]
+    omitted: list[Document]
     failed: list[tuple[str, str, str]]
     commands: list[tuple[str, str]]
     notes: list[str]
@@ -151,7 +152,7 @@ def _whole(tree: xarray.DataTree | xarray.Dataset, place: str, folder: Path | No
             found[what] = []
             notes.append(f"{what} cannot be read: {error}")
     units = {dim: next(one.units_of(dim) for one in holdings if dim in one.axes) for dim in holdings.axes}
-    omitted = omitted_cells(ledger) if ledger is not None else []
+    omitted = omissions({n: ledger[n].values for n in OMITTED}) if ledger is not None else []
     failed = failed_cells(holdings, ledger, journal, units)
     counts = counts_of(holdings, ledger, journal)
     record = (latest_record(folder) or {}) if folder else {}

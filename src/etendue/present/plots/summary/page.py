@@ -15,6 +15,7 @@ from html import escape
 from etendue.contract.wording import words as called
 from etendue.present.plots.drawing.strip import Tile
 from etendue.present.plots.summary.contents import MOST_PICTURES, MOST_ROWS, Glance
+from etendue.present.terminal.cells import Column
 from etendue.present.terminal.html_tables import table
 from etendue.telling import human_seconds, printable
 
@@ -55,26 +56,16 @@ def page(one: Glance, run: str = "") -> str:
     facts = [*([_stages(one), _cells(one)] if one.stages else []), one.place or "in memory", *([run] if run else [])]
     parts = [head, f"<div{_style(SOFT)}>{' · '.join(map(safe, facts))}</div>"]
     if one.failed:
-        lost = [
-            (stage, where or "–", message or "reported in the ledger when the run ends")
-            for stage, where, message in one.failed
-        ]
-        parts.append(table("Failed", ("stage", "at", "why"), lost[:MOST_ROWS], _more(lost), colour=RED))
+        parts.append(table("Failed", FAILED, one.failed[:MOST_ROWS], _more(one.failed), colour=RED))
     if one.axes:
-        parts.append(
-            table("Swept", ("axis", "values", ""), [(name, values, _count(n, "value")) for name, values, n in one.axes])
-        )
+        parts.append(table("Swept", SWEPT, one.axes))
     if one.pictures:
         parts.append(_strip(one.pictures, one.at))
     if one.figures:
         parts.append(_figures(one))
     if one.omitted:
-        rows = [
-            (stage, f"{n} of {of}", why, _bound(most), _seconds(saved))
-            for stage, n, of, why, most, saved in one.omitted[:MOST_ROWS]
-        ]
-        heads = ("stage", "cells", "why", "error bound", "time saved")
-        parts.append(table("Left out or approximated", heads, rows, _more(one.omitted), folded=True))
+        rows = one.omitted[:MOST_ROWS]
+        parts.append(table("Left out or approximated", OMITTED, rows, _more(one.omitted), folded=True))
     parts += [f"<div>{safe(note)}</div>" for note in one.notes]
     parts.append(_commands(one.commands))
     return f'<div class="etendue" style="max-width:70em;line-height:1.45">{"".join(parts)}</div>'
@@ -82,17 +73,16 @@ def page(one: Glance, run: str = "") -> str:
 
 def _figures(one: Glance) -> str:
     """Return the table of metrics; numbers stay with their units."""
-    heads = (
-        "metric",
-        f"at {one.at}".replace(" ", "\N{NO-BREAK SPACE}") if one.at else "value",
-        *(("over the sweep",) if one.axes else ()),
-    )
-    rows = []
-    for own in one.figures:
-        title = own.title if own.title.replace(" ", "_") == own.name else f"{own.title} ({own.name})"
-        values = (own.said, own.spanned) if one.axes else (own.said,)
-        rows.append((title, *(value.replace(" ", "\N{NO-BREAK SPACE}") for value in values)))
-    return table("Metrics", heads, rows)
+    columns: list[Column] = [
+        ("metric", "left", lambda own: own.title + f" ({own.name})" * (own.title.replace(" ", "_") != own.name)),
+        (_unbroken(f"at {one.at}") if one.at else "value", "left", lambda own: _unbroken(own.said)),
+        ("over the sweep", "left", lambda own: _unbroken(own.spanned)),
+    ]
+    return table("Metrics", columns if one.axes else columns[:2], one.figures)
+
+
+def _unbroken(words: str) -> str:
+    return words.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _style(style: str) -> str:
@@ -121,16 +111,23 @@ def _where(row: tuple[str, str, str]) -> str:
     return printable(f"{stage}{' at ' + where if where else ''}{': ' + message if message else ''}")
 
 
-def _more(rows: Sequence[Sequence[str | float]]) -> list[str]:
+def _more(rows: Sequence[object]) -> list[str]:
     return [f"and {len(rows) - MOST_ROWS} more"] if len(rows) > MOST_ROWS else []
 
 
-def _bound(most: float) -> str:
-    return f"{most:.1g}" if most > 0 else "0"
-
-
-def _seconds(saved: float) -> str:
-    return human_seconds(saved) if saved > 0 else ""
+FAILED = (
+    ("stage",),
+    ("at", "left", lambda row: row[1] or "–"),
+    ("why", "left", lambda row: row[2] or "reported in the ledger when the run ends"),
+)
+SWEPT = (("axis",), ("values",), ("", "left", 2, lambda number: _count(number, "value")))
+OMITTED = (
+    ("stage", "left", "stage"),
+    ("cells", "left", "{cells} of {of}".format_map),
+    ("why", "left", lambda row: f"{'coarser: ' if row['kind'] == 'coarser' else ''}{row['why']}"),
+    ("error bound", "left", "bound", lambda most: f"{most:.1g}" if most > 0 else "0", "0"),
+    ("time saved", "left", "saved", lambda saved: human_seconds(saved) if saved > 0 else ""),
+)
 
 
 def _strip(tiles: Sequence[Tile], at: str) -> str:
