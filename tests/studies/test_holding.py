@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from etendue.accuracy.holding import LADDER, hold, missed
 from etendue.accuracy.measuring import Measurement
-from etendue.accuracy.stating import stated_elsewhere
+from etendue.accuracy.pilot import stated_elsewhere
 from etendue.cli.program import main
 from etendue.contract.registry import installed_stages
 from etendue.plan.planner import make_plan

@@ -133,5 +133,4 @@ def _stages_of(plan: Plan, names: Iterable[str]) -> list[str]:
 
 
 def _error(error: GlobalError, norm: str) -> float:
-    value = error.rms if norm == "rms" else error.max
-    return 0.0 if value is None else value
+    return error.value(norm) or 0.0

@@ -20,35 +20,28 @@ from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.errors import PluginError
 from etendue.pipeline.derived import each, given
 from etendue.pipeline.file import PipelineFile, StageEntry
+from etendue.plan.expansion.search import Knob, Value
 from etendue.types.documents import Document, DocumentView
 
 Name = tuple[str, str]  # stage of the pipeline, parameter
 
 
-@dataclass(frozen=True)
-class Knob:
-    """A fidelity parameter of a stage of a pipeline."""
+@dataclass(frozen=True, kw_only=True)
+class PipelineKnob(Knob):
+    """A knob of a pipeline: a fidelity parameter of one of its stages, or its precision."""
 
-    stage: str
     use: str
-    name: str
-    settings: tuple[Any, ...]  # from the cheapest to the reference; () if it has no order
     closed_form: bool  # the reference is not a finite setting
-    value: Any  # from the file, else its default
+    value: Value  # from the file, else its default
     written: bool  # in the file, by --set, or swept
     studied: bool  # it changes a grid or what a scene shows, or finer settings are too costly
-    units: str
 
     @property
-    def key(self) -> str:
-        return f"{self.stage}.{self.name}" if self.stage else self.name
-
-    @property
-    def reference(self) -> Any:
+    def reference(self) -> Value:
         return self.settings[-1] if self.settings else self.value
 
     @property
-    def before_reference(self) -> Any:
+    def before_reference(self) -> Value:
         """The setting one refinement below the reference if the reference is finite; else the reference."""
         return self.settings[-2] if len(self.settings) > 1 and not self.closed_form else self.reference
 
@@ -60,11 +53,11 @@ class ReferencePipeline:
     """
 
     pipeline: PipelineFile
-    knobs: tuple[Knob, ...]
+    knobs: tuple[PipelineKnob, ...]
     coarser: PipelineFile | None
 
 
-def knobs_of(pipeline: PipelineFile, registry: Registry) -> tuple[Knob, ...]:
+def knobs_of(pipeline: PipelineFile, registry: Registry) -> tuple[PipelineKnob, ...]:
     """Return every fidelity parameter of every stage, including stages that a sweep swaps in."""
     found = []
     for entry in pipeline.stages:
@@ -82,29 +75,40 @@ def knobs_of(pipeline: PipelineFile, registry: Registry) -> tuple[Knob, ...]:
                     settings = ladder(parameter, default)
                     closed = parameter.closed_form if parameter.settings else isinstance(default, str)
                     left = parameter.studied or parameter.dear
+                    written = swept or name in values
                     found.append(
-                        Knob(
-                            entry.name, use, name, settings, closed, own, swept or name in values, left, parameter.units
+                        PipelineKnob(
+                            entry.name,
+                            name,
+                            settings,
+                            parameter.units,
+                            use=use,
+                            closed_form=closed,
+                            value=own,
+                            written=written,
+                            studied=left,
                         )
                     )
     return tuple(found)
 
 
-def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
+def ladder(parameter: Parameter, default: Any) -> tuple[Value, ...]:
     """Return settings from the cheapest to the reference. Without declared ones a number is doubled (counts) or halved
     (all others) in steps.
     """
     if parameter.settings or isinstance(default, str | bool) or not isinstance(default, int | float):
         return parameter.settings
     if isinstance(default, int):
-        steps: list[Any] = [max(default // 4, 1), max(default // 2, 1), default, 2 * default, 4 * default]
+        steps: list[Value] = [max(default // 4, 1), max(default // 2, 1), default, 2 * default, 4 * default]
     else:
         steps = [4 * default, 2 * default, default, default / 2, default / 4]
     low, high = parameter.held or (-math.inf, math.inf)
     return tuple(dict.fromkeys(step for step in steps if parameter.allows(step) and low <= step <= high))
 
 
-def reference_of(pipeline: PipelineFile, registry: Registry, knobs: Iterable[Knob] | None = None) -> ReferencePipeline:
+def reference_of(
+    pipeline: PipelineFile, registry: Registry, knobs: Iterable[PipelineKnob] | None = None
+) -> ReferencePipeline:
     """Return the reference of a pipeline, for ``knobs`` if given, else for all that the file does not write."""
     chosen = (
         tuple(k for k in knobs_of(pipeline, registry) if not (k.written or k.studied))

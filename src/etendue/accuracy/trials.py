@@ -6,14 +6,14 @@ Out: a ``Trial`` for a combination of settings, a ``Curve`` for a knob alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from etendue.accuracy.differences import difference
-from etendue.accuracy.frontier import Convergence, convergence, remaining
 from etendue.accuracy.measuring import GlobalError, Measurement, Wanted
-from etendue.accuracy.reference import Knob, reference_of, with_settings
+from etendue.accuracy.orders import Convergence, convergence, remaining
+from etendue.accuracy.reference import PipelineKnob, reference_of, with_settings
 from etendue.compute.tables import TABLES
 from etendue.contract.arrays.dims import banded
 from etendue.contract.arrays.variables import variable as known_variable
@@ -21,32 +21,32 @@ from etendue.contract.registry import Registry
 from etendue.errors import RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import behind
+from etendue.plan.expansion.search import Goal, Search, Setting, Settings, Trial, Value
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Collected, Options, collect
-from etendue.types.documents import DocumentView
 
 PRECISION = "precision"
-COARSEST = 0.5  # if a setting has a larger error, cheaper ones are not tried
+COARSEST = Goal(0.5)  # settings cheaper than one that misses it are not tried
 Told = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class SettingTrial:
-    """One combination of settings, by knob; knobs that are not named are at their reference."""
+class SettingTrial(Trial):
+    """A trial whose error is the rms of the worst wanted variable, relative to full scale; knobs that are not named are
+    at their reference.
+    """
 
-    settings: DocumentView
-    error: float | None  # rms of the worst wanted variable, relative to full scale
-    variable: str  # name of that variable
+    variable: str  # name of the worst variable
     stage_errors: Mapping[str, float | None]  # by knob: at the first picture or metrics after its stage
     seconds: Mapping[str, float]  # by stage
     why: str = ""  # set if it could not be run
 
-    def setting(self, knob: Knob) -> Any:
+    def setting(self, knob: PipelineKnob) -> Value:
         return self.settings.get(knob.key, knob.reference)
 
     @property
-    def whole(self) -> float:
+    def cost(self) -> float:
         return sum(self.seconds.values())
 
 
@@ -54,15 +54,14 @@ class SettingTrial:
 class SettingCurve:
     """A knob alone, from its cheapest setting to its reference."""
 
-    knob: Knob
+    knob: PipelineKnob
     measured_at: str  # where the error of the stage is measured
     trials: tuple[SettingTrial, ...]
     affected: frozenset[str]  # stages whose computation it may change
     convergence: Convergence
 
-    def seconds(self, trial: SettingTrial, stages: Iterable[str] | None = None) -> float:
-        chosen = self.affected if stages is None else frozenset(stages)
-        return sum(s for name, s in trial.seconds.items() if name in chosen)
+    def seconds(self, trial: SettingTrial) -> float:
+        return sum(s for name, s in trial.seconds.items() if name in self.affected)
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,12 @@ class Trials:
     """All trials of a pipeline, compared with its reference."""
 
     def __init__(
-        self, pipeline: PipelineFile, registry: Registry, knobs: tuple[Knob, ...], given: frozenset[str], effort: Effort
+        self,
+        pipeline: PipelineFile,
+        registry: Registry,
+        knobs: tuple[PipelineKnob, ...],
+        given: frozenset[str],
+        effort: Effort,
     ) -> None:
         self.registry, self.effort, self.options = registry, effort, Options("serial")
         base = Measurement(pipeline, registry, effort.cells, self.options)
@@ -98,23 +102,16 @@ class Trials:
         self.measurement.also = tuple(dict.fromkeys(place for places in self.own.values() for place in places))
         self.exact = self.measurement.reference.pipeline
         self.affected = {k.key: affected(plan, k) for k in knobs}
-        self.trials: dict[tuple[tuple[str, Any], ...], SettingTrial] = {}
+        self.search = Search(self.evaluate, {k.key: k.reference for k in knobs})
         self.notes: list[str] = []
         self.floor = 0.0
 
-    def trial(self, settings: DocumentView) -> SettingTrial:
-        """Return a combination, run once and cached."""
-        moved = {k.key: settings[k.key] for k in self.knobs if k.key in settings and settings[k.key] != k.reference}
-        name = tuple(sorted(moved.items()))
-        if name not in self.trials:
-            self.effort.told(", ".join(f"{key} = {value}" for key, value in moved.items()) or "the reference")
-            knobs = {k.key: k for k in self.knobs}
-            written = {
-                (knobs[key].stage, knobs[key].use, knobs[key].name): v for key, v in moved.items() if key != PRECISION
-            }
-            pipeline = replace(with_settings(self.exact, written), precision=moved.get(PRECISION, "float64"))
-            self.trials[name] = self.run(pipeline, moved)
-        return self.trials[name]
+    def evaluate(self, moved: Settings) -> SettingTrial:
+        """Run a combination."""
+        self.effort.told(", ".join(f"{key} = {value}" for key, value in moved.items()) or "the reference")
+        written = {(k.stage, k.use, k.name): moved[k.key] for k in self.knobs if k.stage and k.key in moved}
+        pipeline = replace(with_settings(self.exact, written), precision=str(moved.get(PRECISION, "float64")))
+        return self.run(pipeline, moved)
 
     def planned(self, pipeline: PipelineFile) -> SettingTrial:
         """Return a trial of the pipeline as its file has it."""
@@ -128,7 +125,7 @@ class Trials:
         values = {k.key: k.value for k in self.knobs}
         return self.run(own, values)
 
-    def run(self, pipeline: PipelineFile, settings: DocumentView) -> SettingTrial:
+    def run(self, pipeline: PipelineFile, settings: Settings) -> SettingTrial:
         try:
             plan = self.measurement.plan(pipeline)
         except RequestError as error:
@@ -162,12 +159,12 @@ class Trials:
         self.floor = max([self.floor, *(e.below for e in wanted.values() if e.below < float("inf"))])
         return {name: e.rms for name, e in wanted.items() if e.rms is not None}
 
-    def curve(self, knob: Knob, reference: SettingTrial) -> SettingCurve:
+    def curve(self, knob: PipelineKnob, reference: SettingTrial) -> SettingCurve:
         """Return the curve of a knob, from the reference towards cheaper settings while the picture is recognisable."""
         trials = [reference]
-        for setting in reversed(knob.settings[:-1]):
-            trials.insert(0, self.trial({knob.key: setting}))
-            if (trials[0].error or 0.0) > COARSEST:
+        for setting in knob.coarser(knob.reference):
+            trials.insert(0, self.search.at({knob.key: setting}))
+            if not COARSEST.met(trials[0].error or 0.0):
                 self.notes.append(f"{knob.key}: settings cheaper than {setting} are not tried")
                 break
         places = self.own[knob.key]
@@ -175,9 +172,11 @@ class Trials:
         used = [t for t in trials if not t.why]
         shown = [t.setting(knob) for t in used]
         finite = not knob.closed_form and len(used) > 1
-        number = finite and isinstance(shown[-1], int | float) and not isinstance(shown[-1], bool)
-        last = shown[-1] if number and shown[-1] > 0 else None
-        power = last is not None and last < shown[0]  # a width: the fitted law itself accounts for the finite reference
+        numbers = [float(s) for s in shown if not isinstance(s, bool | str)]
+        last = numbers[-1] if finite and numbers and numbers[-1] > 0 else None
+        power = (
+            last is not None and last < numbers[0]
+        )  # a width: the fitted law itself accounts for the finite reference
         lost = 0 if not finite else 1 if power else 2  # one refinement below the reference shows only half of its error
         counted = len(used) - lost
         law = convergence(shown[:counted], [t.stage_errors.get(knob.key) for t in used[:counted]], reference=last)
@@ -185,10 +184,12 @@ class Trials:
             self.floor = max(self.floor, remaining(shown, used[-2].error or 0.0, law))
         return SettingCurve(knob, where, tuple(used), self.affected[knob.key], law)
 
-    def choices(self, curves: Sequence[SettingCurve]) -> dict[str, list[tuple[Any, float, float]]]:
+    def choices(self, curves: Sequence[SettingCurve]) -> dict[str, list[Setting]]:
         """Return, by knob, settings with their error and the seconds of the stages that the knob affects."""
         return {
-            c.knob.key: [(t.setting(c.knob), t.error or 0.0, c.seconds(t)) for t in c.trials if t.error is not None]
+            c.knob.key: [
+                Setting(c.knob, t.setting(c.knob), t.error, c.seconds(t)) for t in c.trials if t.error is not None
+            ]
             for c in curves
         }
 
@@ -197,12 +198,13 @@ class Trials:
         settings of these, the minimum counts.
         """
         least: dict[tuple[Any, ...], float] = {}
-        for trial in self.trials.values():
+        for trial in self.search.tried.values():
             for stage, seconds in trial.seconds.items():
                 work = self.work(trial, stage)
                 least[work] = min(seconds, least.get(work, seconds))
         return [
-            replace(t, seconds={stage: least[self.work(t, stage)] for stage in t.seconds}) for t in self.trials.values()
+            replace(t, seconds={stage: least[self.work(t, stage)] for stage in t.seconds})
+            for t in self.search.tried.values()
         ]
 
     def work(self, trial: SettingTrial, stage: str) -> tuple[Any, ...]:
@@ -248,7 +250,7 @@ def seconds_by_stage(found: Collected) -> dict[str, float]:
     return seconds
 
 
-def affected(plan: Plan, knob: Knob) -> frozenset[str]:
+def affected(plan: Plan, knob: PipelineKnob) -> frozenset[str]:
     """Return the stages whose computation a knob may change: its own, those joined with it into one pass, and after a
     change of grid all later ones.
     """

@@ -10,7 +10,7 @@ import click
 
 from etendue.accuracy import holding
 from etendue.accuracy.measuring import Measurement
-from etendue.accuracy.stating import stated_elsewhere
+from etendue.accuracy.pilot import stated_elsewhere
 from etendue.cli.options import installed
 from etendue.present.terminal.global_error import global_error_document, held_document, say_held
 
@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from etendue.types.documents import Document
 
 
-def held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) -> Any:
+def held(pipeline: Any, asked: float, seconds: float, folder: Path, options: Any, watched: Any) -> Any:
     """Find the tolerance that holds an error, and print it before the run."""
-    found = holding.hold(pipeline, installed(), asked, options=options, progress=watched, archive=folder)
+    found = holding.hold(
+        pipeline, installed(), asked, options=options, progress=watched, archive=folder, seconds=seconds
+    )
     for text in say_held(found):
         click.echo(text, err=True)
     return found

@@ -88,7 +88,7 @@ class Need:
 
 @dataclass(frozen=True)
 class Budget:
-    """What a search may spend: evaluations and seconds in total, bytes at once."""
+    """What a search may spend: evaluations and seconds of thread time in total, bytes at once."""
 
     count: float = math.inf
     seconds: float = math.inf
@@ -109,13 +109,12 @@ class Search(Generic[_Tried]):
     ----------
     evaluate : returns the trial of a combination
     start : settings of knobs that a combination does not name
-    budget : what all evaluations may take
-    expected : what an evaluation is expected to take
+    budget : what it may spend; an evaluation that knows what it is going to take asks for it (``afford``)
 
     Attributes
     ----------
     tried : every trial, in the order of evaluation
-    lacking : what the evaluation would take that the budget did not allow; None if it allowed all
+    lacking : what was needed next and not begun; None as long as the budget allows all
     """
 
     def __init__(
@@ -123,9 +122,8 @@ class Search(Generic[_Tried]):
         evaluate: Callable[[Settings], _Tried],
         start: Mapping[str, Value] = {},
         budget: Budget = Budget(),
-        expected: Callable[[Settings], Need] = lambda _: Need(),
     ) -> None:
-        self.evaluate, self.start, self.budget, self.expected = evaluate, start, budget, expected
+        self.evaluate, self.start, self.budget = evaluate, start, budget
         self.tried: dict[tuple[tuple[str, Value], ...], _Tried] = {}
         self.lacking: Need | None = None
 
@@ -134,13 +132,13 @@ class Search(Generic[_Tried]):
         moved = {key: value for key, value in settings.items() if value != self.start.get(key)}
         name = tuple(sorted(moved.items()))
         if name not in self.tried:
-            self.afford(self.expected(moved))
+            self.afford(Need())
             self.tried[name] = self.evaluate(moved)
         return self.tried[name]
 
-    def afford(self, need: Need) -> None:
-        """Raise ``OverBudget`` if what is needed exceeds what the trials have left of the budget."""
-        own, spent = self.budget, sum(trial.cost for trial in self.tried.values())
+    def afford(self, need: Need, spent: float = 0.0) -> None:
+        """Raise ``OverBudget`` if the budget does not allow what is needed after so many seconds are spent."""
+        own = self.budget
         if len(self.tried) >= own.count or spent + need.seconds > own.seconds or need.bytes > own.bytes:
             self.lacking = need
             raise OverBudget
@@ -170,21 +168,26 @@ class Search(Generic[_Tried]):
             chosen.append(Setting(knob, own[knob.key], added, best.cost))
         return self.at(own), chosen
 
-    def stepped(self, knob: Knob, start: Value, goal: Goal) -> _Tried | None:
+    def stepped(
+        self, knob: Knob, start: Value, goal: Goal, hopeless: Callable[[_Tried], bool] = lambda trial: False
+    ) -> _Tried | None:
         """Return the cheapest setting that meets a goal, step by step: coarser as long as it does, else finer until it
-        does. None: none did before the budget or the settings ended.
+        does. None: none did before the budget, the settings or hope ended.
         """
-        found = None
+        found: _Tried | None = None
         with suppress(OverBudget):
-            for value in (start, *knob.coarser(start)):
-                trial = self.at({knob.key: value})
+            trial = self.at({knob.key: start})
+            for value in knob.coarser(start) if goal.met(trial.error) else ():
+                found, trial = trial, self.at({knob.key: value})
                 if not goal.met(trial.error):
-                    break
-                found = trial
-            for value in knob.finer(start) if found is None else ():
+                    return found
+            for value in () if goal.met(trial.error) else knob.finer(start):
+                if hopeless(trial):
+                    return None
                 trial = self.at({knob.key: value})
                 if goal.met(trial.error):
-                    return trial
+                    break
+            return trial if goal.met(trial.error) else None
         return found
 
     def explored(self, choices: Choices, goals: Iterable[Goal], most: int) -> None:

@@ -30,7 +30,7 @@ def document(found: Any) -> Document:
 
     def point(trial: Any) -> Document:
         settings = {key: trial.setting(knob) for key, knob in knobs.items()}
-        return {"settings": settings, "error": trial.error, "variable": trial.variable, "seconds": trial.whole}
+        return {"settings": settings, "error": trial.error, "variable": trial.variable, "seconds": trial.cost}
 
     return {
         "pipeline": found.pipeline,
@@ -74,7 +74,7 @@ def _curve(curve: Any) -> Document:
                 "error": trial.error,
                 "stage_error": trial.stage_errors.get(knob.key),
                 "variable": trial.variable,
-                "whole_seconds": trial.whole,
+                "whole_seconds": trial.cost,
             }
             for trial in curve.trials
         ],

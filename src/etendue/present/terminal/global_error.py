@@ -13,6 +13,7 @@ from typing import Any
 from rich.console import Console
 
 from etendue.present.terminal.terminal import _out, _table, escape, human_seconds, short_axes
+from etendue.telling import human_bytes
 from etendue.types.documents import Document
 
 SHOWN = 10  # rows; smaller errors are summarised in one line
@@ -52,6 +53,9 @@ def say_held(held: Any) -> list[str]:
     """Return the lines printed before a run: the tolerance found, and what cannot be held."""
     when = "found by an earlier run" if held.remembered else f"measured in {human_seconds(held.seconds)} of thread time"
     said = [f"hold {held.asked:g}: local tolerance {held.tolerance:g}, {when}"]
+    if held.needed:
+        need = f"{human_seconds(held.needed.seconds)} more and {human_bytes(held.needed.bytes)} of memory"
+        said.append(f"not searched further: the next run would take about {need}; allow more by --hold-seconds")
     return said + _not_held(held.document(), held.measured.errors)
 
 

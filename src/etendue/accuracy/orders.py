@@ -1,31 +1,29 @@
-"""Choose settings worth their time: orders of convergence, the Pareto front of error and seconds, combinations to try.
+"""Orders of convergence: by which law an error falls along the settings of a knob, and what is left behind the last.
 
-In:  settings with their errors and seconds.
-Out: numbers and choices; nothing is run here.
+In:  settings with their errors.
+Out: numbers; nothing is run here.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
-from etendue.types.documents import Document
-
 ROUNDING = 3e-15  # smaller errors are rounding in 64 bits
 LARGEST = 0.1  # larger errors do not converge yet
 PLATEAU = 0.9  # errors that fall by less have reached a plateau
-_Point = TypeVar("_Point")
+ALIKE = 2.0  # an order is known if the largest of those between neighbours is at most this times the smallest
 
 
 @dataclass(frozen=True)
 class Convergence:
     """``order``: the error falls with this power of the setting (``algebraic``), or by exp(-order) with each unit of it
-    (``geometric``); None where fewer than three settings show it."""
+    (``geometric``); None where fewer than three settings show it, or neighbours show orders that are not alike."""
 
     order: float | None
     law: str
@@ -37,8 +35,9 @@ def convergence(
 ) -> Convergence:
     """Return the law by which errors fall from setting to setting: the one with the smaller residual in log error.
 
-    The order is the median of those between neighbours among the finest four settings that show it. Settings beyond
-    which the error falls by less than a tenth are ignored: another error dominates there.
+    The order is the median of those between neighbours among the finest four settings that show it, if these are alike.
+    Settings beyond which the error falls by less than a tenth are ignored: another error dominates there. Only counts
+    that are not doubled from setting to setting can show a factor for each.
 
     Parameters
     ----------
@@ -54,15 +53,17 @@ def convergence(
     size, error = (np.array(values) for values in zip(*used, strict=True))
     finer = 1.0 if size[-1] > size[0] else -1.0
     fits = {}
-    for law, along in (("algebraic", np.log(size)), ("geometric", size)):
+    counted = finer > 0 and np.all(size % 1 == 0) and np.all(size[1:] < 2 * size[:-1])
+    for law, along in (("algebraic", np.log(size)), *([("geometric", size)] if counted else [])):
         slope, start = np.polyfit(along, np.log(error), 1)
         local = -finer * np.diff(np.log(error)) / np.diff(along)
         if law == "algebraic" and reference is not None:
             local = _beside_a_finite_reference(local, size**-finer, error, reference**-finer)
         rate = np.median(local[-3:]) if law == "algebraic" else -finer * slope
-        fits[law] = float(rate), float(np.sum((np.log(error) - slope * along - start) ** 2))
-    law = min(fits, key=lambda name: fits[name][1]) if finer > 0 else "algebraic"
-    return Convergence(fits[law][0], law, tuple(map(float, size)))
+        if 0 < max(local[-3:]) <= ALIKE * min(local[-3:]):
+            fits[law] = float(np.sum((np.log(error) - slope * along - start) ** 2)), float(rate)
+    law = min(fits, key=lambda name: fits[name], default="")
+    return Convergence(fits[law][1] if law else None, law, tuple(map(float, size)))
 
 
 def _falling(settings: Sequence[Any], errors: Sequence[float | None], least: float) -> list[tuple[float, float]]:
@@ -112,59 +113,3 @@ def remaining(settings: Sequence[Any], moved: float, found: Convergence) -> floa
         return moved / math.expm1(min(found.order * abs(last - before), 700.0))
     ratio = max(last / before, before / last)
     return float(moved / (ratio**found.order - 1))
-
-
-def front(points: Sequence[_Point], of: Callable[[_Point], tuple[float, float]], worth: float = 1.0) -> list[_Point]:
-    """Return the points that no other point beats in both (error, seconds), the cheapest first; each has less than
-    ``worth`` times the error of the one before."""
-    chosen: list[_Point] = []
-    for point in sorted(points, key=lambda p: (of(p)[1], of(p)[0])):
-        if not chosen or of(point)[0] < worth * of(chosen[-1])[0]:
-            chosen.append(point)
-    return chosen
-
-
-def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most: int) -> list[Document]:
-    """Return combinations of settings worth a trial, from the finest to the cheapest, without duplicates.
-
-    For every price of error each knob takes the setting with the least seconds + price x error: if errors and seconds
-    add up, these are the corners of the front's convex hull. Between them are combinations in which every knob takes
-    its cheapest setting with an error within one tolerance.
-
-    Parameters
-    ----------
-    choices : by knob: (setting, error, seconds)
-    most : largest number of combinations
-    """
-    found: dict[tuple[tuple[str, int], ...], Document] = {}
-    for exponent in np.linspace(16, -4, 201):
-        price = 10.0**exponent
-        best = {}
-        for knob, own in choices.items():
-            costs = [seconds + price * error for _, error, seconds in own]
-            best[knob] = max(i for i, cost in enumerate(costs) if cost == min(costs))
-        found.setdefault(tuple(sorted(best.items())), {knob: choices[knob][i][0] for knob, i in best.items()})
-    for tolerance in 10.0 ** np.arange(-10, -0.4, 0.5):
-        best = {}
-        for knob, own in choices.items():
-            within = [i for i, (_, error, _) in enumerate(own) if error <= tolerance] or [
-                min(range(len(own)), key=lambda i: own[i][1])
-            ]
-            best[knob] = min(within, key=lambda i: own[i][2])
-        found.setdefault(tuple(sorted(best.items())), {knob: choices[knob][i][0] for knob, i in best.items()})
-
-    def error_of(settings: Document) -> float:
-        return sum(
-            next(error for setting, error, _ in choices[knob] if setting == own) for knob, own in settings.items()
-        )
-
-    every = sorted(found.values(), key=error_of)
-    if len(every) <= most:
-        return every
-    return [every[round(i * (len(every) - 1) / max(most - 1, 1))] for i in range(most)]
-
-
-def cheapest(points: Sequence[_Point], of: Callable[[_Point], tuple[float, float]], tolerance: float) -> _Point | None:
-    """Return the point with the least seconds whose error is within a tolerance; None if there is none."""
-    within = [point for point in points if of(point)[0] <= tolerance]
-    return min(within, key=lambda point: (of(point)[1], of(point)[0]), default=None)
