@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 RUNGS = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 0.0)
 LADDER = Knob("", "tolerance", RUNGS)
-SECONDS = 900.0  # of thread time that a search may take
 MEMORY = 0.8  # share of the available memory that one of its runs may take
 
 
@@ -94,13 +93,12 @@ def hold(
     options: Options | None = None,
     progress: Callable[[Plan], Progress] | None = None,
     archive: Path | None = None,
-    seconds: float = SECONDS,
 ) -> HeldTolerance:
     """Find the tolerance for a pipeline. A result that ``keep`` has stored in an archive is reused until one of its
     cells changes.
 
-    The search ends before a run that is expected to exceed ``seconds`` of thread time together with those before, or
-    a share of the available memory.
+    The search ends before a run that is expected to exceed the ``hold_seconds`` of the options together with those
+    before, or a share of the available memory.
 
     Raises
     ------
@@ -111,7 +109,7 @@ def hold(
     measurement = Measurement(pipeline, registry, cells, options, progress)
     key = digest(f"hold {asked:g} {pipeline.norm} {measurement.key()}".encode())
     known = _remembered(recall(archive, key), asked, pipeline.norm) if archive is not None else None
-    budget = Budget(seconds=seconds, bytes=MEMORY * available_memory() or math.inf)
+    budget = Budget(seconds=measurement.options.hold_seconds, bytes=MEMORY * available_memory() or math.inf)
     found = known or replace(_search(measurement, asked, pipeline.norm, budget), key=key)
     return replace(found, places=measurement.places)
 
@@ -138,9 +136,12 @@ def _search(measurement: Measurement, asked: float, norm: str, budget: Budget) -
         tolerance = float(settings[LADDER.key])
         plan = measurement.plan(replace(measurement.pipeline, tolerance=tolerance))
         same = next((other for other in search.tried.values() if _equal(plan, other.plan)), None)
+        before = measurement.seconds
         try:
-            found = same.measured if same else measurement.compared(plan, measurement.run(plan), measurement.seconds)
+            found = same.measured if same else measurement.compared(plan, measurement.run(plan), before)
         except OverBudget:
+            if search.tried:
+                raise
             found = measurement.unknown(plan, "measuring it would exceed what --hold may take")
         lacking = missed(found, asked, norm)
         hopeless = bool(lacking) and all(found.errors[name].below > asked for name in lacking)

@@ -1,5 +1,5 @@
-"""Choose the cells of a sweep that are measured: corners, the middle, and places in between; always the same ones. State
-an error for the others.
+"""Choose the cells of a sweep that are measured: corners, the middle, and places in between; always the same ones.
+State an error for the others.
 
 In:  the axes of a pipeline, and the largest number of places; errors measured there.
 Out: places as positions on each axis; the pipeline with its sweep reduced to these values; for every wanted variable, a

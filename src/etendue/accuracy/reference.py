@@ -92,14 +92,14 @@ def knobs_of(pipeline: PipelineFile, registry: Registry) -> tuple[PipelineKnob, 
     return tuple(found)
 
 
-def ladder(parameter: Parameter, default: Any) -> tuple[Value, ...]:
+def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
     """Return settings from the cheapest to the reference. Without declared ones a number is doubled (counts) or halved
     (all others) in steps.
     """
     if parameter.settings or isinstance(default, str | bool) or not isinstance(default, int | float):
         return parameter.settings
     if isinstance(default, int):
-        steps: list[Value] = [max(default // 4, 1), max(default // 2, 1), default, 2 * default, 4 * default]
+        steps: list[Any] = [max(default // 4, 1), max(default // 2, 1), default, 2 * default, 4 * default]
     else:
         steps = [4 * default, 2 * default, default, default / 2, default / 4]
     low, high = parameter.held or (-math.inf, math.inf)

@@ -174,9 +174,7 @@ class Trials:
         finite = not knob.closed_form and len(used) > 1
         numbers = [float(s) for s in shown if not isinstance(s, bool | str)]
         last = numbers[-1] if finite and numbers and numbers[-1] > 0 else None
-        power = (
-            last is not None and last < numbers[0]
-        )  # a width: the fitted law itself accounts for the finite reference
+        power = last is not None and last < numbers[0]  # a width: the law accounts for the finite reference
         lost = 0 if not finite else 1 if power else 2  # one refinement below the reference shows only half of its error
         counted = len(used) - lost
         law = convergence(shown[:counted], [t.stage_errors.get(knob.key) for t in used[:counted]], reference=last)

@@ -66,10 +66,9 @@ def _how(function: Any) -> Any:
 )
 @click.option(
     "--hold-seconds",
-    type=click.FloatRange(0, min_open=True),
+    type=click.FloatRange(0),
     default=900.0,
     show_default=True,
-    metavar="S",
     help="Thread time that --hold may take to find it.",
 )
 @gather_way

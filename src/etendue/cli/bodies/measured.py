@@ -18,11 +18,9 @@ if TYPE_CHECKING:
     from etendue.types.documents import Document
 
 
-def held(pipeline: Any, asked: float, seconds: float, folder: Path, options: Any, watched: Any) -> Any:
+def held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) -> Any:
     """Find the tolerance that holds an error, and print it before the run."""
-    found = holding.hold(
-        pipeline, installed(), asked, options=options, progress=watched, archive=folder, seconds=seconds
-    )
+    found = holding.hold(pipeline, installed(), asked, options=options, progress=watched, archive=folder)
     for text in say_held(found):
         click.echo(text, err=True)
     return found

@@ -20,15 +20,7 @@ from etendue.session import check_timeout, execute
 from etendue.telling import printable
 
 
-def run(
-    given: Given,
-    way: Way,
-    archive: Path | str | None,
-    measure: bool,
-    hold: float | None,
-    hold_seconds: float,
-    **how: Any,
-) -> None:
+def run(given: Given, way: Way, archive: Path | str | None, measure: bool, hold: float | None, **how: Any) -> None:
     here = Path.cwd()  # a plugin may change it
     if hold is not None and (given.tolerance is not None or given.nothing_left_out):
         raise click.UsageError("--hold finds the tolerance: omit --tolerance and --nothing-left-out")
@@ -39,7 +31,7 @@ def run(
     if measure or hold is not None:
         from etendue.cli.bodies import measured as errors
     with places.writing(place, far(way.scheduler)) as folder:
-        held = errors.held(pipeline, hold, hold_seconds, folder, options, watched) if hold is not None else None
+        held = errors.held(pipeline, hold, folder, options, watched) if hold is not None else None
         made = planned(given, way.silent, replace(pipeline, tolerance=held.tolerance) if held else pipeline)
         _warn(made, way)
         measurement = errors.measurement(made, options, watched) if measure and not held else None

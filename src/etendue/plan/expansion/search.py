@@ -207,7 +207,7 @@ class Search(Generic[_Tried]):
         """Go from the cheapest trial that meets a goal to coarser neighbours that cost less, until there is none."""
         best, before = cheapest(self.tried.values(), error_and_cost, goal.most), None
         while best is not None and best is not before:
-            own = self.start | best.settings
+            own = {**self.start, **best.settings}
             near = [
                 self.at({**best.settings, key: one.value})
                 for key, settings in choices.items()
