@@ -17,7 +17,7 @@ from etendue.accuracy.study import accuracy
 from etendue.cli.program import main
 from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
-from etendue.plan.expansion.search import Goal, Knob, Search, Setting, Trial, cheapest, combinations, front
+from etendue.plan.expansion.search import Knob, Setting, cheapest, combinations, front
 from etendue.session import load
 from tests.run.small import BARE, text_of
 
