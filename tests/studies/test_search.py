@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from etendue.accuracy.orders import convergence
 from etendue.plan.expansion.search import (
-    Budget,
     Goal,
     Knob,
-    Need,
+    Means,
     OverBudget,
     Search,
     Setting,
@@ -110,16 +109,15 @@ def test_steps_go_coarser_while_the_goal_is_met_else_finer_until_it_is(errors, m
 def test_a_search_ends_before_what_it_may_not_spend_and_says_what_that_is():
     def evaluate(settings):
         value = settings["tolerance"]
-        search.afford(Need(seconds=1 / (value + 0.01)), spent=10.0 * len(search.tried))
+        search.afford(Means(1 / (value + 0.01), 0.0), 10.0 * len(search.tried))
         return Trial(settings, value)
 
-    search = Search(evaluate, budget=Budget(seconds=40))
+    search = Search(evaluate, budget=Means(40.0, 10.0))
     assert search.stepped(LADDER, 0.3, Goal(0.0)) is None
     assert [trial.error for trial in search.tried.values()] == [0.3, 0.1]
-    assert search.lacking == Need(seconds=pytest.approx(25))
-    search.budget = Budget(bytes=10)
+    assert search.lacking == Means(pytest.approx(25), 0.0)
     with pytest.raises(OverBudget):
-        search.afford(Need(bytes=11))
+        search.afford(Means(0.0, 11.0), 0.0)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from etendue.accuracy.pilot import MOST
 from etendue.archive.records.remembered import recall, remember
 from etendue.contract.registry import Registry
 from etendue.pipeline.file import PipelineFile
-from etendue.plan.expansion.search import Budget, Goal, Knob, Need, OverBudget, Search, Settings, Trial
+from etendue.plan.expansion.search import Goal, Knob, Means, OverBudget, Search, Settings, Trial
 from etendue.plan.identity.keys import digest
 from etendue.plan.machine import available_memory
 from etendue.plan.model import Plan
@@ -62,7 +62,7 @@ class HeldTolerance:
     missed: tuple[str, ...]
     blame: Mapping[str, float] = field(default_factory=dict)
     seconds: float = 0.0
-    needed: Need | None = None  # by the next run, if the search ended because it may not take that
+    needed: Means | None = None  # by the next run, if the search ended because it may not take that
     remembered: bool = False
     key: str = ""
     places: tuple[Place, ...] = ()
@@ -109,8 +109,7 @@ def hold(
     measurement = Measurement(pipeline, registry, cells, options, progress)
     key = digest(f"hold {asked:g} {pipeline.norm} {measurement.key()}".encode())
     known = _remembered(recall(archive, key), asked, pipeline.norm) if archive is not None else None
-    budget = Budget(seconds=measurement.options.hold_seconds, bytes=MEMORY * available_memory() or math.inf)
-    found = known or replace(_search(measurement, asked, pipeline.norm, budget), key=key)
+    found = known or replace(_search(measurement, asked, pipeline.norm), key=key)
     return replace(found, places=measurement.places)
 
 
@@ -126,7 +125,7 @@ def _rung(asked: float) -> float:
     return min((rung for rung in rungs if rung >= asked), default=rungs[0])
 
 
-def _search(measurement: Measurement, asked: float, norm: str, budget: Budget) -> HeldTolerance:
+def _search(measurement: Measurement, asked: float, norm: str) -> HeldTolerance:
     """Loosen the tolerance as long as the error is held, or tighten it until it is.
 
     How uncertain the reference is does not depend on the tolerance, so none is tried for what that alone forbids.
@@ -148,6 +147,7 @@ def _search(measurement: Measurement, asked: float, norm: str, budget: Budget) -
         error = None if lacking else max((own.value(norm) or 0.0 for own in found.errors.values()), default=0.0)
         return Rung(settings, error, tolerance, plan, found, lacking, hopeless)
 
+    budget = Means(measurement.options.hold_seconds, MEMORY * available_memory() or math.inf)
     search = Search(evaluate, budget=budget)
     measurement.before = lambda need: search.afford(need, measurement.seconds)
     best, blame = search.stepped(LADDER, measurement.pipeline.tolerance, Goal(asked), lambda one: one.hopeless), {}
@@ -170,12 +170,10 @@ def _equal(one: Plan, other: Plan) -> bool:
 
 def _remembered(document: DocumentView | None, asked: float, norm: str) -> HeldTolerance | None:
     """Return the result of an earlier run; None if the document has another form."""
+    measured = from_document(document.get("measured", {})) if document else None
+    if document is None or measured is None:
+        return None
     try:
-        if document is None:
-            return None
-        measured = from_document(document["measured"])
-        if measured is None:
-            return None
         return HeldTolerance(
             asked,
             float(document["tolerance"]),

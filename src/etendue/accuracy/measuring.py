@@ -28,7 +28,7 @@ from etendue.errors import RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import behind
 from etendue.plan.cost import cell_seconds
-from etendue.plan.expansion.search import Need
+from etendue.plan.expansion.search import Means
 from etendue.plan.identity.keys import digest
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
@@ -139,7 +139,7 @@ class Measurement:
     """
 
     also: tuple[Wanted, ...] = ()
-    before: Callable[[Need], None] = staticmethod(lambda need: None)
+    before: Callable[[Means], None] = staticmethod(lambda need: None)
 
     def __init__(
         self,
@@ -218,7 +218,7 @@ class Measurement:
         estimate = sum(cell_seconds(plan.node(cell.node), cell, plan.precision) for cell in plan.cells.values())
         longer = self.seconds / self.estimated if self.estimated else 1.0  # than estimated, by the runs so far
         workers = workers_of(self.options.scheduler, self.options.workers)
-        self.before(Need(longer * estimate, peak_memory(plan, workers, pictures=False).bytes))
+        self.before(Means(longer * estimate, peak_memory(plan, workers, pictures=False).bytes))
         found = collect(plan, self.asked(plan), self.options, self.progress(plan) if self.progress else None)
         self.estimated += estimate
         self.seconds += sum(report.seconds for report in found.reports.values())
@@ -273,32 +273,22 @@ class Measurement:
         unknown = behind(
             plan, (node.name for node in plan.nodes if any(has_no_mean(a.kind) for a in node.alternatives))
         )
-        names = [name for _, name in plan.wanted]
+        shown = shown_names(plan)
         for stage, name in self.measured(plan):
             own = self._error(plan, stage, name, found, truth, coarser)
             if stage in unknown:
                 who = ", ".join(
                     n.name for n in plan.nodes if n.name in unknown and any(has_no_mean(a.kind) for a in n.alternatives)
                 )
-                own = GlobalError(
-                    None,
-                    None,
-                    own.scale,
-                    "unknown",
-                    own.at,
-                    None,
-                    f"{who} draws or rounds, and states no mean",
-                )
-            plain = names.count(name) == 1 and (stage, name) in plan.wanted
-            errors[name if plain else f"{stage}.{name}"] = own
+                why = f"{who} draws or rounds, and states no mean"
+                own = GlobalError(None, None, own.scale, "unknown", own.at, None, why)
+            errors[shown.get((stage, name), f"{stage}.{name}")] = own
         return MeasuredErrors(errors, len(self.places), self.seconds - before)
 
     def unknown(self, plan: Plan, why: str) -> MeasuredErrors:
         """Return the errors of a plan that is not measured."""
-        names = [name for _, name in plan.wanted]
-        keys = [name if names.count(name) == 1 else f"{stage}.{name}" for stage, name in plan.wanted]
         unknown = GlobalError(None, None, None, "unknown", why=why, below=float("inf"))
-        return MeasuredErrors(dict.fromkeys(keys, unknown), len(self.places), 0.0)
+        return MeasuredErrors(dict.fromkeys(shown_names(plan).values(), unknown), len(self.places), 0.0)
 
     def _error(
         self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any
@@ -332,16 +322,8 @@ class Measurement:
         for node in plan.nodes:
             dear = any(p.dear for one in node.alternatives for p, _, _ in parameters_of(one.kind).values())
             if dear and stage in behind(plan, [node.name]):
-                found = max(
-                    [
-                        found,
-                        *(
-                            cell.error[0]
-                            for cell in plan.of(node.name)
-                            if cell.error[0] is not None and not cell.left_out
-                        ),
-                    ]
-                )
+                own = [cell.error[0] or 0.0 for cell in plan.of(node.name) if not cell.left_out]
+                found = max([found, *own])
         return found
 
     def remembered(self, archive: Path) -> MeasuredErrors:
@@ -365,6 +347,12 @@ class Measurement:
         ]
         words = {"form": FORM, "tolerance": self.pipeline.tolerance, "cells": cells, "precision": plans[0].precision}
         return digest(json.dumps(words, sort_keys=True).encode())
+
+
+def shown_names(plan: Plan) -> dict[Wanted, str]:
+    """Return the wanted variables by name, with the stage if two stages write one of that name."""
+    names = [name for _, name in plan.wanted]
+    return {(stage, name): name if names.count(name) == 1 else f"{stage}.{name}" for stage, name in plan.wanted}
 
 
 def in_front(plan: Plan, ref: CellRef, name: str) -> tuple[CellRef, str] | None:

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from etendue.plan.expansion.search import Value
+
 ROUNDING = 3e-15  # smaller errors are rounding in 64 bits
 LARGEST = 0.1  # larger errors do not converge yet
 PLATEAU = 0.9  # errors that fall by less have reached a plateau
@@ -100,6 +102,16 @@ def _beside_a_finite_reference(local: Any, step: Any, error: Any, last: float) -
         solvable = step[i] > step[i + 1] > last and plain > 0 and lacking(1e-3) < 0 < lacking(plain)
         found.append(brentq(lacking, 1e-3, plain) if solvable else plain)
     return np.array(found)
+
+
+def law_of(settings: Sequence[Value], errors: Sequence[float | None], finite: bool) -> Convergence:
+    """Return the law of errors that are differences to the last setting, which is ``finite`` or exact."""
+    numbers = [float(s) for s in settings if not isinstance(s, bool | str)]
+    last = numbers[-1] if finite and numbers and numbers[-1] > 0 else None
+    power = last is not None and last < numbers[0]  # a width: the law itself accounts for the finite reference
+    lost = 0 if not finite else 1 if power else 2  # one refinement below the reference shows only half of its error
+    counted = len(settings) - lost
+    return convergence(settings[:counted], errors[:counted], reference=last)
 
 
 def remaining(settings: Sequence[Any], moved: float, found: Convergence) -> float:

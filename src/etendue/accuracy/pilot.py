@@ -99,10 +99,9 @@ def stated_elsewhere(plan: Plan, measured: MeasuredErrors, places: Sequence[Plac
     bounds: dict[CellRef, float] = {}
     for ref, cell in plan.cells.items():
         bounds[ref] = cell.bound + max((bounds[source] for _, source, _ in cell.inputs), default=0.0)
-    names = [name for _, name in plan.wanted]
     found: dict[str, float | None] = {}
     for stage, name in plan.wanted:
-        key = name if names.count(name) == 1 else f"{stage}.{name}"
+        key = name if name in measured.errors else f"{stage}.{name}"
         axes = [plan.axis(dim) for dim in plan.node(stage).axes]
         seen = {(stage, tuple(axis.values.index(place[axis.dim]) for axis in axes)) for place in places}
         others = [bounds[cell.ref] for cell in plan.of(stage) if cell.ref not in seen]

@@ -89,7 +89,7 @@ def accuracy(
     curves = [study.curve(knob, reference) for knob in study.knobs]
     study.search.explored(study.choices(study.settled_curves(curves)), map(Goal, TOLERANCES), most)
     planned = study.planned(pipeline)
-    trials = study.settled()
+    trials = study.settle()
     done = [t for t in trials if t.error is not None]
     floor = max(study.floor, ROUNDING)
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from etendue.accuracy.differences import difference
-from etendue.accuracy.measuring import GlobalError, Measurement, Wanted
-from etendue.accuracy.orders import Convergence, convergence, remaining
+from etendue.accuracy.measuring import GlobalError, Measurement, Wanted, shown_names
+from etendue.accuracy.orders import Convergence, law_of, remaining
 from etendue.accuracy.reference import PipelineKnob, reference_of, with_settings
 from etendue.compute.tables import TABLES
 from etendue.contract.arrays.dims import banded
@@ -24,7 +24,7 @@ from etendue.plan.ancestry import behind
 from etendue.plan.expansion.search import Goal, Search, Setting, Settings, Trial, Value
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
-from etendue.session import Collected, Options, collect
+from etendue.session import Options, collect
 
 PRECISION = "precision"
 COARSEST = Goal(0.5)  # settings cheaper than one that misses it are not tried
@@ -90,12 +90,11 @@ class Trials:
         try:
             base.plan(reference_of(pipeline, registry, [k for k in knobs if k.stage]).pipeline)
         except RequestError:
-            knobs = tuple(base.within(k) if k.stage and k.key not in given else k for k in knobs)
+            knobs = tuple(k if k.key in given else base.within(k) for k in knobs)
         self.knobs = knobs
         reference = reference_of(pipeline, registry, [*(k for k in knobs if k.stage), *others])
-        unstudied = {(k.stage, k.use, k.name): k.before_reference for k in others if k.before_reference != k.reference}
-        coarser = with_settings(reference.pipeline, unstudied) if unstudied else None
-        reference = replace(reference, coarser=coarser)
+        finite = {(k.stage, k.use, k.name): k.before_reference for k in others if k.before_reference != k.reference}
+        reference = replace(reference, coarser=with_settings(reference.pipeline, finite) if finite else None)
         plan = base.plan(replace(reference.pipeline, sweep=base.pipeline.sweep))
         self.own = {k.key: own_variables(plan, k.stage) if k.stage else () for k in knobs}
         self.measurement = Measurement(pipeline, registry, effort.cells, self.options, reference=reference)
@@ -137,7 +136,9 @@ class Trials:
         for _ in range(self.effort.repeat):
             TABLES.clear()
             found = self.measurement.run(plan)
-            own = seconds_by_stage(found)
+            own: dict[str, float] = {}
+            for (stage, _), report in found.reports.items():
+                own[stage] = own.get(stage, 0.0) + report.seconds
             seconds = {name: min(s, seconds.get(name, s)) for name, s in own.items()}
         errors = self.measurement.compared(plan, found).errors
         known = self.known(plan, errors)
@@ -151,8 +152,7 @@ class Trials:
 
     def known(self, plan: Plan, errors: Mapping[str, GlobalError]) -> dict[str, float]:
         """Return the rms errors of the wanted variables that are known; add a note for each unknown one."""
-        names = [name for _, name in plan.wanted]
-        wanted = {name: e for name, e in errors.items() if name in names or tuple(name.split(".")) in plan.wanted}
+        wanted = {name: errors[name] for name in shown_names(plan).values()}
         for name, e in wanted.items():
             if e.rms is None and (note := f"{name} is not counted: {e.why}") not in self.notes:
                 self.notes.append(note)
@@ -172,12 +172,7 @@ class Trials:
         used = [t for t in trials if not t.why]
         shown = [t.setting(knob) for t in used]
         finite = not knob.closed_form and len(used) > 1
-        numbers = [float(s) for s in shown if not isinstance(s, bool | str)]
-        last = numbers[-1] if finite and numbers and numbers[-1] > 0 else None
-        power = last is not None and last < numbers[0]  # a width: the law accounts for the finite reference
-        lost = 0 if not finite else 1 if power else 2  # one refinement below the reference shows only half of its error
-        counted = len(used) - lost
-        law = convergence(shown[:counted], [t.stage_errors.get(knob.key) for t in used[:counted]], reference=last)
+        law = law_of(shown, [t.stage_errors.get(knob.key) for t in used], finite)
         if finite:
             self.floor = max(self.floor, remaining(shown, used[-2].error or 0.0, law))
         return SettingCurve(knob, where, tuple(used), self.affected[knob.key], law)
@@ -191,7 +186,7 @@ class Trials:
             for c in curves
         }
 
-    def settled(self) -> list[SettingTrial]:
+    def settle(self) -> list[SettingTrial]:
         """Return all trials. The time of a stage depends on the knobs that affect it; among trials with the same
         settings of these, the minimum counts.
         """
@@ -200,17 +195,17 @@ class Trials:
             for stage, seconds in trial.seconds.items():
                 work = self.work(trial, stage)
                 least[work] = min(seconds, least.get(work, seconds))
-        return [
-            replace(t, seconds={stage: least[self.work(t, stage)] for stage in t.seconds})
-            for t in self.search.tried.values()
-        ]
+        for name, trial in self.search.tried.items():
+            settled = {stage: least[self.work(trial, stage)] for stage in trial.seconds}
+            self.search.tried[name] = replace(trial, seconds=settled)
+        return list(self.search.tried.values())
 
     def work(self, trial: SettingTrial, stage: str) -> tuple[Any, ...]:
         return stage, *((k.key, trial.setting(k)) for k in self.knobs if stage in self.affected[k.key])
 
     def settled_curves(self, curves: Sequence[SettingCurve]) -> list[SettingCurve]:
-        settled = {tuple(sorted(t.settings.items())): t for t in self.settled()}
-        return [replace(c, trials=tuple(settled[tuple(sorted(t.settings.items()))] for t in c.trials)) for c in curves]
+        self.settle()
+        return [replace(c, trials=tuple(self.search.at(t.settings) for t in c.trials)) for c in curves]
 
     def noise(self) -> tuple[float | None, str]:
         """Return the distance of one frame from its mean: rms of the last wanted picture after a draw, at the
@@ -239,13 +234,6 @@ class Trials:
             cell.stage,
         )
         return found.rms, name
-
-
-def seconds_by_stage(found: Collected) -> dict[str, float]:
-    seconds: dict[str, float] = {}
-    for (stage, _), report in found.reports.items():
-        seconds[stage] = seconds.get(stage, 0.0) + report.seconds
-    return seconds
 
 
 def affected(plan: Plan, knob: PipelineKnob) -> frozenset[str]:

@@ -134,7 +134,7 @@ class Blur(Moved, Banded, Bounded):
         example=32,
         reference="1024 samples",
         settings=(32, 64, 128, 256, 512, 1024),
-        costs=(1.0, 1.0, 1.0, 1.2, 2.4, 7.2),
+        costs=(1.0, 1.0, 1.0, 1.35, 3.5, 12.0),
         doc="smallest number of samples across the pupil",
     )
     lost: float = param(

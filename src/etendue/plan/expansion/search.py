@@ -79,20 +79,11 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Need:
-    """What an evaluation is expected to take."""
+class Means:
+    """What evaluations take, or may take: seconds of thread time in total, bytes of memory at once."""
 
-    seconds: float = 0.0
-    bytes: float = 0.0
-
-
-@dataclass(frozen=True)
-class Budget:
-    """What a search may spend: evaluations and seconds of thread time in total, bytes at once."""
-
-    count: float = math.inf
-    seconds: float = math.inf
-    bytes: float = math.inf
+    seconds: float
+    bytes: float
 
 
 class OverBudget(Exception):
@@ -114,32 +105,35 @@ class Search(Generic[_Tried]):
     Attributes
     ----------
     tried : every trial, in the order of evaluation
+    most : number of trials that it may reach
     lacking : what was needed next and not begun; None as long as the budget allows all
     """
+
+    most = math.inf
+    lacking: Means | None = None
 
     def __init__(
         self,
         evaluate: Callable[[Settings], _Tried],
         start: Mapping[str, Value] = {},
-        budget: Budget = Budget(),
+        budget: Means = Means(math.inf, math.inf),
     ) -> None:
         self.evaluate, self.start, self.budget = evaluate, start, budget
         self.tried: dict[tuple[tuple[str, Value], ...], _Tried] = {}
-        self.lacking: Need | None = None
 
     def at(self, settings: Settings) -> _Tried:
         """Return the trial of a combination; raise ``OverBudget`` if the budget does not allow it."""
         moved = {key: value for key, value in settings.items() if value != self.start.get(key)}
         name = tuple(sorted(moved.items()))
         if name not in self.tried:
-            self.afford(Need())
+            if len(self.tried) >= self.most:
+                raise OverBudget
             self.tried[name] = self.evaluate(moved)
         return self.tried[name]
 
-    def afford(self, need: Need, spent: float = 0.0) -> None:
+    def afford(self, need: Means, spent: float) -> None:
         """Raise ``OverBudget`` if the budget does not allow what is needed after so many seconds are spent."""
-        own = self.budget
-        if len(self.tried) >= own.count or spent + need.seconds > own.seconds or need.bytes > own.bytes:
+        if spent + need.seconds > self.budget.seconds or need.bytes > self.budget.bytes:
             self.lacking = need
             raise OverBudget
 
@@ -194,7 +188,7 @@ class Search(Generic[_Tried]):
         """Try at most so many combinations: all if they are no more, else those of ``combinations``, and while
         the budget lasts coarser neighbours of the cheapest that meets each goal.
         """
-        self.budget = Budget(count=len(self.tried) + most)
+        self.most = len(self.tried) + most
         with suppress(OverBudget):
             few = math.prod(map(len, choices.values())) <= most
             every = itertools.product(*([(key, one.value) for one in own] for key, own in choices.items()))
