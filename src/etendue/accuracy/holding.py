@@ -105,7 +105,7 @@ def hold(
     RequestError
         The pipeline is invalid.
     """
-    pipeline = replace(pipeline, tolerance=_rung(asked))
+    pipeline = replace(pipeline, tolerance=min((rung for rung in RUNGS if rung >= asked), default=RUNGS[0]))
     measurement = Measurement(pipeline, registry, cells, options, progress)
     key = digest(f"hold {asked:g} {pipeline.norm} {measurement.key()}".encode())
     known = _remembered(recall(archive, key), asked, pipeline.norm) if archive is not None else None
@@ -117,12 +117,6 @@ def keep(held: HeldTolerance, archive: Path) -> None:
     """Store the result of a whole search in an archive, which exists by now."""
     if not (held.remembered or held.needed):
         remember(archive, held.key, finite({**held.document(), "measured": held.measured.document()}))
-
-
-def _rung(asked: float) -> float:
-    """Return the strictest rung of the ladder that is no stricter than what is asked for."""
-    rungs = [float(rung) for rung in LADDER.settings]
-    return min((rung for rung in rungs if rung >= asked), default=rungs[0])
 
 
 def _search(measurement: Measurement, asked: float, norm: str) -> HeldTolerance:
