@@ -70,15 +70,8 @@ def convergence(
 
 def _falling(settings: Sequence[Any], errors: Sequence[float | None], least: float) -> list[tuple[float, float]]:
     """Return settings and errors as long as the error falls from each to the next."""
-    used = [
-        (float(s), float(e))
-        for s, e in zip(settings, errors, strict=True)
-        if isinstance(s, int | float)
-        and not isinstance(s, bool)
-        and 0 < s < math.inf
-        and e is not None
-        and least < e < LARGEST
-    ]
+    numbers = [(s, e or 0.0) for s, e in zip(settings, errors, strict=True) if not isinstance(s, bool | str)]
+    used = [(float(s), float(e)) for s, e in numbers if 0 < s < math.inf and least < e < LARGEST]
     falling = [i for i in range(len(used) - 1) if min(e for _, e in used[i + 1 :]) < PLATEAU * used[i][1]]
     if not falling or falling[-1] < len(used) - 2:  # beyond these another error dominates
         return used[: falling[-1] + 1] if falling else []

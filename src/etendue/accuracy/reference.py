@@ -70,25 +70,18 @@ def knobs_of(pipeline: PipelineFile, registry: Registry) -> tuple[PipelineKnob, 
                 continue
             for name, (parameter, _, default) in declared.items():
                 if parameter.fidelity and not parameter.shared and default is not MISSING:
-                    swept = f"{entry.name}.{name}" in pipeline.sweep
-                    own = values.get(name, default)
-                    settings = ladder(parameter, default)
-                    closed = parameter.closed_form if parameter.settings else isinstance(default, str)
-                    left = parameter.studied or parameter.dear
-                    written = swept or name in values
-                    found.append(
-                        PipelineKnob(
-                            entry.name,
-                            name,
-                            settings,
-                            parameter.units,
-                            use=use,
-                            closed_form=closed,
-                            value=own,
-                            written=written,
-                            studied=left,
-                        )
+                    knob = PipelineKnob(
+                        entry.name,
+                        name,
+                        ladder(parameter, default),
+                        parameter.units,
+                        use=use,
+                        closed_form=parameter.closed_form if parameter.settings else isinstance(default, str),
+                        value=values.get(name, default),
+                        written=name in values or f"{entry.name}.{name}" in pipeline.sweep,
+                        studied=parameter.studied or parameter.dear,
                     )
+                    found.append(knob)
     return tuple(found)
 
 

@@ -121,8 +121,7 @@ class Trials:
             leave_out=pipeline.leave_out,
             precision=pipeline.precision,
         )
-        values = {k.key: k.value for k in self.knobs}
-        return self.run(own, values)
+        return self.run(own, {k.key: k.value for k in self.knobs})
 
     def run(self, pipeline: PipelineFile, settings: Settings) -> SettingTrial:
         try:
@@ -218,22 +217,15 @@ class Trials:
         if not pictures:
             return None, ""
         order = [node.name for node in exact.nodes]
-        stage, name = max(
-            pictures, key=lambda place: (known_variable(place[1]).shown == "encoded", order.index(place[0]))
-        )
+        stage, name = max(pictures, key=lambda at: (known_variable(at[1]).shown == "encoded", order.index(at[0])))
         plan = make_plan(self.exact, self.registry)
         ref = self.measurement.cells_of(plan, stage)[0][0]
         frame = collect(plan, {ref: [name]}, self.options)
         if ref not in frame.arrays or ref not in self.measurement.truth.arrays:
             return None, ""
-        cell = exact.cells[ref]
-        found = difference(
-            frame.arrays[ref][name],
-            self.measurement.truth.arrays[ref][name],
-            exact.node(stage).writes[name],
-            cell.stage,
-        )
-        return found.rms, name
+        mean = self.measurement.truth.arrays[ref][name]
+        declared = exact.node(stage).writes[name]
+        return difference(frame.arrays[ref][name], mean, declared, exact.cells[ref].stage).rms, name
 
 
 def affected(plan: Plan, knob: PipelineKnob) -> frozenset[str]:
