@@ -52,6 +52,24 @@ def test_what_rounding_does_not_allow_cannot_be_held_and_is_said():
     assert found.measured.errors["mosaic_linear"].rms > 1e-12
 
 
+def test_a_search_without_time_measures_nothing_and_says_what_the_next_run_would_take():
+    found = hold(pipeline_of(), installed_stages(), 1e-3, options=Options("serial", hold_seconds=0))
+    assert not found.held
+    assert found.tolerance == 1e-3
+    assert found.needed.seconds > 0
+    assert found.needed.bytes > 0
+    assert found.measured.errors["photon_rate"].how == "unknown"
+    assert found.seconds == 0
+
+
+def test_a_search_ends_at_the_best_that_it_may_take():
+    """The first tolerance and its reference are measured; what is needed for the next one is not left."""
+    whole = hold(pipeline_of(), installed_stages(), 0.1)
+    part = hold(pipeline_of(), installed_stages(), 0.1, options=Options(hold_seconds=0.6 * whole.seconds))
+    assert whole.needed is None
+    assert part.needed is None or part.tolerance <= whole.tolerance
+
+
 def test_what_the_file_writes_is_the_model():
     assert hold(pipeline_of(**{"diffusion.nodes": 2}), installed_stages(), 1e-3).held
 
