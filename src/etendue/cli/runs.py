@@ -64,6 +64,13 @@ def _how(function: Any) -> Any:
     metavar="E",
     help="Find the loosest tolerance that keeps the wanted variables within E of the reference; run with it.",
 )
+@click.option(
+    "--hold-seconds",
+    type=click.FloatRange(0),
+    default=900.0,
+    show_default=True,
+    help="Thread time that --hold may take to find it.",
+)
 @gather_way
 @later("etendue.cli.bodies.runs:run", interrupts.INTACT)
 def run() -> None:
