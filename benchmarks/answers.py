@@ -23,9 +23,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from etendue.accuracy.answer import is_number, part_between
-from etendue.accuracy.pilots import state_errors
-from etendue.accuracy.refinement import Point
+from etendue.accuracy.answers.error import is_number, part_between
+from etendue.accuracy.answers.pilots import state_errors
+from etendue.accuracy.answers.refinement import Point
 from etendue.contract.registry import installed_stages
 from etendue.errors import EtendueError
 from etendue.plan.planner import make_plan

@@ -21,7 +21,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from etendue.accuracy.measuring import Measurement
-from etendue.accuracy.stating import stated_elsewhere
+from etendue.accuracy.pilot import stated_elsewhere
 from etendue.contract.registry import installed_stages
 from etendue.errors import EtendueError
 from etendue.plan.planner import make_plan

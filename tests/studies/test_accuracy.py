@@ -11,12 +11,13 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etendue.accuracy.frontier import cheapest, combinations, convergence, front, remaining
 from etendue.accuracy.measuring import Measurement
+from etendue.accuracy.orders import convergence, remaining
 from etendue.accuracy.study import accuracy
 from etendue.cli.program import main
 from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
+from etendue.plan.expansion.search import Knob, Setting, cheapest, combinations, front
 from etendue.session import load
 from tests.run.small import BARE, text_of
 
@@ -100,16 +101,25 @@ def test_the_cheapest_within_a_tolerance_stands_on_the_front(points, tolerance):
 KNOB = st.lists(st.tuples(st.floats(1e-9, 0.5), st.floats(1e-3, 1)), min_size=1, max_size=4)
 
 
+def choices_of(knobs):
+    """By knob its settings 0, 1, ... with error and cost."""
+    named = [Knob("", f"knob{i}", tuple(range(len(own)))) for i, own in enumerate(knobs)]
+    return {
+        knob.key: [Setting(knob, number, *one) for number, one in enumerate(own)]
+        for knob, own in zip(named, knobs, strict=True)
+    }
+
+
 @given(st.lists(KNOB, min_size=1, max_size=4), st.floats(-3, 9))
 def test_no_combination_costs_less_at_any_price_of_error(knobs, exponent):
     """Errors and seconds that add up: against all combinations. Between two neighbouring prices of the search lies a
     factor of 1.26.
     """
-    choices = {f"knob{i}": [(number, *own) for number, own in enumerate(knob)] for i, knob in enumerate(knobs)}
+    choices = choices_of(knobs)
     price = 10.0**exponent
 
     def cost(settings):
-        return sum(choices[key][i][2] + price * choices[key][i][1] for key, i in settings.items())
+        return sum(choices[key][i].cost + price * choices[key][i].error for key, i in settings.items())
 
     every = [dict(zip(choices, one, strict=True)) for one in itertools.product(*(range(len(k)) for k in knobs))]
     found = combinations(choices, 10_000)
@@ -169,8 +179,8 @@ def test_the_front_and_the_choices_are_of_trials(found):
     for tolerance, trial in found.cheapest:
         if tolerance > found.floor:
             assert trial.error <= tolerance
-        within = [t.whole for t in found.trials if t.error is not None and max(t.error, found.floor) <= tolerance]
-        assert (trial.whole if trial else None) == min(within, default=None)
+        within = [t.cost for t in found.trials if t.error is not None and max(t.error, found.floor) <= tolerance]
+        assert (trial.cost if trial else None) == min(within, default=None)
     assert [t for t, _ in found.cheapest] == [pytest.approx(10.0**-n) for n in range(1, 9)]
 
 

@@ -11,10 +11,10 @@ import pytest
 from click.testing import CliRunner
 
 from etendue import simulate
-from etendue.accuracy import recalled
-from etendue.accuracy.answer import answers_of, part_between
-from etendue.accuracy.pilots import state_errors
-from etendue.accuracy.refinement import Point
+from etendue.accuracy.answers import recalled
+from etendue.accuracy.answers.error import answers_of, part_between
+from etendue.accuracy.answers.pilots import state_errors
+from etendue.accuracy.answers.refinement import Point
 from etendue.cli.program import main
 from etendue.contract.capabilities import Discretised
 from etendue.contract.registry import installed_stages

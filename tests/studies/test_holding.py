@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from etendue.accuracy.holding import LADDER, hold, missed
 from etendue.accuracy.measuring import Measurement
-from etendue.accuracy.stating import stated_elsewhere
+from etendue.accuracy.pilot import stated_elsewhere
 from etendue.cli.program import main
 from etendue.contract.registry import installed_stages
 from etendue.plan.planner import make_plan
@@ -36,11 +36,10 @@ def test_what_is_asked_for_is_held_and_the_next_looser_tolerance_does_not_hold_i
     registry = installed_stages()
     found = hold(pipeline_of(), registry, asked)
     assert found.held
-    assert found.tolerance in LADDER
+    assert found.tolerance in LADDER.settings
     assert all(error.rms <= asked for error in found.measured.errors.values())
-    looser = LADDER.index(found.tolerance) - 1
-    if looser >= 0:
-        measured = Measurement(replace(pipeline_of(), tolerance=LADDER[looser]), registry).errors()
+    for looser in LADDER.coarser(found.tolerance)[:1]:
+        measured = Measurement(replace(pipeline_of(), tolerance=looser), registry).errors()
         assert missed(measured, asked, "rms")
 
 
@@ -51,6 +50,24 @@ def test_what_rounding_does_not_allow_cannot_be_held_and_is_said():
     assert found.missed == ("mosaic_linear",)
     assert found.blame
     assert found.measured.errors["mosaic_linear"].rms > 1e-12
+
+
+def test_a_search_without_time_measures_nothing_and_says_what_the_next_run_would_take():
+    found = hold(pipeline_of(), installed_stages(), 1e-3, options=Options("serial", hold_seconds=0))
+    assert not found.held
+    assert found.tolerance == 1e-3
+    assert found.needed.seconds > 0
+    assert found.needed.bytes > 0
+    assert found.measured.errors["photon_rate"].how == "unknown"
+    assert found.seconds == 0
+
+
+def test_a_search_ends_at_the_best_that_it_may_take():
+    """The first tolerance and its reference are measured; what is needed for the next one is not left."""
+    whole = hold(pipeline_of(), installed_stages(), 0.1)
+    part = hold(pipeline_of(), installed_stages(), 0.1, options=Options(hold_seconds=0.6 * whole.seconds))
+    assert whole.needed is None
+    assert part.needed is None or part.tolerance <= whole.tolerance
 
 
 def test_what_the_file_writes_is_the_model():

@@ -9,9 +9,9 @@ difference.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
-from etendue.accuracy.measuring import LEFT_OUT, PRECISION, GlobalError, MeasuredErrors, Measurement
+from etendue.accuracy.measuring import LEFT_OUT, PRECISION, GlobalError, MeasuredErrors, Measurement, shown_names
 from etendue.accuracy.reference import with_settings
 from etendue.contract.stage import parameters_of
 from etendue.plan.ancestry import in_front
@@ -93,14 +93,9 @@ def _of_the_reference(measurement: Measurement, plan: Plan, missed: tuple[str, .
             n for one in node.alternatives for n, (parameter, _, _) in parameters_of(one.kind).items() if parameter.dear
         ]
         if dear:
-            stated = [
-                cell.error[0]
-                for cell in measurement.exact.of(node.name)
-                if cell.error[0] is not None and not cell.left_out
-            ]
-            shares[f"{_name(node.name, list(dict.fromkeys(dear)))}, which has no finer setting"] = max(
-                stated, default=0.0
-            )
+            stated = [cell.error[0] or 0.0 for cell in measurement.exact.of(node.name) if not cell.left_out]
+            name = f"{_name(node.name, list(dict.fromkeys(dear)))}, which has no finer setting"
+            shares[name] = max(stated, default=0.0)
         finite = [
             k
             for k in measurement.reference.knobs
@@ -126,12 +121,10 @@ def _name(stage: str, what: list[str]) -> str:
     )
 
 
-def _stages_of(plan: Plan, names: Iterable[str]) -> list[str]:
+def _stages_of(plan: Plan, names: Sequence[str]) -> list[str]:
     """Return the stages that write the wanted variables named by measured errors."""
-    every = set(names)
-    return [stage for stage, name in plan.wanted if name in every or f"{stage}.{name}" in every]
+    return [stage for (stage, _), name in shown_names(plan).items() if name in names]
 
 
 def _error(error: GlobalError, norm: str) -> float:
-    value = error.rms if norm == "rms" else error.max
-    return 0.0 if value is None else value
+    return error.value(norm) or 0.0

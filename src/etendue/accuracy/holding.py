@@ -1,13 +1,16 @@
 """``run --hold``: the loosest local tolerance whose global error stays within a given one, found on pilot cells.
 
 In:  a pipeline, and the global error asked for.
-Out: a local tolerance from a fixed ladder, the errors measured with it, and the causes if none is strict enough.
+Out: a local tolerance from a fixed ladder, the errors measured with it, and the causes if none is strict enough, or
+     what the search would have needed to go on.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +20,9 @@ from etendue.accuracy.pilot import MOST
 from etendue.archive.records.remembered import recall, remember
 from etendue.contract.registry import Registry
 from etendue.pipeline.file import PipelineFile
+from etendue.plan.expansion.search import Goal, Knob, Means, OverBudget, Search, Settings, Trial
 from etendue.plan.identity.keys import digest
+from etendue.plan.machine import available_memory
 from etendue.plan.model import Plan
 from etendue.result_files import finite
 from etendue.session import Options
@@ -26,7 +31,20 @@ from etendue.types.documents import AxisValues, Document, DocumentView
 if TYPE_CHECKING:
     from etendue.contract.ports import Progress
 
-LADDER = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 0.0)
+RUNGS = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 0.0)
+LADDER = Knob("", "tolerance", RUNGS)
+MEMORY = 0.8  # share of the available memory that one of its runs may take
+
+
+@dataclass(frozen=True)
+class Rung(Trial):
+    """A local tolerance, its plan, and the global errors measured with it."""
+
+    tolerance: float
+    plan: Plan
+    measured: MeasuredErrors
+    missed: tuple[str, ...]
+    hopeless: bool  # every variable that is missed has a reference more uncertain than what is asked for
 
 
 @dataclass(frozen=True)
@@ -44,6 +62,7 @@ class HeldTolerance:
     missed: tuple[str, ...]
     blame: Mapping[str, float] = field(default_factory=dict)
     seconds: float = 0.0
+    needed: Means | None = None  # by the next run, if the search ended because it may not take that
     remembered: bool = False
     key: str = ""
     places: tuple[AxisValues, ...] = ()
@@ -61,6 +80,7 @@ class HeldTolerance:
             "missed": list(self.missed),
             "blame": dict(self.blame),
             "seconds": self.seconds,
+            "needed": asdict(self.needed) if self.needed else None,
             "remembered": self.remembered,
         }
 
@@ -77,12 +97,15 @@ def hold(
     """Find the tolerance for a pipeline. A result that ``keep`` has stored in an archive is reused until one of its
     cells changes.
 
+    The search ends before a run that is expected to exceed the ``hold_seconds`` of the options together with those
+    before, or a share of the available memory.
+
     Raises
     ------
     RequestError
         The pipeline is invalid.
     """
-    pipeline = replace(pipeline, tolerance=_rung(asked))
+    pipeline = replace(pipeline, tolerance=min((rung for rung in RUNGS if rung >= asked), default=RUNGS[0]))
     measurement = Measurement(pipeline, registry, cells, options, progress)
     key = digest(f"hold {asked:g} {pipeline.norm} {measurement.key()}".encode())
     known = _remembered(recall(archive, key), asked, pipeline.norm) if archive is not None else None
@@ -91,40 +114,43 @@ def hold(
 
 
 def keep(held: HeldTolerance, archive: Path) -> None:
-    """Store the result in an archive, which exists by now."""
-    if not held.remembered:
+    """Store the result of a whole search in an archive, which exists by now."""
+    if not (held.remembered or held.needed):
         remember(archive, held.key, finite({**held.document(), "measured": held.measured.document()}))
 
 
-def _rung(asked: float) -> float:
-    """Return the strictest rung of the ladder that is no stricter than what is asked for."""
-    return min((rung for rung in LADDER if rung >= asked), default=LADDER[0])
-
-
 def _search(measurement: Measurement, asked: float, norm: str) -> HeldTolerance:
-    """Loosen the tolerance as long as the error is held, or tighten it until it is."""
-    tried: dict[float, MeasuredErrors] = {}
-    plans: dict[float, Plan] = {}
+    """Loosen the tolerance as long as the error is held, or tighten it until it is.
 
-    def measured(rung: float) -> MeasuredErrors:
-        plans[rung] = measurement.plan(replace(measurement.pipeline, tolerance=rung))
-        same = next((other for other in tried if _equal(plans[rung], plans[other])), None)
-        tried[rung] = measurement.errors(rung) if same is None else tried[same]
-        return tried[rung]
+    How uncertain the reference is does not depend on the tolerance, so none is tried for what that alone forbids.
+    """
 
-    at = LADDER.index(_rung(asked))
-    if not missed(measured(LADDER[at]), asked, norm):
-        while at > 0 and not missed(measured(LADDER[at - 1]), asked, norm):
-            at -= 1
-        return HeldTolerance(asked, LADDER[at], norm, tried[LADDER[at]], (), seconds=measurement.seconds)
-    while at + 1 < len(LADDER):
-        at += 1
-        if not missed(measured(LADDER[at]), asked, norm):
-            return HeldTolerance(asked, LADDER[at], norm, tried[LADDER[at]], (), seconds=measurement.seconds)
-    best = min(tried, key=lambda rung: (len(missed(tried[rung], asked, norm)), tried[rung].worst or 0.0, -rung))
-    lacking = missed(tried[best], asked, norm)
-    blame = blamed(measurement, plans[best], tried[best], lacking, asked, norm)
-    return HeldTolerance(asked, best, norm, tried[best], lacking, blame, measurement.seconds)
+    def evaluate(settings: Settings) -> Rung:
+        tolerance = float(settings[LADDER.key])
+        plan = measurement.plan(replace(measurement.pipeline, tolerance=tolerance))
+        same = next((other for other in search.tried.values() if _equal(plan, other.plan)), None)
+        before = measurement.seconds
+        try:
+            found = same.measured if same else measurement.compared(plan, measurement.run(plan), before)
+        except OverBudget:
+            if search.tried:
+                raise
+            found = measurement.unknown(plan, "measuring it would exceed what --hold may take")
+        lacking = missed(found, asked, norm)
+        hopeless = bool(lacking) and all(found.errors[name].below > asked for name in lacking)
+        error = None if lacking else max((own.value(norm) or 0.0 for own in found.errors.values()), default=0.0)
+        return Rung(settings, error, tolerance, plan, found, lacking, hopeless)
+
+    budget = Means(measurement.options.hold_seconds, MEMORY * available_memory() or math.inf)
+    search = Search(evaluate, budget=budget)
+    measurement.before = lambda need: search.afford(need, measurement.seconds)
+    best, blame = search.stepped(LADDER, measurement.pipeline.tolerance, Goal(asked), lambda one: one.hopeless), {}
+    if best is None:
+        best = min(search.tried.values(), key=lambda one: (len(one.missed), one.measured.worst or 0.0, -one.tolerance))
+        with suppress(OverBudget):
+            blame = blamed(measurement, best.plan, best.measured, best.missed, asked, norm)
+    seconds = measurement.seconds
+    return HeldTolerance(asked, best.tolerance, norm, best.measured, best.missed, blame, seconds, search.lacking)
 
 
 def missed(found: MeasuredErrors, asked: float, norm: str) -> tuple[str, ...]:
@@ -138,12 +164,10 @@ def _equal(one: Plan, other: Plan) -> bool:
 
 def _remembered(document: DocumentView | None, asked: float, norm: str) -> HeldTolerance | None:
     """Return the result of an earlier run; None if the document has another form."""
+    measured = from_document(document.get("measured", {})) if document else None
+    if document is None or measured is None:
+        return None
     try:
-        if document is None:
-            return None
-        measured = from_document(document["measured"])
-        if measured is None:
-            return None
         return HeldTolerance(
             asked,
             float(document["tolerance"]),

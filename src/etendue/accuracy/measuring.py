@@ -10,7 +10,7 @@ would be ill-posed: an error d becomes sqrt(d q) after rounding by q, and two dr
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,7 @@ from typing import Any
 
 from etendue.accuracy.differences import difference
 from etendue.accuracy.pilot import MOST, chosen_places, narrowed
-from etendue.accuracy.reference import Knob, ReferencePipeline, reference_of, with_settings
+from etendue.accuracy.reference import PipelineKnob, ReferencePipeline, reference_of, with_settings
 from etendue.archive.read.differing import Difference
 from etendue.archive.records.remembered import recall, remember
 from etendue.contract.arrays.variables import variable as known
@@ -28,11 +28,14 @@ from etendue.contract.stage import parameters_of
 from etendue.errors import RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import behind
+from etendue.plan.cost import cell_seconds
+from etendue.plan.expansion.search import Means
 from etendue.plan.identity.keys import digest
 from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.planner import make_plan
 from etendue.plan.wiring.graph import build_graph
 from etendue.result_files import finite
+from etendue.run.peak_memory import peak_memory, workers_of
 from etendue.session import Collected, Options, collect
 from etendue.types.documents import AxisValues, Document, DocumentView
 
@@ -58,9 +61,12 @@ class GlobalError:
     why: str = ""
     below: float = 0.0  # possible error of the reference itself
 
+    def value(self, norm: str) -> float | None:
+        return self.rms if norm == "rms" else self.max
+
     def held(self, tolerance: float, norm: str = "rms") -> bool | None:
         """Return whether it is within a tolerance; None if unknown, or if the reference is as uncertain as that."""
-        value = self.rms if norm == "rms" else self.max
+        value = self.value(norm)
         if value is None or (value <= tolerance and self.below > tolerance):
             return None
         return value <= tolerance
@@ -129,9 +135,11 @@ class Measurement:
     Attributes
     ----------
     also : variables (stage, name) to measure in addition to the wanted ones
+    before : called with what a run is expected to take, before it; may raise
     """
 
     also: tuple[StageVariable, ...] = ()
+    before: Callable[[Means], None] = staticmethod(lambda need: None)
 
     def __init__(
         self,
@@ -155,7 +163,7 @@ class Measurement:
                 coarser=reference.coarser and narrowed(reference.coarser, graph.axes, self.places),
             )
         self.reference = reference
-        self.seconds = 0.0
+        self.seconds = self.estimated = 0.0  # of all runs
 
     def plan(self, pipeline: PipelineFile, computed: frozenset[str] = frozenset()) -> Plan:
         return make_plan(pipeline, self.registry, expected=True, computed=computed)
@@ -175,7 +183,7 @@ class Measurement:
             self.plan(self.pipeline)  # raises if the pipeline itself is at fault
         return reference_of(self.pipeline, self.registry, [self.within(knob) for knob in reference.knobs])
 
-    def within(self, knob: Knob) -> Knob:
+    def within(self, knob: PipelineKnob) -> PipelineKnob:
         """Return a knob with only the settings that its stage accepts; if the best is not among them, its reference is
         finite.
         """
@@ -207,7 +215,12 @@ class Measurement:
 
     def run(self, plan: Plan) -> Collected:
         """Compute the wanted variables of a plan at every place, and the variables from which encoded ones are made."""
+        estimate = sum(cell_seconds(plan.node(cell.node), cell, plan.precision) for cell in plan.cells.values())
+        longer = self.seconds / self.estimated if self.estimated else 1.0  # than estimated, by the runs so far
+        workers = workers_of(self.options.scheduler, self.options.workers)
+        self.before(Means(longer * estimate, peak_memory(plan, workers, pictures=False).bytes))
         found = collect(plan, self.asked(plan), self.options, self.progress(plan) if self.progress else None)
+        self.estimated += estimate
         self.seconds += sum(report.seconds for report in found.reports.values())
         return found
 
@@ -260,25 +273,22 @@ class Measurement:
         unknown = behind(
             plan, (node.name for node in plan.nodes if any(has_no_mean(a.kind) for a in node.alternatives))
         )
-        names = [name for _, name in plan.wanted]
+        shown = shown_names(plan)
         for stage, name in self.measured(plan):
             own = self._error(plan, stage, name, found, truth, coarser)
             if stage in unknown:
                 who = ", ".join(
                     n.name for n in plan.nodes if n.name in unknown and any(has_no_mean(a.kind) for a in n.alternatives)
                 )
-                own = GlobalError(
-                    None,
-                    None,
-                    own.scale,
-                    "unknown",
-                    own.at,
-                    None,
-                    f"{who} draws or rounds, and states no mean",
-                )
-            plain = names.count(name) == 1 and (stage, name) in plan.wanted
-            errors[name if plain else f"{stage}.{name}"] = own
+                why = f"{who} draws or rounds, and states no mean"
+                own = GlobalError(None, None, own.scale, "unknown", own.at, None, why)
+            errors[shown.get((stage, name), f"{stage}.{name}")] = own
         return MeasuredErrors(errors, len(self.places), self.seconds - before)
+
+    def unknown(self, plan: Plan, why: str) -> MeasuredErrors:
+        """Return the errors of a plan that is not measured."""
+        unknown = GlobalError(None, None, None, "unknown", why=why, below=float("inf"))
+        return MeasuredErrors(dict.fromkeys(shown_names(plan).values(), unknown), len(self.places), 0.0)
 
     def _error(
         self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any
@@ -318,16 +328,8 @@ class Measurement:
         for node in plan.nodes:
             dear = any(p.dear for one in node.alternatives for p, _, _ in parameters_of(one.kind).values())
             if dear and stage in behind(plan, [node.name]):
-                found = max(
-                    [
-                        found,
-                        *(
-                            cell.error[0]
-                            for cell in plan.of(node.name)
-                            if cell.error[0] is not None and not cell.left_out
-                        ),
-                    ]
-                )
+                own = [cell.error[0] or 0.0 for cell in plan.of(node.name) if not cell.left_out]
+                found = max([found, *own])
         return found
 
     def remembered(self, archive: Path) -> MeasuredErrors:
@@ -351,6 +353,12 @@ class Measurement:
         ]
         words = {"form": FORM, "tolerance": self.pipeline.tolerance, "cells": cells, "precision": plans[0].precision}
         return digest(json.dumps(words, sort_keys=True).encode())
+
+
+def shown_names(plan: Plan) -> dict[StageVariable, str]:
+    """Return the wanted variables by name, with the stage if two stages write one of that name."""
+    names = [name for _, name in plan.wanted]
+    return {(stage, name): name if names.count(name) == 1 else f"{stage}.{name}" for stage, name in plan.wanted}
 
 
 def in_front(plan: Plan, ref: CellRef, name: str) -> tuple[CellRef, str] | None:

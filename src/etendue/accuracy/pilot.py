@@ -1,7 +1,9 @@
 """Choose the cells of a sweep that are measured: corners, the middle, and places in between; always the same ones.
+State an error for the others.
 
-In:  the axes of a pipeline, and the largest number of places.
-Out: places as positions on each axis; the pipeline with its sweep reduced to these values.
+In:  the axes of a pipeline, and the largest number of places; errors measured there.
+Out: places as positions on each axis; the pipeline with its sweep reduced to these values; for every wanted variable, a
+     number that the worst of the other cells is unlikely to exceed.
 """
 
 from __future__ import annotations
@@ -10,11 +12,16 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from etendue.pipeline.file import PipelineFile
-from etendue.plan.model import Axis
-from etendue.types.documents import AxisValue
+from etendue.plan.model import Axis, CellRef, Plan
+from etendue.types.documents import AxisValue, AxisValues
 
+if TYPE_CHECKING:
+    from etendue.accuracy.measuring import MeasuredErrors
+
+MARGIN = 3.0  # factor on the worst measured error: a few cells represent many
 MOST = 8  # places by default
 _BASES = (2, 3, 5, 7, 11, 13, 17, 19)
 
@@ -81,3 +88,27 @@ def narrowed(pipeline: PipelineFile, axes: Sequence[Axis], chosen: Sequence[dict
             [written[i] for i in numbers] if isinstance(written, list | tuple) else [axis.values[i] for i in numbers]
         )
     return replace(pipeline, sweep=sweep)
+
+
+def stated_elsewhere(plan: Plan, measured: MeasuredErrors, places: Sequence[AxisValues]) -> dict[str, float | None]:
+    """Return the stated error by variable, rms relative to full scale; None if unknown, or if every cell was measured.
+
+    The bounds of all decisions on the way to a cell are added up. If that sum exceeds those of the measured cells, the
+    stated error grows in proportion.
+    """
+    bounds: dict[CellRef, float] = {}
+    for ref, cell in plan.cells.items():
+        bounds[ref] = cell.bound + max((bounds[source] for _, source, _ in cell.inputs), default=0.0)
+    found: dict[str, float | None] = {}
+    for stage, name in plan.wanted:
+        key = name if name in measured.errors else f"{stage}.{name}"
+        axes = [plan.axis(dim) for dim in plan.node(stage).axes]
+        seen = {(stage, tuple(axis.values.index(place[axis.dim]) for axis in axes)) for place in places}
+        others = [bounds[cell.ref] for cell in plan.of(stage) if cell.ref not in seen]
+        worst = measured.errors[key].rms if key in measured.errors else None
+        if worst is None or not others:
+            found[key] = None
+            continue
+        most = max(bounds[ref] for ref in seen)
+        found[key] = MARGIN * worst * (max(1.0, max(others) / most) if most > 0 else 1.0)
+    return found

@@ -20,35 +20,28 @@ from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.errors import PluginError
 from etendue.pipeline.derived import each, given
 from etendue.pipeline.file import PipelineFile, StageEntry
+from etendue.plan.expansion.search import Knob, Value
 from etendue.types.documents import Document, DocumentView
 
 Name = tuple[str, str]  # stage of the pipeline, parameter
 
 
-@dataclass(frozen=True)
-class Knob:
-    """A fidelity parameter of a stage of a pipeline."""
+@dataclass(frozen=True, kw_only=True)
+class PipelineKnob(Knob):
+    """A knob of a pipeline: a fidelity parameter of one of its stages, or its precision."""
 
-    stage: str
     use: str
-    name: str
-    settings: tuple[Any, ...]  # from the cheapest to the reference; () if it has no order
     closed_form: bool  # the reference is not a finite setting
-    value: Any  # from the file, else its default
+    value: Value  # from the file, else its default
     written: bool  # in the file, by --set, or swept
     studied: bool  # it changes a grid or what a scene shows, or finer settings are too costly
-    units: str
 
     @property
-    def key(self) -> str:
-        return f"{self.stage}.{self.name}" if self.stage else self.name
-
-    @property
-    def reference(self) -> Any:
+    def reference(self) -> Value:
         return self.settings[-1] if self.settings else self.value
 
     @property
-    def before_reference(self) -> Any:
+    def before_reference(self) -> Value:
         """The setting one refinement below the reference if the reference is finite; else the reference."""
         return self.settings[-2] if len(self.settings) > 1 and not self.closed_form else self.reference
 
@@ -60,11 +53,11 @@ class ReferencePipeline:
     """
 
     pipeline: PipelineFile
-    knobs: tuple[Knob, ...]
+    knobs: tuple[PipelineKnob, ...]
     coarser: PipelineFile | None
 
 
-def knobs_of(pipeline: PipelineFile, registry: Registry) -> tuple[Knob, ...]:
+def knobs_of(pipeline: PipelineFile, registry: Registry) -> tuple[PipelineKnob, ...]:
     """Return every fidelity parameter of every stage, including stages that a sweep swaps in."""
     found = []
     for entry in pipeline.stages:
@@ -77,16 +70,18 @@ def knobs_of(pipeline: PipelineFile, registry: Registry) -> tuple[Knob, ...]:
                 continue
             for name, (parameter, _, default) in declared.items():
                 if parameter.fidelity and not parameter.shared and default is not MISSING:
-                    swept = f"{entry.name}.{name}" in pipeline.sweep
-                    own = values.get(name, default)
-                    settings = ladder(parameter, default)
-                    closed = parameter.closed_form if parameter.settings else isinstance(default, str)
-                    left = parameter.studied or parameter.dear
-                    found.append(
-                        Knob(
-                            entry.name, use, name, settings, closed, own, swept or name in values, left, parameter.units
-                        )
+                    knob = PipelineKnob(
+                        entry.name,
+                        name,
+                        ladder(parameter, default),
+                        parameter.units,
+                        use=use,
+                        closed_form=parameter.closed_form if parameter.settings else isinstance(default, str),
+                        value=values.get(name, default),
+                        written=name in values or f"{entry.name}.{name}" in pipeline.sweep,
+                        studied=parameter.studied or parameter.dear,
                     )
+                    found.append(knob)
     return tuple(found)
 
 
@@ -104,7 +99,9 @@ def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
     return tuple(dict.fromkeys(step for step in steps if parameter.allows(step) and low <= step <= high))
 
 
-def reference_of(pipeline: PipelineFile, registry: Registry, knobs: Iterable[Knob] | None = None) -> ReferencePipeline:
+def reference_of(
+    pipeline: PipelineFile, registry: Registry, knobs: Iterable[PipelineKnob] | None = None
+) -> ReferencePipeline:
     """Return the reference of a pipeline, for ``knobs`` if given, else for all that the file does not write."""
     chosen = (
         tuple(k for k in knobs_of(pipeline, registry) if not (k.written or k.studied))

@@ -14,13 +14,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from etendue.accuracy.frontier import ROUNDING, cheapest, combinations, front
-from etendue.accuracy.reference import Knob, knobs_of
+from etendue.accuracy.orders import ROUNDING
+from etendue.accuracy.reference import PipelineKnob, knobs_of
 from etendue.accuracy.trials import PRECISION, Effort, SettingCurve, SettingTrial, Told, Trials
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.file import PipelineFile
+from etendue.plan.expansion.search import Goal, Value, cheapest, error_and_cost, front
 from etendue.plan.wiring.parameters import Unfit, resolve
 from etendue.types.documents import AxisValues
 
@@ -84,17 +85,18 @@ def accuracy(
     study = Trials(pipeline, registry, chosen_knobs(pipeline, registry, asked), given, effort)
     once = replace(effort, repeat=1)
     other = None if elsewhere is None else Trials(elsewhere, registry, study.knobs, given, once)
-    reference = study.trial({})
+    reference = study.search.at({})
     curves = [study.curve(knob, reference) for knob in study.knobs]
-    for settings in combinations(study.choices(study.settled_curves(curves)), most):
-        study.trial(settings)
+    study.search.explored(study.choices(study.settled_curves(curves)), map(Goal, TOLERANCES), most)
     planned = study.planned(pipeline)
-    trials = study.settled()
+    trials = study.settle()
     done = [t for t in trials if t.error is not None]
     floor = max(study.floor, ROUNDING)
 
     def of(trial: SettingTrial) -> tuple[float, float]:
-        return figures(trial, floor)
+        """Errors below the possible error of the reference count as equal."""
+        error, seconds = error_and_cost(trial)
+        return max(error, floor), seconds
 
     found = Accuracy(
         pipeline.name,
@@ -110,12 +112,14 @@ def accuracy(
     )
     if other is not None:
         found.verified_at = dict(verify)
-        tried = [(t, other.trial(one.settings)) for t, one in found.cheapest if one]
+        tried = [(t, other.search.at(one.settings)) for t, one in found.cheapest if one]
         found.verified = [(t, one.error, one.variable) for t, one in tried]
     return found
 
 
-def chosen_knobs(pipeline: PipelineFile, registry: Registry, asked: Mapping[str, tuple[Any, ...]]) -> tuple[Knob, ...]:
+def chosen_knobs(
+    pipeline: PipelineFile, registry: Registry, asked: Mapping[str, tuple[Any, ...]]
+) -> tuple[PipelineKnob, ...]:
     """Return the knobs to try: those asked for, else all that the file does not write and that change no grid.
 
     Raises
@@ -124,8 +128,9 @@ def chosen_knobs(pipeline: PipelineFile, registry: Registry, asked: Mapping[str,
         A knob does not exist, or its settings have no order.
     """
     known = {knob.key: knob for knob in knobs_of(pipeline, registry)}
-    known[PRECISION] = Knob(
-        "", "", PRECISION, ("float32", "float64"), True, pipeline.precision, pipeline.precision != "auto", False, "1"
+    written, words = pipeline.precision != "auto", ("float32", "float64")
+    known[PRECISION] = PipelineKnob(
+        "", PRECISION, words, use="", closed_form=True, value=pipeline.precision, written=written, studied=False
     )
     if not asked:
         return tuple(k for k in known.values() if k.settings and not (k.written or k.studied))
@@ -157,16 +162,13 @@ def chosen_knobs(pipeline: PipelineFile, registry: Registry, asked: Mapping[str,
     return tuple(chosen)
 
 
-def _resolved(knob: Knob, values: tuple[Any, ...], pipeline: PipelineFile, registry: Registry) -> tuple[Any, ...]:
+def _resolved(
+    knob: PipelineKnob, values: tuple[Value, ...], pipeline: PipelineFile, registry: Registry
+) -> tuple[Value, ...]:
     """Return settings in the unit of the knob; raise ``Unfit`` if it does not accept one."""
     if not knob.stage:
         if not set(values) <= set(knob.settings):
-            raise Unfit(f"expected {' and '.join(knob.settings)}")
+            raise Unfit(f"expected {' and '.join(map(str, knob.settings))}")
         return values
     parameter, kind, _ = parameters_of(registry.load(knob.use))[knob.name]
     return tuple(resolve(value, parameter, kind, pipeline.folder) for value in values)
-
-
-def figures(trial: SettingTrial, floor: float) -> tuple[float, float]:
-    """Return error and seconds of a trial; errors below the possible error of the reference count as equal."""
-    return (float("inf") if trial.error is None else max(trial.error, floor)), trial.whole

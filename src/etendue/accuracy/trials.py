@@ -6,14 +6,14 @@ Out: a ``Trial`` for a combination of settings, a ``Curve`` for a knob alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from etendue.accuracy.differences import difference
-from etendue.accuracy.frontier import Convergence, convergence, remaining
-from etendue.accuracy.measuring import GlobalError, Measurement
-from etendue.accuracy.reference import Knob, reference_of, with_settings
+from etendue.accuracy.measuring import GlobalError, Measurement, shown_names
+from etendue.accuracy.orders import Convergence, law_of, remaining
+from etendue.accuracy.reference import PipelineKnob, reference_of, with_settings
 from etendue.compute.tables import TABLES
 from etendue.contract.arrays.dims import banded
 from etendue.contract.arrays.variables import variable as known_variable
@@ -21,32 +21,32 @@ from etendue.contract.registry import Registry
 from etendue.errors import RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import behind
+from etendue.plan.expansion.search import Goal, Search, Setting, Settings, Trial, Value
 from etendue.plan.model import Plan, StageVariable
 from etendue.plan.planner import make_plan
-from etendue.session import Collected, Options, collect
-from etendue.types.documents import DocumentView
+from etendue.session import Options, collect
 
 PRECISION = "precision"
-COARSEST = 0.5  # if a setting has a larger error, cheaper ones are not tried
+COARSEST = Goal(0.5)  # settings cheaper than one that misses it are not tried
 Told = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class SettingTrial:
-    """One combination of settings, by knob; knobs that are not named are at their reference."""
+class SettingTrial(Trial):
+    """A trial whose error is the rms of the worst wanted variable, relative to full scale; knobs that are not named are
+    at their reference.
+    """
 
-    settings: DocumentView
-    error: float | None  # rms of the worst wanted variable, relative to full scale
-    variable: str  # name of that variable
+    variable: str  # name of the worst variable
     stage_errors: Mapping[str, float | None]  # by knob: at the first picture or metrics after its stage
     seconds: Mapping[str, float]  # by stage
     why: str = ""  # set if it could not be run
 
-    def setting(self, knob: Knob) -> Any:
+    def setting(self, knob: PipelineKnob) -> Value:
         return self.settings.get(knob.key, knob.reference)
 
     @property
-    def whole(self) -> float:
+    def cost(self) -> float:
         return sum(self.seconds.values())
 
 
@@ -54,15 +54,14 @@ class SettingTrial:
 class SettingCurve:
     """A knob alone, from its cheapest setting to its reference."""
 
-    knob: Knob
+    knob: PipelineKnob
     measured_at: str  # where the error of the stage is measured
     trials: tuple[SettingTrial, ...]
     affected: frozenset[str]  # stages whose computation it may change
     convergence: Convergence
 
-    def seconds(self, trial: SettingTrial, stages: Iterable[str] | None = None) -> float:
-        chosen = self.affected if stages is None else frozenset(stages)
-        return sum(s for name, s in trial.seconds.items() if name in chosen)
+    def seconds(self, trial: SettingTrial) -> float:
+        return sum(s for name, s in trial.seconds.items() if name in self.affected)
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,12 @@ class Trials:
     """All trials of a pipeline, compared with its reference."""
 
     def __init__(
-        self, pipeline: PipelineFile, registry: Registry, knobs: tuple[Knob, ...], given: frozenset[str], effort: Effort
+        self,
+        pipeline: PipelineFile,
+        registry: Registry,
+        knobs: tuple[PipelineKnob, ...],
+        given: frozenset[str],
+        effort: Effort,
     ) -> None:
         self.registry, self.effort, self.options = registry, effort, Options("serial")
         base = Measurement(pipeline, registry, effort.cells, self.options)
@@ -86,35 +90,27 @@ class Trials:
         try:
             base.plan(reference_of(pipeline, registry, [k for k in knobs if k.stage]).pipeline)
         except RequestError:
-            knobs = tuple(base.within(k) if k.stage and k.key not in given else k for k in knobs)
+            knobs = tuple(k if k.key in given else base.within(k) for k in knobs)
         self.knobs = knobs
         reference = reference_of(pipeline, registry, [*(k for k in knobs if k.stage), *others])
-        unstudied = {(k.stage, k.use, k.name): k.before_reference for k in others if k.before_reference != k.reference}
-        coarser = with_settings(reference.pipeline, unstudied) if unstudied else None
-        reference = replace(reference, coarser=coarser)
+        finite = {(k.stage, k.use, k.name): k.before_reference for k in others if k.before_reference != k.reference}
+        reference = replace(reference, coarser=with_settings(reference.pipeline, finite) if finite else None)
         plan = base.plan(replace(reference.pipeline, sweep=base.pipeline.sweep))
         self.own = {k.key: own_variables(plan, k.stage) if k.stage else () for k in knobs}
         self.measurement = Measurement(pipeline, registry, effort.cells, self.options, reference=reference)
         self.measurement.also = tuple(dict.fromkeys(place for places in self.own.values() for place in places))
         self.exact = self.measurement.reference.pipeline
         self.affected = {k.key: affected(plan, k) for k in knobs}
-        self.trials: dict[tuple[tuple[str, Any], ...], SettingTrial] = {}
+        self.search = Search(self.evaluate, {k.key: k.reference for k in knobs})
         self.notes: list[str] = []
         self.floor = 0.0
 
-    def trial(self, settings: DocumentView) -> SettingTrial:
-        """Return a combination, run once and cached."""
-        moved = {k.key: settings[k.key] for k in self.knobs if k.key in settings and settings[k.key] != k.reference}
-        name = tuple(sorted(moved.items()))
-        if name not in self.trials:
-            self.effort.told(", ".join(f"{key} = {value}" for key, value in moved.items()) or "the reference")
-            knobs = {k.key: k for k in self.knobs}
-            written = {
-                (knobs[key].stage, knobs[key].use, knobs[key].name): v for key, v in moved.items() if key != PRECISION
-            }
-            pipeline = replace(with_settings(self.exact, written), precision=moved.get(PRECISION, "float64"))
-            self.trials[name] = self.run(pipeline, moved)
-        return self.trials[name]
+    def evaluate(self, moved: Settings) -> SettingTrial:
+        """Run a combination."""
+        self.effort.told(", ".join(f"{key} = {value}" for key, value in moved.items()) or "the reference")
+        written = {(k.stage, k.use, k.name): moved[k.key] for k in self.knobs if k.stage and k.key in moved}
+        pipeline = replace(with_settings(self.exact, written), precision=str(moved.get(PRECISION, "float64")))
+        return self.run(pipeline, moved)
 
     def planned(self, pipeline: PipelineFile) -> SettingTrial:
         """Return a trial of the pipeline as its file has it."""
@@ -125,10 +121,9 @@ class Trials:
             leave_out=pipeline.leave_out,
             precision=pipeline.precision,
         )
-        values = {k.key: k.value for k in self.knobs}
-        return self.run(own, values)
+        return self.run(own, {k.key: k.value for k in self.knobs})
 
-    def run(self, pipeline: PipelineFile, settings: DocumentView) -> SettingTrial:
+    def run(self, pipeline: PipelineFile, settings: Settings) -> SettingTrial:
         try:
             plan = self.measurement.plan(pipeline)
         except RequestError as error:
@@ -140,7 +135,9 @@ class Trials:
         for _ in range(self.effort.repeat):
             TABLES.clear()
             found = self.measurement.run(plan)
-            own = seconds_by_stage(found)
+            own: dict[str, float] = {}
+            for (stage, _), report in found.reports.items():
+                own[stage] = own.get(stage, 0.0) + report.seconds
             seconds = {name: min(s, seconds.get(name, s)) for name, s in own.items()}
         errors = self.measurement.compared(plan, found).errors
         known = self.known(plan, errors)
@@ -154,20 +151,19 @@ class Trials:
 
     def known(self, plan: Plan, errors: Mapping[str, GlobalError]) -> dict[str, float]:
         """Return the rms errors of the wanted variables that are known; add a note for each unknown one."""
-        names = [name for _, name in plan.wanted]
-        wanted = {name: e for name, e in errors.items() if name in names or tuple(name.split(".")) in plan.wanted}
+        wanted = {name: errors[name] for name in shown_names(plan).values()}
         for name, e in wanted.items():
             if e.rms is None and (note := f"{name} is not counted: {e.why}") not in self.notes:
                 self.notes.append(note)
         self.floor = max([self.floor, *(e.below for e in wanted.values() if e.below < float("inf"))])
         return {name: e.rms for name, e in wanted.items() if e.rms is not None}
 
-    def curve(self, knob: Knob, reference: SettingTrial) -> SettingCurve:
+    def curve(self, knob: PipelineKnob, reference: SettingTrial) -> SettingCurve:
         """Return the curve of a knob, from the reference towards cheaper settings while the picture is recognisable."""
         trials = [reference]
-        for setting in reversed(knob.settings[:-1]):
-            trials.insert(0, self.trial({knob.key: setting}))
-            if (trials[0].error or 0.0) > COARSEST:
+        for setting in knob.coarser(knob.reference):
+            trials.insert(0, self.search.at({knob.key: setting}))
+            if not COARSEST.met(trials[0].error or 0.0):
                 self.notes.append(f"{knob.key}: settings cheaper than {setting} are not tried")
                 break
         places = self.own[knob.key]
@@ -175,42 +171,40 @@ class Trials:
         used = [t for t in trials if not t.why]
         shown = [t.setting(knob) for t in used]
         finite = not knob.closed_form and len(used) > 1
-        number = finite and isinstance(shown[-1], int | float) and not isinstance(shown[-1], bool)
-        last = shown[-1] if number and shown[-1] > 0 else None
-        power = last is not None and last < shown[0]  # a width: the fitted law itself accounts for the finite reference
-        lost = 0 if not finite else 1 if power else 2  # one refinement below the reference shows only half of its error
-        counted = len(used) - lost
-        law = convergence(shown[:counted], [t.stage_errors.get(knob.key) for t in used[:counted]], reference=last)
+        law = law_of(shown, [t.stage_errors.get(knob.key) for t in used], finite)
         if finite:
             self.floor = max(self.floor, remaining(shown, used[-2].error or 0.0, law))
         return SettingCurve(knob, where, tuple(used), self.affected[knob.key], law)
 
-    def choices(self, curves: Sequence[SettingCurve]) -> dict[str, list[tuple[Any, float, float]]]:
+    def choices(self, curves: Sequence[SettingCurve]) -> dict[str, list[Setting]]:
         """Return, by knob, settings with their error and the seconds of the stages that the knob affects."""
         return {
-            c.knob.key: [(t.setting(c.knob), t.error or 0.0, c.seconds(t)) for t in c.trials if t.error is not None]
+            c.knob.key: [
+                Setting(c.knob, t.setting(c.knob), t.error, c.seconds(t)) for t in c.trials if t.error is not None
+            ]
             for c in curves
         }
 
-    def settled(self) -> list[SettingTrial]:
+    def settle(self) -> list[SettingTrial]:
         """Return all trials. The time of a stage depends on the knobs that affect it; among trials with the same
         settings of these, the minimum counts.
         """
         least: dict[tuple[Any, ...], float] = {}
-        for trial in self.trials.values():
+        for trial in self.search.tried.values():
             for stage, seconds in trial.seconds.items():
                 work = self.work(trial, stage)
                 least[work] = min(seconds, least.get(work, seconds))
-        return [
-            replace(t, seconds={stage: least[self.work(t, stage)] for stage in t.seconds}) for t in self.trials.values()
-        ]
+        for name, trial in self.search.tried.items():
+            settled = {stage: least[self.work(trial, stage)] for stage in trial.seconds}
+            self.search.tried[name] = replace(trial, seconds=settled)
+        return list(self.search.tried.values())
 
     def work(self, trial: SettingTrial, stage: str) -> tuple[Any, ...]:
         return stage, *((k.key, trial.setting(k)) for k in self.knobs if stage in self.affected[k.key])
 
     def settled_curves(self, curves: Sequence[SettingCurve]) -> list[SettingCurve]:
-        settled = {tuple(sorted(t.settings.items())): t for t in self.settled()}
-        return [replace(c, trials=tuple(settled[tuple(sorted(t.settings.items()))] for t in c.trials)) for c in curves]
+        self.settle()
+        return [replace(c, trials=tuple(self.search.at(t.settings) for t in c.trials)) for c in curves]
 
     def noise(self) -> tuple[float | None, str]:
         """Return the distance of one frame from its mean: rms of the last wanted picture after a draw, at the
@@ -223,32 +217,18 @@ class Trials:
         if not pictures:
             return None, ""
         order = [node.name for node in exact.nodes]
-        stage, name = max(
-            pictures, key=lambda place: (known_variable(place[1]).shown == "encoded", order.index(place[0]))
-        )
+        stage, name = max(pictures, key=lambda at: (known_variable(at[1]).shown == "encoded", order.index(at[0])))
         plan = make_plan(self.exact, self.registry)
         ref = self.measurement.cells_of(plan, stage)[0][0]
         frame = collect(plan, {ref: [name]}, self.options)
         if ref not in frame.arrays or ref not in self.measurement.truth.arrays:
             return None, ""
-        cell = exact.cells[ref]
-        found = difference(
-            frame.arrays[ref][name],
-            self.measurement.truth.arrays[ref][name],
-            exact.node(stage).writes[name],
-            cell.stage,
-        )
-        return found.relative, name
+        mean = self.measurement.truth.arrays[ref][name]
+        declared = exact.node(stage).writes[name]
+        return difference(frame.arrays[ref][name], mean, declared, exact.cells[ref].stage).relative, name
 
 
-def seconds_by_stage(found: Collected) -> dict[str, float]:
-    seconds: dict[str, float] = {}
-    for (stage, _), report in found.reports.items():
-        seconds[stage] = seconds.get(stage, 0.0) + report.seconds
-    return seconds
-
-
-def affected(plan: Plan, knob: Knob) -> frozenset[str]:
+def affected(plan: Plan, knob: PipelineKnob) -> frozenset[str]:
     """Return the stages whose computation a knob may change: its own, those joined with it into one pass, and after a
     change of grid all later ones.
     """

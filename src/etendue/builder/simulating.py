@@ -10,8 +10,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from etendue.accuracy.evaluations import PLANNING
-from etendue.accuracy.recalled import SHARE, answer_errors
+from etendue.accuracy.answers.evaluations import PLANNING
+from etendue.accuracy.answers.recalled import SHARE, answer_errors
 from etendue.archive import places
 from etendue.calls import called
 from etendue.contract.registry import installed_stages

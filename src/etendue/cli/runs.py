@@ -65,6 +65,13 @@ def _how(function: Any) -> Any:
     help="Find the loosest tolerance that keeps the wanted variables within E of the reference; run with it.",
 )
 @click.option(
+    "--hold-seconds",
+    type=click.FloatRange(0),
+    default=900.0,
+    show_default=True,
+    help="Thread time that --hold may take to find it.",
+)
+@click.option(
     "--errors/--no-errors",
     default=True,
     help="State the error of every wanted variable, from a pilot that takes at most 10 % of the run or 0.2 s. "

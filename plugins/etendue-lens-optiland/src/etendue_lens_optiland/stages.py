@@ -134,6 +134,7 @@ class Blur(Moved, Banded, Bounded):
         example=32,
         reference="1024 samples",
         settings=(32, 64, 128, 256, 512, 1024),
+        costs=(1.0, 1.0, 1.0, 1.35, 3.5, 12.0),
         doc="smallest number of samples across the pupil",
     )
     lost: float = param(
@@ -280,6 +281,7 @@ class Distortion(Moved, Banded, Bounded):
         fidelity=True,
         reference="order 5 with oversampling 4",
         settings=(1, 2, 3, 5),
+        costs=(0.27, 0.41, 0.58, 1.0),
         doc="order of the interpolating spline",
     )
     oversampling: int = param(
@@ -289,6 +291,7 @@ class Distortion(Moved, Banded, Bounded):
         fidelity=True,
         reference="order 5 with oversampling 4",
         settings=(1, 2, 4),
+        costs=(1.0, 1.8, 4.0),
         doc="oversampling of the light before spline interpolation",
     )
 

@@ -10,10 +10,10 @@ import click
 
 from etendue.accuracy import holding
 from etendue.accuracy.measuring import Measurement
-from etendue.accuracy.stating import stated_elsewhere
+from etendue.accuracy.pilot import stated_elsewhere
 from etendue.cli.options import installed
 from etendue.present.terminal.global_error import global_error_document, not_held
-from etendue.telling import human_seconds
+from etendue.telling import human_bytes, human_seconds
 
 if TYPE_CHECKING:
     from etendue.types.documents import Document
@@ -25,7 +25,11 @@ def held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) 
     when = f"measured in {human_seconds(found.seconds)} of thread time"
     told = f"hold {found.asked:g}: local tolerance {found.tolerance:g}, "
     told += "found by an earlier run" if found.remembered else when
-    for text in (told, *not_held(found.document(), found.measured.errors)):
+    said = [told]
+    if found.needed:
+        need = f"{human_seconds(found.needed.seconds)} more and {human_bytes(found.needed.bytes)} of memory"
+        said.append(f"not searched further: the next run would take about {need}; allow more by --hold-seconds")
+    for text in (*said, *not_held(found.document(), found.measured.errors)):
         click.echo(text, err=True)
     return found
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from etendue.accuracy.cached import cached
+from etendue.accuracy.answers.cached import cached
 from etendue.cli.options import Given, installed
 from etendue.cli.saying import say, show
 from etendue.plan.planner import make_plan, summary, without_collecting
@@ -54,9 +54,7 @@ def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> No
         if as_json:
             say(document)
         else:
-            from etendue.present.terminal.answers import print_answers
-            from etendue.present.terminal.terminal import print_plan
+            from etendue.present.terminal.answers import print_plan_with_errors
 
-            show(print_plan, document)
-            show(print_answers, document["answer"])
+            show(print_plan_with_errors, document)
         check_machine(made, here / made.pipeline.name, count)

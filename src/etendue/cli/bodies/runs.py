@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from etendue.accuracy.recalled import AT_LEAST, SHARE, answer_errors
+from etendue.accuracy.answers.recalled import AT_LEAST, SHARE, answer_errors
 from etendue.archive import places
 from etendue.archive.records.rerun import recorded
 from etendue.cli.bodies.plans import pipeline_of, planned

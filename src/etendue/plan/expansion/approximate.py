@@ -8,16 +8,15 @@ chosen here.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.values.parameter import Parameter
 from etendue.errors import PluginError
+from etendue.plan.expansion.search import Goal, Knob, Search, Settings, Trial, Value
 from etendue.plan.model import Approximated
 from etendue.plan.stage_calls import made
-
-if TYPE_CHECKING:
-    pass
 
 
 class WatchedFacts(dict[str, Any]):
@@ -45,6 +44,13 @@ class WatchedFacts(dict[str, Any]):
 Asked = Callable[[Stage], tuple[float | None, str]]
 
 
+@dataclass(frozen=True)
+class Stated(Trial):
+    """A stage with some settings, and the error that it states."""
+
+    stage: Stage | None  # None: it refuses them
+
+
 def open_knobs(kind: type[Stage], written: Collection[str]) -> tuple[str, ...]:
     """Return the names of the knobs of a stage that the plan may set."""
     return tuple(
@@ -68,70 +74,37 @@ def choose(
     settings of its other knobs would cost time without reaching the tolerance. So does a stage that does not know its
     error. A setting that the stage refuses is skipped in favour of a finer one.
     """
-    found, chosen = _walked(stage, knobs, tolerance, asked)
-    error = asked(found)[0] if knobs else None
-    if (
-        error is None
-        or error <= tolerance
-        or any(parameter.dear for parameter, _, _ in parameters_of(type(stage)).values())
-    ):
-        return found, chosen
-    best = _finest(stage, knobs)
-    floor = None if best is None else asked(best)[0]
-    return (
-        (found, chosen)
-        if best is None or floor is None
-        else _walked(best, knobs, max(tolerance, floor + 0.1 * tolerance), asked)
+    declared = parameters_of(type(stage))
+    steps = [Knob("", name, _allowed(declared[name][0], declared[name][2])) for name in knobs]
+
+    def evaluate(settings: Settings) -> Stated:
+        own = _with(stage, settings)
+        return Stated(settings, None if own is None else asked(own)[0], own)
+
+    search = Search(evaluate)
+    found, chosen = search.loosened(steps, Goal(tolerance))
+    dear = any(parameter.dear for parameter, _, _ in declared.values())
+    if knobs and found.error is not None and found.error > tolerance and not dear:
+        best = search.at({knob.key: knob.settings[-1] for knob in steps})
+        if best.error is not None:
+            found, chosen = search.loosened(steps, Goal(max(tolerance, best.error + 0.1 * tolerance)), best.settings)
+    # A setting that adds no error is no approximation.
+    return found.stage or stage, tuple(
+        Approximated(one.knob.name, one.value, one.knob.settings[-1], one.error) for one in chosen if one.error > 0
     )
 
 
-def _walked(stage: Stage, knobs: tuple[str, ...], most: float, asked: Asked) -> tuple[Stage, tuple[Approximated, ...]]:
-    """Return a stage with each knob at its first setting with an error of at most ``most``, if there is one."""
-    chosen: list[Approximated] = []
-    for name in knobs:
-        parameter, _, default = parameters_of(type(stage))[name]
-        settings = _allowed(parameter, default)
-        reference = _with(stage, name, settings[-1])
-        finest = None if reference is None else asked(reference)[0]
-        if reference is None or finest is None or finest > most:
-            continue
-        low, high = 0, len(settings) - 1
-        found, bound = reference, finest
-        # Bisection finds the first setting that fits, because stated errors never grow towards finer settings.
-        while low < high:
-            middle = (low + high) // 2
-            candidate = _with(stage, name, settings[middle])
-            own = None if candidate is None else asked(candidate)[0]
-            if candidate is None or own is None or own > most:
-                low = middle + 1
-            else:
-                high, found, bound = middle, candidate, own
-        stage = found
-        if bound > finest:  # a setting that adds no error is no approximation
-            chosen.append(Approximated(name, settings[high], settings[-1], bound - finest))
-    return stage, tuple(chosen)
-
-
-def _finest(stage: Stage, knobs: tuple[str, ...]) -> Stage | None:
-    """Return a stage with every open knob at the finest setting a plan may choose; None if it refuses one of them."""
-    found: Stage | None = stage
-    for name in knobs:
-        parameter, _, default = parameters_of(type(stage))[name]
-        found = None if found is None else _with(found, name, _allowed(parameter, default)[-1])
-    return found
-
-
-def _allowed(parameter: Parameter, default: bool | float) -> tuple[Any, ...]:
+def _allowed(parameter: Parameter, default: bool | float) -> tuple[Value, ...]:
     """Return the settings that a plan may choose; for a dear knob, none finer than the default."""
     found = parameter.settings
     return found[: found.index(default) + 1] if parameter.dear and default in found else found
 
 
-def _with(stage: Stage, name: str, value: Any) -> Stage | None:
-    """Return a stage with another setting; None if it refuses the setting."""
-    if getattr(stage, name) == value:
+def _with(stage: Stage, settings: Settings) -> Stage | None:
+    """Return a stage with other settings; None if it refuses them."""
+    if all(getattr(stage, name) == value for name, value in settings.items()):
         return stage
     try:
-        return made(type(stage), {**{one: getattr(stage, one) for one in parameters_of(type(stage))}, name: value})
+        return made(type(stage), {**{one: getattr(stage, one) for one in parameters_of(type(stage))}, **settings})
     except (ValueError, PluginError):
         return None

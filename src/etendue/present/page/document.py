@@ -19,14 +19,13 @@ from etendue.contract.arrays.variables import variable, without
 from etendue.contract.values import quantities
 from etendue.contract.values.tables import preset_keys, tables
 from etendue.contract.wording import prefixes
-from etendue.present.page.answers import answer
 from etendue.present.page.brought import wordings
 from etendue.present.page.columns import Columns
 from etendue.present.page.figures import Coordinate, MetricColumn, figures
 from etendue.present.page.looks import pictured
 from etendue.present.page.opened import Opened
 from etendue.present.page.opening import opening
-from etendue.present.page.tables import NUMBERS, WORDS, Ledger, failures, ledger, measured, stage_rows
+from etendue.present.page.tables import NUMBERS, WORDS, Ledger, answer, failures, ledger, measured, stage_rows
 from etendue.present.plots.summary.cells import omissions
 from etendue.types.documents import Document, DocumentView
 

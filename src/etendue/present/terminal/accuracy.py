@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.contract.wording import words as called
+from etendue.present.terminal.global_error import _number
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.present.terminal.work_precision import Series, diagrams
 from etendue.types.documents import Document, DocumentView
@@ -30,7 +31,7 @@ def document(found: Any) -> Document:
 
     def point(trial: Any) -> Document:
         settings = {key: trial.setting(knob) for key, knob in knobs.items()}
-        return {"settings": settings, "error": trial.error, "variable": trial.variable, "seconds": trial.whole}
+        return {"settings": settings, "error": trial.error, "variable": trial.variable, "seconds": trial.cost}
 
     return {
         "pipeline": found.pipeline,
@@ -74,7 +75,7 @@ def _curve(curve: Any) -> Document:
                 "error": trial.error,
                 "stage_error": trial.stage_errors.get(knob.key),
                 "variable": trial.variable,
-                "whole_seconds": trial.whole,
+                "whole_seconds": trial.cost,
             }
             for trial in curve.trials
         ],
@@ -87,21 +88,9 @@ def csv_text(document: DocumentView) -> str:
     rows = csv.writer(text)
     rows.writerow(["part", "knob", "setting", "stage_error", "error", "variable", "seconds", "whole_seconds", "order"])
     for curve in document["curves"]:
-        key = _key(curve)
         for p in curve["points"]:
-            rows.writerow(
-                [
-                    "alone",
-                    key,
-                    p["setting"],
-                    p["stage_error"],
-                    p["error"],
-                    p["variable"],
-                    p["seconds"],
-                    p["whole_seconds"],
-                    curve["order"],
-                ]
-            )
+            own = (p[name] for name in ("setting", "stage_error", "error", "variable", "seconds", "whole_seconds"))
+            rows.writerow(["alone", _key(curve), *own, curve["order"]])
     for part in ("frontier", "points"):
         for p in document[part]:
             rows.writerow([part, "", _settings(p["settings"]), "", p["error"], p["variable"], "", p["seconds"], ""])
@@ -222,10 +211,6 @@ def _settings(settings: DocumentView, reference: Mapping[str, Any] = {}) -> str:
     """Return settings as text, omitting those at their reference."""
     moved = {key: value for key, value in settings.items() if key not in reference or value != reference[key]}
     return ", ".join(f"{key} = {_value(value)}" for key, value in moved.items()) or "the reference"
-
-
-def _number(value: float | None) -> str:
-    return "unknown" if value is None else f"{value:.2g}"
 
 
 def _seconds(value: float | None) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from etendue.present.terminal.answer_texts import notes, number, parts_text
-from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.present.terminal.terminal import _out, _table, escape, print_plan
 from etendue.types.documents import Document, DocumentView
 
 SHOWN = 8  # rows; smaller errors are summarised in one line
@@ -52,3 +52,9 @@ def _value(row: DocumentView, name: str) -> str:
     unit = row["unit"] if row["unit"] != "1" else ""
     sign = "\u00b1" if row["unit"] else ""
     return f"{sign}{value:.2g} {unit}".rstrip()
+
+
+def print_plan_with_errors(document: DocumentView) -> None:
+    """Print a plan, and the errors of its answer if a run has measured them."""
+    print_plan(document)
+    print_answers(document["answer"])

@@ -25,13 +25,8 @@ def global_error_document(
     """Return ``global_error`` by variable and how it was measured; ``stated`` holds bounds for cells not measured."""
     errors = {}
     for name, error in found.errors.items():
-        errors[name] = {
-            "rms": error.rms,
-            "max": error.max,
-            "how": error.how,
-            "held": error.held(tolerance, norm),
-            "at": dict(error.at),
-        }
+        held = error.held(tolerance, norm)
+        errors[name] = {"rms": error.rms, "max": error.max, "how": error.how, "held": held, "at": dict(error.at)}
         if error.linear is not None:
             errors[name]["linear"] = {"rms": error.linear[0], "max": error.linear[1]}
         if error.why:

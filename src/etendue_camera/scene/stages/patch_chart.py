@@ -18,7 +18,7 @@ from etendue.api import Facts, Grid, param
 from etendue_camera import spectra
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.scene import composite
-from etendue_camera.scene.stages.charts import Scene, softness_knob
+from etendue_camera.scene.stages.scene import Scene, softness_knob
 
 
 @dataclass(frozen=True, kw_only=True)

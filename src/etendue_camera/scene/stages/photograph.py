@@ -22,7 +22,7 @@ from etendue_camera import spectra
 from etendue_camera.arrays import Array
 from etendue_camera.colour.encoding import srgb_decode
 from etendue_camera.picture_files import MOST_PIXELS, read_picture
-from etendue_camera.scene.stages.charts import Scene
+from etendue_camera.scene.stages.scene import Scene
 
 
 def _linear_photograph(path: str, rows: int, columns: int) -> Any:

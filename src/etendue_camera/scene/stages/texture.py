@@ -13,7 +13,7 @@ from typing import ClassVar
 from etendue.api import Facts, Grid, param
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.scene import charts, dead_leaves
-from etendue_camera.scene.stages.charts import Scene
+from etendue_camera.scene.stages.scene import Scene
 
 SOFT_ERROR, HARD_ERROR = (
     0.06,

@@ -11,10 +11,10 @@ import json
 from pathlib import Path
 
 from etendue import cache
-from etendue.accuracy.answer import AnswerErrors, answers_of
-from etendue.accuracy.cached import KIND, answer_key, cached
-from etendue.accuracy.evaluations import Shown
-from etendue.accuracy.pilots import state_errors
+from etendue.accuracy.answers.cached import KIND, answer_key, cached
+from etendue.accuracy.answers.error import AnswerErrors, answers_of
+from etendue.accuracy.answers.evaluations import Shown
+from etendue.accuracy.answers.pilots import state_errors
 from etendue.archive.records.remembered import ANSWER, documents, remember
 from etendue.contract.registry import Registry
 from etendue.plan.model import Plan

@@ -13,10 +13,19 @@ import math
 import time
 from collections.abc import Iterable, Mapping
 
-from etendue.accuracy.answer import OMISSIONS, AnswerError, AnswerErrors, Part, is_number, part_between, scaled, worst
-from etendue.accuracy.evaluations import AS_PLANNED, EXACT, Evaluated, Evaluations, Shown, TooDear
+from etendue.accuracy.answers.error import (
+    OMISSIONS,
+    AnswerError,
+    AnswerErrors,
+    Part,
+    is_number,
+    part_between,
+    scaled,
+    worst,
+)
+from etendue.accuracy.answers.evaluations import AS_PLANNED, EXACT, Evaluated, Evaluations, Shown, TooDear
+from etendue.accuracy.answers.refinement import Factors, Point
 from etendue.accuracy.pilot import chosen_places
-from etendue.accuracy.refinement import Factors, Point
 from etendue.contract.registry import Registry
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import CellRef, Plan, StageVariable

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from etendue.accuracy.refinement import Factors, Point
+from etendue.accuracy.answers.refinement import Factors, Point
 from etendue.contract.ports import Progress
 from etendue.errors import MachineError
 from etendue.plan.model import Plan, StageVariable

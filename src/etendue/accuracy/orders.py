@@ -1,0 +1,120 @@
+"""Orders of convergence: by which law an error falls along the settings of a knob, and what is left behind the last.
+
+In:  settings with their errors.
+Out: numbers; nothing is run here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from etendue.plan.expansion.search import Value
+
+ROUNDING = 3e-15  # smaller errors are rounding in 64 bits
+LARGEST = 0.1  # larger errors do not converge yet
+PLATEAU = 0.9  # errors that fall by less have reached a plateau
+ALIKE = 2.0  # an order is known if the largest of those between neighbours is at most this times the smallest
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """``order``: the error falls with this power of the setting (``algebraic``), or by exp(-order) with each unit of it
+    (``geometric``); None where fewer than three settings show it, or neighbours show orders that are not alike."""
+
+    order: float | None
+    law: str
+    settings: tuple[float, ...] = ()  # the settings it is fitted to
+
+
+def convergence(
+    settings: Sequence[Any], errors: Sequence[float | None], floor: float = 0.0, reference: float | None = None
+) -> Convergence:
+    """Return the law by which errors fall from setting to setting: the one with the smaller residual in log error.
+
+    The order is the median of those between neighbours among the finest four settings that show it, if these are alike.
+    Settings beyond which the error falls by less than a tenth are ignored: another error dominates there. Only counts
+    that are not doubled from setting to setting can show a factor for each.
+
+    Parameters
+    ----------
+    settings : from the cheapest to the finest; only positive finite numbers count (no closed forms)
+    errors : of each setting
+    floor : possible error of the reference itself; errors below ten times that are ignored
+    reference : the setting that errors are differences to, if it is finite: under a power law h^p they are h^p - r^p,
+        which falls faster than the error itself
+    """
+    used = _falling(settings, errors, max(10 * floor, ROUNDING))
+    if len(used) < 3:
+        return Convergence(None, "", tuple(s for s, _ in used))
+    size, error = (np.array(values) for values in zip(*used, strict=True))
+    finer = 1.0 if size[-1] > size[0] else -1.0
+    fits = {}
+    counted = finer > 0 and np.all(size % 1 == 0) and np.all(size[1:] < 2 * size[:-1])
+    for law, along in (("algebraic", np.log(size)), *([("geometric", size)] if counted else [])):
+        slope, start = np.polyfit(along, np.log(error), 1)
+        local = -finer * np.diff(np.log(error)) / np.diff(along)
+        if law == "algebraic" and reference is not None:
+            local = _beside_a_finite_reference(local, size**-finer, error, reference**-finer)
+        rate = np.median(local[-3:]) if law == "algebraic" else -finer * slope
+        if 0 < max(local[-3:]) <= ALIKE * min(local[-3:]):
+            fits[law] = float(np.sum((np.log(error) - slope * along - start) ** 2)), float(rate)
+    law = min(fits, key=lambda name: fits[name], default="")
+    return Convergence(fits[law][1] if law else None, law, tuple(map(float, size)))
+
+
+def _falling(settings: Sequence[Any], errors: Sequence[float | None], least: float) -> list[tuple[float, float]]:
+    """Return settings and errors as long as the error falls from each to the next."""
+    numbers = [(s, e or 0.0) for s, e in zip(settings, errors, strict=True) if not isinstance(s, bool | str)]
+    used = [(float(s), float(e)) for s, e in numbers if 0 < s < math.inf and least < e < LARGEST]
+    falling = [i for i in range(len(used) - 1) if min(e for _, e in used[i + 1 :]) < PLATEAU * used[i][1]]
+    if not falling or falling[-1] < len(used) - 2:  # beyond these another error dominates
+        return used[: falling[-1] + 1] if falling else []
+    return used
+
+
+def _beside_a_finite_reference(local: Any, step: Any, error: Any, last: float) -> Any:
+    """Correct local orders for a finite reference: find p with h^p - r^p falling as measured; unchanged if none
+    does.
+    """
+    found = []
+    for i, plain in enumerate(local):
+        fallen = math.log(error[i] / error[i + 1])
+
+        def lacking(
+            order: float, large: float = step[i] / last, small: float = step[i + 1] / last, fallen: float = fallen
+        ) -> float:
+            ratio = math.log(large / small) * order  # log of the expected ratio, without overflow
+            return ratio + math.log1p(-(large**-order)) - math.log1p(-(small**-order)) - fallen
+
+        solvable = step[i] > step[i + 1] > last and plain > 0 and lacking(1e-3) < 0 < lacking(plain)
+        found.append(brentq(lacking, 1e-3, plain) if solvable else plain)
+    return np.array(found)
+
+
+def law_of(settings: Sequence[Value], errors: Sequence[float | None], finite: bool) -> Convergence:
+    """Return the law of errors that are differences to the last setting, which is ``finite`` or exact."""
+    numbers = [float(s) for s in settings if not isinstance(s, bool | str)]
+    last = numbers[-1] if finite and numbers and numbers[-1] > 0 else None
+    power = last is not None and last < numbers[0]  # a width: the law itself accounts for the finite reference
+    lost = 0 if not finite else 1 if power else 2  # one refinement below the reference shows only half of its error
+    counted = len(settings) - lost
+    return convergence(settings[:counted], errors[:counted], reference=last)
+
+
+def remaining(settings: Sequence[Any], moved: float, found: Convergence) -> float:
+    """Return how far a finite reference may be from the limit: the change of its last refinement or, if an order is
+    known, the remainder that follows from it.
+    """
+    before, last = settings[-2:]
+    if found.order is None or found.order < 0.5 or isinstance(last, bool | str):
+        return moved
+    if found.law == "geometric":
+        return moved / math.expm1(min(found.order * abs(last - before), 700.0))
+    ratio = max(last / before, before / last)
+    return float(moved / (ratio**found.order - 1))
