@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import sys
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+from etendue import errors
+from etendue.archive import places
+from etendue.cli.program import main
 from etendue.contract.values.units import UnitError, to_unit
 from etendue.errors import ArchiveError, PluginError
 from etendue.present.terminal.terminal import _out, _table, escape
@@ -112,3 +117,32 @@ def test_the_terminal_is_sent_nothing_that_a_file_or_a_plugin_says(capsys):
     shown = capsys.readouterr().out
     assert "\x1b" not in shown and "\x07" not in shown and "\u202e" not in shown
     assert "[bold]" in shown
+
+
+def test_every_class_of_errors_ends_with_the_code_that_its_page_says():
+    said = dict(re.findall(r"(\w+Error|ArchiveInUse|StoreLost) .*exit (\d)", errors.__doc__))
+    classes = [one for one in vars(errors).values() if isinstance(one, type) and issubclass(one, errors.EtendueError)]
+    assert {one.__name__: str(one.exit_code) for one in classes if one is not errors.EtendueError} == said
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (MemoryError(), 5),
+        (OSError(28, "No space left on device"), 5),
+        (errors.MachineError("full"), 5),
+        (errors.StoreLost("gone"), 1),
+        (errors.ArchiveInUse("taken"), 4),
+        (errors.ArchiveError("none"), 2),
+        (errors.RequestError("wrong"), 2),
+        (RuntimeError("a fault of ours"), 1),
+    ],
+)
+def test_a_command_ends_with_the_code_of_what_stopped_it_and_one_line(error, code, monkeypatch):
+    def stopped(*_, **__):
+        raise error
+
+    monkeypatch.setattr(places, "reading", stopped)
+    done = CliRunner().invoke(main, ["show", "a"])
+    assert done.exit_code == code
+    assert done.stderr.count("\n") == 1 and done.stdout == ""
