@@ -10,13 +10,14 @@ from hypothesis import strategies as st
 
 import etendue
 from etendue.contract.arrays.facts import Content, Facts
-from etendue.contract.arrays.grid import Grid, Line
+from etendue.contract.arrays.grid import Bands, Grid, Line
 from etendue.contract.stage import parameters_of
 from etendue.plan.expansion.leave_out import LeaveOutRule, decide
 from etendue.plan.planner import summary
 from etendue.session import Options, collect
 from etendue_camera.electronics.stages.exposure import ShotNoise
 from etendue_camera.electronics.stages.read_out import ReadNoise
+from etendue_camera.optics.stages.gathering import OpticalFilter
 from tests.plan.given import CAMERA, SCENE, SENSOR, chain, keys_of, plan_of
 
 NO_FALLOFF = SENSOR.replace('[[stages]]\nuse = "falloff"\n', "")
@@ -253,3 +254,22 @@ def test_a_blur_that_is_left_out_is_no_part_of_the_error_of_the_light_behind_it(
     assert "lens_gaussian" in left_out(plan)
     del setting["lens_gaussian.sigma"]
     assert plan.of("pixel")[0].error == plan_of(without, setting).of("pixel")[0].error
+
+
+def test_a_filter_states_what_it_takes_from_the_brightest_sample_of_a_band():
+    """A red point on black has little red light on average, and loses all that it has."""
+    none, edges = ((0.0, 0.0),) * 2, (0.0, 0.1, 0.5)
+    point = Content(1.0, edges, none, none, (0.0, 0.0), (0.5, 0.001), (1.0, 1.0))
+    grid = Grid.of({"wavelength": Bands((500.0, 600.0, 800.0)), "y": Line(8), "x": Line(8)})
+    short_pass = OpticalFilter(cut_off=650.0)
+    assert short_pass.negligible(Facts(content=point), grid)[0] == 1 - short_pass.transmission(grid)[1] > 0.9
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.12345, 0.98765), (0.0777, 0.5001)])
+def test_no_sample_of_a_scene_lies_beyond_what_is_stated_of_its_light_relative_to_the_largest(low, high):
+    text = optics()
+    content = plan_of(text, {"scene.low": low, "scene.high": high}).of("scene")[0].facts.content
+    drawn = {"scene__low": low, "scene__high": high, "precision": "float64"}
+    light = values(etendue.simulate(text, want=["radiance"], scheduler="serial", **drawn), "scene", "radiance")
+    for band, plane in enumerate(light / light.max()):
+        assert content.low[band] <= plane.min() and plane.max() <= content.high[band] * (1 + 1e-12)
