@@ -117,6 +117,8 @@ def test_an_archive_comes_out_again_to_the_last_bit(archive):
     } == before  # and nothing of it was touched
     kept = reproduce(archive, SERIAL, into=archive.parent / "again")
     assert kept.verdict == "the same bits"
+    pictures = [[one.why for one in each.not_checked if "pictures" in one.what] for each in (found, kept)]
+    assert pictures == [[], ["--into"]]  # only a copy has pictures that are not held against those of the archive
     assert arrays(archive.parent / "again") == arrays(archive)
 
 
