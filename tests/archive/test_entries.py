@@ -18,6 +18,7 @@ from etendue.archive.journaling.journal import Journal, Read, _checked, _take, _
 from etendue.archive.sharding.shards import ChunkPlace, Index
 from etendue.archive.structure.layout import STATUS
 from etendue.contract.ports import WrittenChunk
+from etendue.trust.comparing import unchecked
 
 NUMBER = st.integers(0, 2**62)
 WRITTEN = st.builds(
@@ -180,3 +181,13 @@ def test_a_cell_that_was_accepted_twice_comes_from_where_it_was_computed():
     found = accepted(Former({}, "second"), plan, finished)
     assert [(entry.key, entry.platform) for _, entry in found] == [("today 0", "second"), ("today 1", "first")]
     assert accepted(Former(), plan, finished) == []
+
+
+def test_lines_of_cells_that_are_gone_are_no_lines_of_cells_that_nobody_has():
+    """What a run removed was of an earlier pipeline, and is said to be removed; what failed there has no files."""
+    said = Entries()
+    said["pixel f=1"], said["pixel f=2"] = Entry("removed", "", status="not_computed"), Entry("failed", "")
+    journal = SimpleNamespace(entries=said, said=said, outdated=set())
+    found = unchecked(SimpleNamespace(journal=journal, manifest=None), SimpleNamespace(names={}), False, False, False)
+    (lines,) = [one for one in found if "journal lines" in one.what]
+    assert lines.what.startswith("1 ") and lines.why.startswith("pixel f=2")

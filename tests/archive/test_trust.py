@@ -130,6 +130,10 @@ def test_cells_of_all_runs_are_reproduced(tmp_path):
     found = reproduce(tmp_path / "a", SERIAL)
     assert found.verdict == "the same bits"
     assert "irradiance f_number=4.0" in {cell.cell for cell in found.cells}
+    (tmp_path / "a" / SHARD).unlink()
+    mended = repair(tmp_path / "a", (), SERIAL)
+    assert mended.after.whole and "irradiance f_number=4.0" in mended.before.lost
+    assert mended.computed == len(mended.before.lost)  # those of earlier runs count like the others
 
 
 def test_a_cell_that_cannot_be_read_is_not_reproduced(archive, capsys):

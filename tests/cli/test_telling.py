@@ -6,6 +6,7 @@ import importlib.util
 import os
 import re
 import sys
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from etendue import errors
 from etendue.archive import places
+from etendue.cli.bodies import runs
 from etendue.cli.program import main
 from etendue.contract.values.units import UnitError, to_unit
 from etendue.errors import ArchiveError, PluginError
@@ -146,3 +148,18 @@ def test_a_command_ends_with_the_code_of_what_stopped_it_and_one_line(error, cod
     done = CliRunner().invoke(main, ["show", "a"])
     assert done.exit_code == code
     assert done.stderr.count("\n") == 1 and done.stdout == ""
+
+
+@pytest.mark.parametrize(("failed", "code"), [([], 0), (["a cell"], 3)])
+@pytest.mark.parametrize("command", ["run", "rerun"])
+def test_a_run_ends_with_three_where_a_cell_failed_also_when_it_is_run_again(command, failed, code, monkeypatch):
+    made = SimpleNamespace(warnings=[], name="made")
+    for name, does in {
+        "pipeline_of": lambda *_: made,
+        "planned": lambda *_: made,
+        "recorded": lambda folder: SimpleNamespace(pipeline=lambda most: made),
+        "execute": lambda *_: SimpleNamespace(failed=failed),
+        "outcome_document": lambda outcome: {},
+    }.items():
+        monkeypatch.setattr(runs, name, does)
+    assert CliRunner().invoke(main, [command, "a", "--json"]).exit_code == code
