@@ -446,6 +446,16 @@ def test_a_repair_that_was_broken_off_is_made_good_by_the_next(archive, whole, m
     assert arrays(archive) == arrays(whole)
 
 
+def test_what_a_journal_named_before_lines_were_taken_out_is_no_foreign_file(archive):
+    """Its chunks are ours and are named no more: to be computed again, not to be moved away."""
+    journal = archive / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(line for line in lines if b'"cell":"pixel ' not in line))
+    damages = [one for one in verify(archive).damages if one.path.startswith("data.zarr/pixel/")]
+    assert {one.kind for one in damages} == {"changed"}
+    assert all("no longer names its chunks" in one.what for one in damages if not one.cell)
+
+
 def test_a_run_that_was_broken_off_is_no_damage_to_its_cells(archive):
     (archive / "manifest.json").unlink()
     (damage,) = verify(archive).damages

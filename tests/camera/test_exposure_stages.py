@@ -15,6 +15,7 @@ from etendue.contract.registry import installed_stages
 from etendue.contract.values.late_bound import LateValue
 from etendue.errors import RequestError
 from etendue.plan.planner import make_plan
+from etendue.plan.resume import select
 from etendue.session import load
 from etendue_camera import spectra
 from etendue_camera.constants import LUMINOUS_EFFICACY, PLANCK, SPEED_OF_LIGHT
@@ -400,6 +401,14 @@ def test_a_given_swept_or_found_time_is_one_word_of_the_random_numbers():
     for stage in ("shot_noise", "full_well"):
         if stage in alone:
             assert np.array_equal(alone[stage].charge, among[stage].charge[1])
+
+
+def test_draws_behind_a_metering_that_is_not_stored_compute_it_again():
+    """The charge that it read is stored, the time that is one of its words is not."""
+    document = pipeline("meter", *CAMERA[:2], wanted=["charge"]) | {"keep": ["expected_charge"]}
+    plan = make_plan(load(document), installed_stages())
+    (exposed,), (drawn,), (found,) = (plan.of(name) for name in ("exposure", "shot_noise", "meter"))
+    assert found.ref in select(plan, {exposed.ref}, {drawn.ref})
 
 
 def test_what_nobody_takes_from_the_camera_any_more_is_no_axis():

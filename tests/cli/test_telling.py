@@ -163,3 +163,11 @@ def test_a_run_ends_with_three_where_a_cell_failed_also_when_it_is_run_again(com
     }.items():
         monkeypatch.setattr(runs, name, does)
     assert CliRunner().invoke(main, [command, "a", "--json"]).exit_code == code
+
+
+@pytest.mark.parametrize("place", ["s3://bucket/a", "s3://bucket/a/"])
+def test_the_place_that_was_asked_for_stands_where_the_folder_of_work_did(place, tmp_path):
+    told = {"archive": tmp_path, "lines": [f"{tmp_path}/journal.jsonl is damaged"], "cells": 3}
+    found = {"archive": "s3://bucket/a", "lines": ["s3://bucket/a/journal.jsonl is damaged"], "cells": 3}
+    assert places.named(told, tmp_path, place) == found
+    assert places.named(told, tmp_path, tmp_path) is told
