@@ -153,7 +153,12 @@ def test_of_tolerances_that_are_all_as_far_off_the_loosest_is_taken(monkeypatch)
         "plan": lambda pipeline: SimpleNamespace(precision="", cells={1: SimpleNamespace(key=pipeline.tolerance)})
     }
     same = SimpleNamespace(
-        pipeline=pipeline_of(), seconds=0.0, errors=lambda rung: measured(photon_rate=0.5), **planned
+        pipeline=replace(pipeline_of(), tolerance=1e-3),
+        seconds=0.0,
+        options=Options(),
+        run=lambda plan: None,
+        compared=lambda plan, found, before: measured(photon_rate=0.5),
+        **planned,
     )
     monkeypatch.setattr(holding, "blamed", lambda *_: {})
     found = holding._search(same, 1e-3, "rms")
