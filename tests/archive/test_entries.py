@@ -5,17 +5,20 @@ word.
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from etendue.archive.journaling.accepting import Former, accepted
 from etendue.archive.journaling.blocks import ShardContents
 from etendue.archive.journaling.entries import EVENTS, Entries, Entry
-from etendue.archive.journaling.journal import Read, _checked, _take, _take_own, read, summed
+from etendue.archive.journaling.journal import Journal, Read, _checked, _take, _take_own, read, summed
 from etendue.archive.sharding.shards import ChunkPlace, Index
 from etendue.archive.structure.layout import STATUS
 from etendue.contract.ports import WrittenChunk
+from etendue.trust.comparing import unchecked
 
 NUMBER = st.integers(0, 2**62)
 WRITTEN = st.builds(
@@ -156,3 +159,35 @@ def test_a_number_that_fits_no_file_is_damage_or_kept_as_it_is(number, tmp_path)
     found = read(tmp_path / "journal.jsonl")
     assert found.damaged == (number != "-1")
     assert found.entries["scene"].status == "failed"
+
+
+def test_a_run_that_asks_for_other_cells_is_recorded_and_one_that_repeats_the_last_is_not(tmp_path):
+    """What the last run was asked for says which cells are not computed yet, though it computed none itself."""
+    journal = Journal(tmp_path)
+    journal.open()
+    for planned, lines in (({"pixel": 2}, 1), ({"pixel": 2}, 1), ({"pixel": 3}, 2), ({"pixel": 2}, 3)):
+        journal.begin_run(planned, {})
+        assert read(tmp_path / "journal.jsonl").run.planned == planned
+        assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") == lines
+    journal.close()
+
+
+def test_a_cell_that_was_accepted_twice_comes_from_where_it_was_computed():
+    plan = SimpleNamespace(cells={("pixel", (n,)): SimpleNamespace(key=f"today {n}") for n in (0, 1)})
+    finished = [
+        (("pixel", (0,)), Entry("done", "then 0")),
+        (("pixel", (1,)), Entry("done", "then 1", platform="first")),
+    ]
+    found = accepted(Former({}, "second"), plan, finished)
+    assert [(entry.key, entry.platform) for _, entry in found] == [("today 0", "second"), ("today 1", "first")]
+    assert accepted(Former(), plan, finished) == []
+
+
+def test_lines_of_cells_that_are_gone_are_no_lines_of_cells_that_nobody_has():
+    """What a run removed was of an earlier pipeline, and is said to be removed; what failed there has no files."""
+    said = Entries()
+    said["pixel f=1"], said["pixel f=2"] = Entry("removed", "", status="not_computed"), Entry("failed", "")
+    journal = SimpleNamespace(entries=said, said=said, outdated=set())
+    found = unchecked(SimpleNamespace(journal=journal, manifest=None), SimpleNamespace(names={}), False, False, False)
+    (lines,) = [one for one in found if "journal lines" in one.what]
+    assert lines.what.startswith("1 ") and lines.why.startswith("pixel f=2")

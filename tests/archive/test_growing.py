@@ -8,6 +8,7 @@ import errno
 import os
 import shutil
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,9 +16,11 @@ import xarray
 
 from etendue.archive.checks.verify import verify
 from etendue.archive.read.reading import open_archive
+from etendue.archive.structure.groups import ArchivedLayout, groups_of
 from etendue.archive.structure.layout import layout_of
 from etendue.archive.structure.naming import Names
 from etendue.archive.write.keeper import ArchiveKeeper
+from etendue.contract.arrays.grid import Bands, Grid, Line
 from etendue.errors import ArchiveError
 from tests.archive.dying import Died, dying
 from tests.run.small import plan_of
@@ -259,3 +262,16 @@ def test_another_number_of_rows_is_no_growth(tmp_path, fresh):
     run(plan(other, axes), archive)
     assert_as_fresh(archive, plan(other, axes), fresh(other, axes))
     assert not (archive / "data.zarr/pixel/16x16").exists()
+
+
+def test_cells_of_other_bins_never_share_a_group_whatever_the_archive_holds():
+    """A group has one coordinate for all of its cells, and both shapes fit what is stored."""
+    plane = {"y": Line(4), "x": Line(4)}
+    grids = [Grid.of({"wavelength": Bands((edge, 550.0, 700.0)), **plane}) for edge in (400.0, 450.0)]
+    cells = [SimpleNamespace(ref=("light", (n,)), grids={"irradiance": grid}) for n, grid in enumerate(grids)]
+    node = SimpleNamespace(name="light", writes={"irradiance": SimpleNamespace(dims=("wavelength", "y", "x"))})
+    blocks = {"light/old": {"irradiance": {"form": "float32 2x4x4"}}}
+    before = ArchivedLayout(["light/old"], blocks, lambda ref: "data.zarr/light/old/irradiance/c.0")
+    assert before.of(cells[:1], {"irradiance": (2, 4, 4)}) == ["light/old"]
+    home, _ = groups_of(node, cells, ["irradiance"], before)
+    assert home["light", (0,)] == "light/old" != home["light", (1,)]

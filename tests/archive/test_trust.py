@@ -21,17 +21,23 @@ from etendue.archive.checks.verify import verify
 from etendue.archive.read.comparing import Compared
 from etendue.archive.read.differences import differences
 from etendue.archive.read.differing import between, together
+from etendue.archive.read.inspection import Damage
 from etendue.archive.read.stored import Stored
 from etendue.archive.records.rerun import recorded
 from etendue.cli import main
+from etendue.contract.ports import CellReport
 from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import parse_pipeline, read_pipeline
+from etendue.plan.ancestry import ancestry
 from etendue.plan.planner import make_plan
+from etendue.present.terminal.trust import print_reproduction
 from etendue.session import Options, execute
+from etendue.trust.comparing import alike
 from etendue.trust.repairing import repair
-from etendue.trust.reproducing import reproduce
-from etendue.trust.verdict import judged
+from etendue.trust.reproducing import document, reproduce
+from etendue.trust.sayings import Deviation
+from etendue.trust.verdict import CellResult, Reproduction, judged, judged_cell
 from tests.archive.tiny import TEXT, tiny_file, tiny_plan
 
 SERIAL = Options("serial")
@@ -112,6 +118,8 @@ def test_an_archive_comes_out_again_to_the_last_bit(archive):
     } == before  # and nothing of it was touched
     kept = reproduce(archive, SERIAL, into=archive.parent / "again")
     assert kept.verdict == "the same bits"
+    pictures = [[one.why for one in each.not_checked if "pictures" in one.what] for each in (found, kept)]
+    assert pictures == [[], ["--into"]]  # only a copy has pictures that are not held against those of the archive
     assert arrays(archive.parent / "again") == arrays(archive)
 
 
@@ -123,6 +131,10 @@ def test_cells_of_all_runs_are_reproduced(tmp_path):
     found = reproduce(tmp_path / "a", SERIAL)
     assert found.verdict == "the same bits"
     assert "irradiance f_number=4.0" in {cell.cell for cell in found.cells}
+    (tmp_path / "a" / SHARD).unlink()
+    mended = repair(tmp_path / "a", (), SERIAL)
+    assert mended.after.whole and "irradiance f_number=4.0" in mended.before.lost
+    assert mended.computed == len(mended.before.lost)  # those of earlier runs count like the others
 
 
 def test_a_cell_that_cannot_be_read_is_not_reproduced(archive, capsys):
@@ -182,6 +194,53 @@ def test_bits_count_on_the_same_platform_and_stated_errors_on_another(elsewhere,
     one = np.linspace(0, 1, 100)
     compared = Compared.of("v", between(one, one + off))
     assert judged("s", "s", compared, allowed, elsewhere).found == verdict
+
+
+def test_errors_of_all_stages_before_a_cell_are_allowed_together(tmp_path):
+    """Each may err by what it states, and all in one direction."""
+    plan = tiny_plan(tmp_path)
+    ref = plan.of("pixel")[0].ref
+    errors = [plan.cells[one].error[0] for one in ancestry(plan, [ref])]
+    assert max(errors) < sum(errors)
+    one = np.linspace(0, 1, 100)
+    for off, verdict in ((0.5 * (max(errors) + sum(errors)), "within"), (1.01 * sum(errors), "beyond")):
+        report = CellReport(*ref, "done", written=(Compared.of("v", between(one, one + off)),))
+        (found,) = judged_cell(plan, ref, "cell", report, "", True)
+        assert (found.found, found.allowed) == (verdict, pytest.approx(sum(errors)))
+
+
+def reproduction(*found, **more):
+    cells = [CellResult("pixel", f"pixel {n}", "v", one) for n, one in enumerate(found)]
+    record = {"pipeline": "tiny", "began": "today"}
+    return Reproduction(Path("a"), record, more.pop("platform", {}), [], ["pixel"], cells, **more)
+
+
+@pytest.mark.parametrize(
+    ("found", "more", "verdict"),
+    [
+        (["same", "same"], {}, "the same bits"),
+        (["same", "within"], {}, "within the stated errors"),
+        ([], {}, "nothing to compare"),
+        *((["same", worse], {}, "not reproduced") for worse in ("beyond", "unknown", "damaged", "failed")),
+        (["same"], {"damages": [Damage("changed", "run.id", "it does not name the last run")]}, "not reproduced"),
+        (["same"], {"differences": [Deviation("manifest.json", "status", "done", "failed")]}, "not reproduced"),
+    ],
+)
+def test_an_archive_is_reproduced_if_every_cell_is_and_nothing_else_differs(found, more, verdict):
+    one = reproduction(*found, **more)
+    assert (one.verdict, one.reproduced) == (verdict, verdict in ("the same bits", "within the stated errors"))
+
+
+def test_every_array_of_a_table_is_the_same_within_or_wrong(capsys):
+    print_reproduction(document(reproduction("same", *("within beyond unknown damaged failed".split()))))
+    (row,) = [line.split() for line in capsys.readouterr().out.splitlines() if line.split()[:2] == ["pixel", "6"]]
+    assert row[:5] == ["pixel", "6", "1", "1", "4"]
+
+
+def test_nothing_and_less_than_nothing_differ_where_bits_count():
+    assert not alike(0.0, -0.0, 0.0) and alike(0.0, -0.0, 1e-6)
+    assert alike(float("nan"), float("nan"), 0.0) and not alike(0.0, float("nan"), 1e-6)
+    assert alike(1.0, 1.0 + 1e-9, 1e-6) and not alike(1.0, 1.0 + 1e-9, 0.0)
 
 
 # -- compared ------------------------------------------------------------------------------------------------------
@@ -399,6 +458,16 @@ def test_a_repair_that_was_broken_off_is_made_good_by_the_next(archive, whole, m
     assert not verify(archive).whole
     assert repair(archive, [], SERIAL).after.whole
     assert arrays(archive) == arrays(whole)
+
+
+def test_what_a_journal_named_before_lines_were_taken_out_is_no_foreign_file(archive):
+    """Its chunks are ours and are named no more: to be computed again, not to be moved away."""
+    journal = archive / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(line for line in lines if b'"cell":"pixel ' not in line))
+    damages = [one for one in verify(archive).damages if one.path.startswith("data.zarr/pixel/")]
+    assert {one.kind for one in damages} == {"changed"}
+    assert all("no longer names its chunks" in one.what for one in damages if not one.cell)
 
 
 def test_a_run_that_was_broken_off_is_no_damage_to_its_cells(archive):

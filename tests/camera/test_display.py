@@ -117,6 +117,16 @@ def test_decoding_gives_back_the_light_that_the_display_could_show(encoding, kin
     )
 
 
+@pytest.mark.parametrize("exponent", [0.2, 0.45, 1.0, 3.0])
+@pytest.mark.parametrize("encoding", ["sRGB", "BT.709", "power"])
+def test_decoding_states_what_a_millionth_of_a_code_becomes_where_the_curve_is_steep(encoding, exponent):
+    stage = Decode(encoding=encoding, exponent=exponent)
+    codes = np.linspace(0.3, 1.0, 701)
+    one, other = (stage.run(codes - away)["rgb_linear"] for away in (0.0, 1e-6))
+    stated, how = stage.error({}, {}, "float32")
+    assert how == "measured" and np.abs(one - other).max() <= stated * (1 + 1e-5)
+
+
 def test_colours_are_named_by_their_state_so_that_codes_cannot_be_taken_for_light():
     for stage in (Display, ToCones, FromCones, ToXyz, Decode, Encode):
         for port in stage.reads:

@@ -9,13 +9,20 @@ import pytest
 import xarray as xr
 
 import etendue
+from etendue.contract.arrays.facts import Facts
+from etendue.contract.arrays.grid import Grid, Line
 from etendue.contract.registry import installed_stages
+from etendue.contract.values.late_bound import LateValue
 from etendue.errors import RequestError
 from etendue.plan.planner import make_plan
+from etendue.plan.resume import select
 from etendue.session import load
 from etendue_camera import spectra
 from etendue_camera.constants import LUMINOUS_EFFICACY, PLANCK, SPEED_OF_LIGHT
-from etendue_camera.electronics import amplifier, emva
+from etendue_camera.electronics import amplifier, converter, emva
+from etendue_camera.electronics.stages.exposure import Exposure, FullWell, ShotNoise
+from etendue_camera.electronics.stages.read_out import Adc, Linearise
+from etendue_camera.sensor.stages.defects import StuckPixels
 
 PIPELINES = Path(__file__).parents[2] / "pipelines"
 READ_OUT = ("shot_noise", "full_well", "read_noise", "adc")
@@ -245,6 +252,67 @@ def test_a_pedestal_under_four_sigma_is_warned_of(black, warned):
     assert any("4 sigma" in text for text in make_plan(load(document), installed_stages()).warnings) == warned
 
 
+def test_the_note_on_a_pedestal_says_the_share_of_dark_pixels_that_the_converter_clips():
+    """Against the converter, whose codes lie below 0 without the pedestal's help: 1e5 draws are right to 0.005."""
+    adc = Adc(black_level=1.0, conversion_gain=0.25, read_noise=10.5, bits=12)
+    (text,) = adc.warn(Facts(), {})
+    dark = np.random.default_rng(1).normal(0, adc.read_sigma() * adc.dn_per_electron(), 100_000)
+    raised = converter.digitise(dark, 1.0, 1.0 + 64, 12) < 64  # lifted by 64 whole codes, nothing is clipped
+    assert float(text.split("DN): ")[1].split()[0]) == pytest.approx(raised.mean(), abs=0.01)
+
+
+# -- what bounds hold
+
+
+@pytest.mark.parametrize("sigmas", [1.0, 2.0, 3.0, 4.0])
+def test_a_full_well_takes_no_more_from_the_mean_than_it_states(sigmas):
+    """By hand: a normal charge whose mean lies some of its sigmas below the well."""
+    stage = FullWell()
+    well = stage.well()
+    root = 0.5 * (math.sqrt(sigmas**2 + 4 * well) - sigmas)  # of the mean: mean + sigmas sqrt(mean) = well
+    density = math.exp(-0.5 * sigmas**2) / math.sqrt(2 * math.pi)
+    lost = root * (density - sigmas * 0.5 * math.erfc(sigmas / math.sqrt(2)))
+    bound, _ = stage.negligible(Facts(low=0.0, high=root**2), Grid.of({"y": Line(4), "x": Line(4)}))
+    assert lost / well <= bound < 60 * lost / well
+
+
+def test_what_is_stated_of_a_time_that_a_run_finds_holds_for_every_time_it_may_find():
+    values = {"dark_current_density": 1e-8, "dark_pattern": False, "dark_nonuniformity": 0.1, "prnu": 0.01}
+    late = Exposure(**values, integration_time=LateValue("integration_time", 1e-3, 0.1))
+    light = {"photocurrent": Facts(low=1e3, high=1e5)}
+    facts, (most, _) = late.carry(light, {}), late.error({}, {}, "float64")
+    for time in (1e-3, 1e-2, 0.1):
+        one = Exposure(**values, integration_time=time)
+        own = one.carry(light, {})
+        assert facts.low <= own.low and own.high <= facts.high
+        assert one.error({}, {}, "float64")[0] <= most
+
+
+def test_only_an_exact_draw_is_proved():
+    """How far the expansion is from Poisson was measured."""
+    assert ShotNoise(exact_below=math.inf).error({}, {}, "float64") == (0.0, "proved")
+    for noise in ("independent", "common"):
+        bound, how = ShotNoise(exact_below=100.0, noise=noise).error({}, {}, "float64")
+        assert bound > 0 and how == "measured"
+
+
+def test_offsets_of_pixels_lower_the_level_of_clipping_as_read_noise_does():
+    """A full pixel reads lower by either: after the well nothing tells them apart."""
+    values = {"conversion_gain": 0.1, "bits": 12, "read_noise_after": 0.0}
+
+    def lowest(**noise):
+        return float(Linearise(**values, **noise).run(np.zeros((1, 1), np.uint16))["clipping_level"])
+
+    assert lowest(read_noise=0.0, dsnu=20.0) == lowest(read_noise=20.0, dsnu=0.0) < lowest(read_noise=0.0, dsnu=0.0)
+
+
+def test_a_camera_without_noise_knows_the_noise_of_rounding():
+    """A twelfth of a squared code, whatever the gain."""
+    for gain in (0.02, 0.3, 5.0):
+        stage = Linearise(conversion_gain=gain, read_noise=0.0, read_noise_after=0.0, dsnu=0.0)
+        assert stage.dark_sigma() * stage.white() == pytest.approx(1 / math.sqrt(12), rel=1e-12)
+
+
 # -- metering: an argument is a variable
 
 
@@ -333,6 +401,14 @@ def test_a_given_swept_or_found_time_is_one_word_of_the_random_numbers():
     for stage in ("shot_noise", "full_well"):
         if stage in alone:
             assert np.array_equal(alone[stage].charge, among[stage].charge[1])
+
+
+def test_draws_behind_a_metering_that_is_not_stored_compute_it_again():
+    """The charge that it read is stored, the time that is one of its words is not."""
+    document = pipeline("meter", *CAMERA[:2], wanted=["charge"]) | {"keep": ["expected_charge"]}
+    plan = make_plan(load(document), installed_stages())
+    (exposed,), (drawn,), (found,) = (plan.of(name) for name in ("exposure", "shot_noise", "meter"))
+    assert found.ref in select(plan, {exposed.ref}, {drawn.ref})
 
 
 def test_what_nobody_takes_from_the_camera_any_more_is_no_axis():
@@ -557,6 +633,14 @@ def test_the_share_of_defects_is_as_asked_and_belongs_to_the_serial():
     other["camera"]["sensor_serial"] = "2"
     moved = etendue.simulate(other)["defects"].defect_map.values
     assert np.count_nonzero((moved > 0) & (kinds > 0)) < 0.1 * counts[1]
+
+
+def test_what_is_stuck_at_the_top_has_the_top_code_of_any_converter():
+    rng = type("Pattern", (), {"uniform": lambda self, name: np.zeros((2, 2))})()
+    for bits in (8, 12, 16):
+        stage = StuckPixels(bits=bits, stuck=0.5, level=1.0)
+        codes = stage.run(np.zeros((2, 2), np.uint16), np.zeros((2, 2), np.uint8), rng)["raw"]
+        assert np.array_equal(codes, np.full((2, 2), 2**bits - 1))
 
 
 def test_the_linear_scale_ends_where_the_well_is_full_when_that_comes_before_the_top_code():

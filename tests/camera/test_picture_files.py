@@ -189,6 +189,7 @@ def test_a_profile_or_gamma_that_is_not_applied_is_said(tmp_path):
         ("srgb", chunk(b"sRGB", b"\0"), ""),
         ("plain", chunk(b"gAMA", struct.pack(">I", 45455)), ""),
         ("linear", chunk(b"gAMA", struct.pack(">I", 100000)), "gamma (1)"),
+        ("steep", chunk(b"gAMA", struct.pack(">I", 38462)), "gamma (0.38462)"),
         (
             "primaries",
             chunk(b"cHRM", struct.pack(">8I", 31270, 32900, 68000, 32000, 26500, 69000, 15000, 6000)),

@@ -10,6 +10,8 @@ import pytest
 import xarray as xr
 
 import etendue
+from etendue.contract.arrays.facts import Facts
+from etendue.contract.arrays.grid import Bands, Grid, Line
 from etendue.contract.registry import installed_stages
 from etendue.pipeline.file import from_document
 from etendue.plan.planner import make_plan
@@ -131,6 +133,18 @@ def test_a_pixel_that_loses_charge_to_other_colours_says_so_unless_crosstalk_doe
     assert not said(pixel_pitch=1.5, crosstalk="through_filter")
     assert not said(pixel_pitch=1.5, pattern="mono", sensitivity_kind="filter_transmittance", peak_qe=[0.9])
     assert not said(pixel_pitch=6.0, depletion_depth=30.0)
+
+
+def test_what_is_said_of_lost_charge_hangs_on_the_contrast_at_half_a_cycle_a_pixel():
+    grid = Grid.of({"wavelength": Bands((545.0, 565.0)), "y": Line(40), "x": Line(40)})
+    told = []
+    for depth in (0.5, 1.0, 1.25, 1.5, 2.0, 4.0):
+        diode = {"depletion_depth": depth, "diffusion_depth": 10.0, "diffusion_length": 50.0}
+        texts = Pixel(**QE, pixel_pitch=5.0, **diode).warn(Facts(), {"irradiance": grid})
+        left = photodiode.collection_mtf(0.5 / 5.0, float(silicon.absorption(0.555)), *diode.values())
+        told.append(any("charge diffuses" in text for text in texts))
+        assert told[-1] == (left < 0.8)
+    assert True in told and False in told
 
 
 def through_filter(chart="uniform", stages=(), **tables):

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import sys
+from types import SimpleNamespace
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+from etendue import errors
+from etendue.archive import places
+from etendue.cli.bodies import runs
+from etendue.cli.program import main
 from etendue.contract.values.units import UnitError, to_unit
 from etendue.errors import ArchiveError, PluginError
 from etendue.present.terminal.terminal import _out, _table, escape
@@ -112,3 +119,55 @@ def test_the_terminal_is_sent_nothing_that_a_file_or_a_plugin_says(capsys):
     shown = capsys.readouterr().out
     assert "\x1b" not in shown and "\x07" not in shown and "\u202e" not in shown
     assert "[bold]" in shown
+
+
+def test_every_class_of_errors_ends_with_the_code_that_its_page_says():
+    said = dict(re.findall(r"(\w+Error|ArchiveInUse|StoreLost) .*exit (\d)", errors.__doc__))
+    classes = [one for one in vars(errors).values() if isinstance(one, type) and issubclass(one, errors.EtendueError)]
+    assert {one.__name__: str(one.exit_code) for one in classes if one is not errors.EtendueError} == said
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (MemoryError(), 5),
+        (OSError(28, "No space left on device"), 5),
+        (errors.MachineError("full"), 5),
+        (errors.StoreLost("gone"), 1),
+        (errors.ArchiveInUse("taken"), 4),
+        (errors.ArchiveError("none"), 2),
+        (errors.RequestError("wrong"), 2),
+        (RuntimeError("a fault of ours"), 1),
+    ],
+)
+def test_a_command_ends_with_the_code_of_what_stopped_it_and_one_line(error, code, monkeypatch):
+    def stopped(*_, **__):
+        raise error
+
+    monkeypatch.setattr(places, "reading", stopped)
+    done = CliRunner().invoke(main, ["show", "a"])
+    assert done.exit_code == code
+    assert done.stderr.count("\n") == 1 and done.stdout == ""
+
+
+@pytest.mark.parametrize(("failed", "code"), [([], 0), (["a cell"], 3)])
+@pytest.mark.parametrize("command", ["run", "rerun"])
+def test_a_run_ends_with_three_where_a_cell_failed_also_when_it_is_run_again(command, failed, code, monkeypatch):
+    made = SimpleNamespace(warnings=[], name="made")
+    for name, does in {
+        "pipeline_of": lambda *_: made,
+        "planned": lambda *_: made,
+        "recorded": lambda folder: SimpleNamespace(pipeline=lambda most: made),
+        "execute": lambda *_: SimpleNamespace(failed=failed),
+        "outcome_document": lambda outcome: {},
+    }.items():
+        monkeypatch.setattr(runs, name, does)
+    assert CliRunner().invoke(main, [command, "a", "--json"]).exit_code == code
+
+
+@pytest.mark.parametrize("place", ["s3://bucket/a", "s3://bucket/a/"])
+def test_the_place_that_was_asked_for_stands_where_the_folder_of_work_did(place, tmp_path):
+    told = {"archive": tmp_path, "lines": [f"{tmp_path}/journal.jsonl is damaged"], "cells": 3}
+    found = {"archive": "s3://bucket/a", "lines": ["s3://bucket/a/journal.jsonl is damaged"], "cells": 3}
+    assert places.named(told, tmp_path, place) == found
+    assert places.named(told, tmp_path, tmp_path) is told

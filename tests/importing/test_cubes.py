@@ -11,8 +11,9 @@ from click.testing import CliRunner
 
 import etendue
 from etendue.cli.program import main
+from etendue.contract.values.units import to_unit
 from etendue.errors import RequestError
-from etendue_camera.importing import formats
+from etendue_camera.importing import formats, rasters
 from etendue_camera.importing.cube import PLANCK_LIGHT, as_light, in_order, read_cube, wavelengths_of
 
 WAVE = np.array([450.0, 500.0, 550.0, 600.0])
@@ -126,6 +127,15 @@ def test_photons_of_isetcam_are_the_radiance_that_carries_them(tmp_path):
         np.testing.assert_allclose(cube.values, LIGHT, rtol=1e-6)  # through float32 on the way
     cube, _ = as_light(read_cube(tmp_path / "scene.mat"), "scene")
     np.testing.assert_allclose(cube.white, LIGHT[:, 0, 0], rtol=1e-6)
+
+
+def test_every_unit_of_a_header_is_as_long_as_the_unit_of_a_pipeline():
+    """An angstrom, which pipelines do not know, is a tenth of a nanometre."""
+    known = {"nanometers": "nm", "nm": "nm", "micrometers": "um", "um": "um", "microns": "um", "meters": "m"}
+    lengths = {word: to_unit(f"1 {unit}", "nm") for word, unit in known.items()} | {
+        "angstroms": to_unit("1e-10 m", "nm")
+    }
+    assert pytest.approx(lengths, rel=1e-15) == rasters.TO_NM
 
 
 def test_bands_are_sorted_and_whole_numbers_are_shares_of_their_largest(tmp_path):

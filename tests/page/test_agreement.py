@@ -15,10 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 
 from etendue.present.page.live import Live
-from etendue.present.page.looks import picture, pictured
+from etendue.present.page.looks import Picture, picture, pictured
 from etendue.present.page.opened import Opened
 from etendue.present.page.shots import shots
 from etendue.present.plots import pictures
@@ -202,3 +204,13 @@ def test_a_merger_of_frames_is_as_bright_as_one_of_them(archives):
     assert (
         merged / middle > 0.6
     )  # a share of 1/8 in light is 0.39 in bytes; the frame is overexposed where its merger is not
+
+
+@given(st.integers(0, 3), st.integers(0, 4), st.floats(-0.499, 0.499), st.floats(-0.499, 0.499))
+def test_a_place_belongs_to_the_sample_whose_middle_is_nearest(row, column, down, right):
+    """Samples reach half a step to either side of where their coordinates stand; beyond the outermost there is none."""
+    origin, step = (-4.0, 20.0), (2.0, 3.0)
+    shown = Picture(None, None, "light", {}, np.zeros((3, 4, 5)), origin, step, True)
+    place = [at + one * (n + off) for at, one, n, off in zip(origin, step, (row, column), (down, right), strict=True)]
+    assert shown.sample(*place) == (row, column)
+    assert shown.sample(place[0], 20.0 - 0.501 * 3.0) is None and shown.sample(place[0], 20.0 + 4.501 * 3.0) is None

@@ -56,6 +56,13 @@ def _width(found):
     return found.mtf50_high - found.mtf50_low
 
 
+def test_intervals_of_two_confidences_are_as_wide_as_those_of_a_normal():
+    """What lies outside is shared by both ends: 95 % are 1.96 standard deviations to either side, 68 % are one."""
+    image = picture() + noise(1, 50)
+    wide, narrow = (edge_resolution(image, confidence=share, draws=2000) for share in (0.95, 0.6827))
+    assert 1.8 < (wide.mtf50_high - wide.mtf50_low) / (narrow.mtf50_high - narrow.mtf50_low) < 2.15
+
+
 @pytest.mark.long
 def test_noise_that_hangs_together_over_rows_is_seen_and_allowed_for():
     """Means of 3 x 3: a third of the interval would be missing if rows were taken for independent."""

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from etendue_camera.electronics import emva
+from etendue_camera.electronics.jackknife import Jackknife, left_out
 
 GAIN, WELL, READ, DARK, PRNU, DSNU, BLACK = 0.25, 12_000.0, 6.0, 300.0, 0.02, 8.0, 100.0
 TIMES = np.concatenate([np.linspace(0.005, 0.07, 8), [0.08, 0.09, 0.1, 0.15, 0.2]])
@@ -83,6 +84,15 @@ def test_a_lamp_that_flickers_between_frames_does_not_become_noise_of_pixels():
     # 1 % of 12 000 electron is 120: as much as the shot noise at the top
     steady, flickering = (emva.measure(TIMES, sensor(3, RATE, drift=d), sensor(3, 0.0)) for d in (0.0, 0.01))
     assert abs(flickering.gain.value / steady.gain.value - 1) < 0.03
+
+
+@pytest.mark.parametrize("confidence", [0.8, 0.95])
+def test_intervals_over_blocks_hold_the_truth_as_often_as_they_say(confidence):
+    """2000 means of white noise: a share is right to 0.018 and 0.01, two standard errors."""
+    rng, jackknife, count = np.random.default_rng(2), Jackknife(confidence), left_out(np.ones((16, 16)))
+    found = [jackknife.of(left_out(rng.standard_normal((16, 16))) / count, "") for _ in range(2000)]
+    held = np.mean([one.low <= 0 <= one.high for one in found])
+    assert abs(held - confidence) < 2 * np.sqrt(confidence * (1 - confidence) / 2000)
 
 
 def test_photons_give_the_quantum_efficiency():

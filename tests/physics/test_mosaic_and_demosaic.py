@@ -193,6 +193,18 @@ def test_a_single_line_interpolates_along_itself_and_fills_in_the_absent_colour(
         assert line[-1] == raw[0, -2]
 
 
+@pytest.mark.parametrize("pattern", ["RGGB", "GBRG"])
+@pytest.mark.parametrize("length", [2, 6, 7])
+def test_both_pixels_of_a_pair_on_a_line_are_given_its_two_samples(pattern, length):
+    """Nearest means the same cell on a line too: pixels 0 and 1 have one colour, 2 and 3 another."""
+    line = np.arange(1.0, length + 1)
+    for frame in (line[None], line[:, None]):
+        planes = bilinear.nearest(frame, pattern).reshape(3, length)
+        whole = length // 2 * 2
+        assert_array_equal(planes[:, 0:whole:2], planes[:, 1:whole:2])
+        assert (planes[:, :2].min(), planes[:, :2].max()) == (1.0, 2.0)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_nan_spreads_no_further_than_the_method_reaches(method):
     raw = noise((19, 19), 1)

@@ -205,6 +205,12 @@ def test_physics_that_light_meets_twice_is_noted(first, second, what):
     assert any(f"{what} counts twice" in text for text in notes(first, second))
 
 
+def test_physics_counts_on_every_way_that_leads_to_a_stage():
+    """A filter reads the light of the picture behind the first stage, and that of the white from before it."""
+    twice = ("diffraction", "optical_filter", {"use": "diffraction", "name": "again"})
+    assert any("again: diffraction counts twice" in text for text in notes(*twice))
+
+
 def test_two_filters_two_rims_and_alternatives_beside_one_another_are_not_noted():
     assert not any("twice" in text for text in notes("optical_filter", {"use": "optical_filter", "name": "other"}))
     beside = ("falloff", {"use": "falloff", "name": "other", "from": {"irradiance": "irradiance"}})

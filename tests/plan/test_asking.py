@@ -123,6 +123,13 @@ def test_a_value_error_is_how_a_stage_refuses_and_stays_in_its_own_words():
     assert text.endswith("stages[2] filter: the frame is[2J too small")
 
 
+@pytest.mark.parametrize(("contrast", "precision"), [(2.0, "float32"), (1e9, "float64"), (None, "float64")])
+def test_light_whose_contrast_is_large_or_unknown_is_computed_in_double_precision(contrast, precision):
+    dim = spoilt(Lamp, "describe", lambda lamp: (Facts(contrast=contrast), {"irradiance": GRID}))
+    text = '[[stages]]\nuse = "lamp"\n[[stages]]\nuse = "filter"\n'
+    assert make_plan(parse_pipeline(text), given(lamp=dim, filter=Filter)).precision == precision
+
+
 NONSENSE = {
     "grid": ([], {"irradiance": 3}, {"irradiance": [GRID]}, None, "irradiance", {"other": GRID}),
     "carry": (None, {}, "uniform", Facts(high="bright"), Facts(contrast=math.nan), Facts(uniform="yes")),

@@ -186,6 +186,14 @@ def test_the_dim_along_which_a_quantity_has_the_label_of_its_slice_stands_in_key
     assert changed(before, plan_of(chain())) == {"linearise", "demosaic", "sharpen"}
 
 
+def test_how_a_scene_was_drawn_stands_in_the_keys_of_those_who_look_at_transfer_functions(monkeypatch):
+    """They divide by the contrast that the drawing took, so the same light drawn otherwise gives other figures."""
+    text = chain() + '[[stages]]\nuse = "resolution"\n'
+    before = plan_of(text)
+    monkeypatch.setattr(type(before.of("scene")[0].stage), "rendered", lambda scene: (7.0, 0.0))
+    assert changed(before, plan_of(text)) == {"resolution", "sharpen"}
+
+
 def test_equal_grids_are_one_text_whatever_their_numbers_came_as():
     one, other = (
         Grid.of({"x": Line(4, 1, 2.0), "c": Labels((1, "R"))}),
@@ -230,6 +238,20 @@ def test_files_count_by_content_and_not_by_path(tmp_path):
     one, copied, other = (pictured(tmp_path, name) for name in ("a.png", "b.png", "c.png"))
     assert keys_of(one) == keys_of(copied)
     assert changed(one, other) == {"scene"}
+
+
+def test_a_folder_counts_by_the_names_and_contents_of_its_files(tmp_path):
+    """A reader that takes the planes of a cube by name reads another cube after a file was renamed."""
+
+    def folder(name, **files):
+        (tmp_path / name).mkdir()
+        for file, text in files.items():
+            (tmp_path / name / file).write_text(text)
+        return keys.file_digest(str(tmp_path / name))
+
+    one = folder("one", a="red", b="blue")
+    assert folder("copied", b="blue", a="red") == one
+    assert one not in (folder("renamed", a="red", c="blue"), folder("swapped", a="blue", b="red"))
 
 
 def test_a_file_that_is_overwritten_between_two_plans_of_one_process_has_another_key(tmp_path):

@@ -9,9 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import etendue
+from etendue.contract.arrays.facts import Content, Facts
+from etendue.contract.arrays.grid import Bands, Grid, Line
 from etendue.contract.stage import parameters_of
+from etendue.plan.expansion.leave_out import LeaveOutRule, decide
 from etendue.plan.planner import summary
 from etendue.session import Options, collect
+from etendue_camera.electronics.stages.exposure import ShotNoise
+from etendue_camera.electronics.stages.read_out import ReadNoise
+from etendue_camera.optics.stages.gathering import OpticalFilter
 from tests.plan.given import CAMERA, SCENE, SENSOR, chain, keys_of, plan_of
 
 NO_FALLOFF = SENSOR.replace('[[stages]]\nuse = "falloff"\n', "")
@@ -212,3 +218,58 @@ def test_a_stage_that_changes_the_grid_is_never_left_out():
     """Reads and writes must be the same variable on the same grid; a pixel that sees uniform light still is a pixel."""
     plan = plan_of(optics("uniform", NO_FALLOFF), {"tolerance": 0.9})
     assert not {"pixel", "mosaic", "exposure", "adc", "linearise"} & set(left_out(plan))
+
+
+# -- what bounds hold ---------------------------------------------------------------------------------------
+
+
+@settings(max_examples=30)
+@given(low=st.floats(0, 1), high=st.floats(0.01, 4), smooth=st.booleans())
+def test_a_factor_puts_no_more_detail_into_even_light_than_is_stated(low, high, smooth):
+    """Most detail has the factor that is its lowest value in one half of the frame and its highest in the other."""
+    low *= high
+    none = ((0.0, 0.0, 0.0),)
+    even = Content(2.0, (0.0, 0.1, 0.2, 0.5), none, none, (1.0,), (1.0,), (1.0,))
+    light = Facts(uniform=True, low=2.0, high=2.0, contrast=1.0, content=even).scaled(low, high, smooth)
+    assert light.content.full * light.content.detail >= 2.0 * 0.5 * (high - low) * (1 - 1e-12)
+    assert (light.low, light.high) == (2 * low, 2 * high)
+    assert low == 0 or light.contrast >= light.high / light.low * (1 - 1e-12)
+
+
+@pytest.mark.parametrize("most", [200.0, 1e4])
+def test_the_share_of_a_noise_is_that_of_the_pixel_in_which_it_is_largest(most):
+    """Read noise counts most in the darkest pixel, however bright the others are."""
+    read, shot = ReadNoise(read_noise=1.0, read_noise_after=0.0, dsnu=0.0), ShotNoise()
+    facts, grids = {"charge": Facts(low=100.0, high=most)}, {"charge": Grid.of({"y": Line(8), "x": Line(8)})}
+    found = decide(LeaveOutRule(0.05), read, facts, grids, grids, lambda: [shot, read])
+    assert found.bound == pytest.approx(1 / 101, rel=1e-12)
+    assert decide(LeaveOutRule(0.009), read, facts, grids, grids, lambda: [shot, read]) is None
+
+
+def test_a_blur_that_is_left_out_is_no_part_of_the_error_of_the_light_behind_it():
+    """What its contrast would spare the sum over wavelengths is not spared."""
+    setting = {"tolerance": 3e-2, "precision": "float64", "lens_gaussian.sigma": "0.1 um"}
+    without = optics("composite", SENSOR.replace('[[stages]]\nuse = "lens_gaussian"\n', ""))
+    plan = plan_of(optics("composite"), setting)
+    assert "lens_gaussian" in left_out(plan)
+    del setting["lens_gaussian.sigma"]
+    assert plan.of("pixel")[0].error == plan_of(without, setting).of("pixel")[0].error
+
+
+def test_a_filter_states_what_it_takes_from_the_brightest_sample_of_a_band():
+    """A red point on black has little red light on average, and loses all that it has."""
+    none, edges = ((0.0, 0.0),) * 2, (0.0, 0.1, 0.5)
+    point = Content(1.0, edges, none, none, (0.0, 0.0), (0.5, 0.001), (1.0, 1.0))
+    grid = Grid.of({"wavelength": Bands((500.0, 600.0, 800.0)), "y": Line(8), "x": Line(8)})
+    short_pass = OpticalFilter(cut_off=650.0)
+    assert short_pass.negligible(Facts(content=point), grid)[0] == 1 - short_pass.transmission(grid)[1] > 0.9
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.12345, 0.98765), (0.0777, 0.5001)])
+def test_no_sample_of_a_scene_lies_beyond_what_is_stated_of_its_light_relative_to_the_largest(low, high):
+    text = optics()
+    content = plan_of(text, {"scene.low": low, "scene.high": high}).of("scene")[0].facts.content
+    drawn = {"scene__low": low, "scene__high": high, "precision": "float64"}
+    light = values(etendue.simulate(text, want=["radiance"], scheduler="serial", **drawn), "scene", "radiance")
+    for band, plane in enumerate(light / light.max()):
+        assert content.low[band] <= plane.min() and plane.max() <= content.high[band] * (1 + 1e-12)

@@ -11,6 +11,8 @@ from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
 from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan
+from etendue.plan.resume import with_stored_values
+from tests.plan.given import chain, plan_of
 
 PIPELINE = Path(__file__).parents[2] / "pipelines" / "smallest.toml"
 
@@ -91,3 +93,12 @@ def test_an_archive_of_a_swapped_stage_can_be_computed_again(tmp_path):
     assert done.exit_code == 0, done.output
     again = CliRunner().invoke(main, ["reproduce", str(tmp_path / "a"), "--json"])
     assert again.exit_code == 0 and json.loads(again.stdout), again.output
+
+
+def test_a_label_means_what_the_newest_sweep_that_has_it_says():
+    plan = plan_of(chain(sweep='"sharpen.use" = ["sharpen"]'))
+    (axis,) = plan.axes
+    sweeps = [{"sharpen.use": [{"use": "sharpen", "label": "more", "strength": one}]} for one in (0.5, 0.9)]
+    whole = with_stored_values(plan, {"sharpen": {axis.dim: ["sharpen", "more"]}}, [{}, *sweeps])
+    own = plan.of("sharpen")[0].stage.strength
+    assert [cell.stage.strength for cell in whole.of("sharpen")] == [own, 0.5]

@@ -2,9 +2,10 @@
 
 import pytest
 
+from etendue.accuracy import blame as blaming
 from etendue.accuracy.blame import blamed
 from etendue.accuracy.holding import missed
-from etendue.accuracy.measuring import Measurement
+from etendue.accuracy.measuring import GlobalError, MeasuredErrors, Measurement
 from etendue.contract.registry import installed_stages
 from etendue.session import load
 from tests.plan.given import CAMERA, SCENE, SENSOR
@@ -60,3 +61,17 @@ def test_a_stage_of_which_nothing_finer_is_to_be_had_is_named():
     text = TEXT.replace('[[stages]]\nuse = "diffraction"\n', lens)
     found, _ = blame(1e-6, text, tolerance=0, **EXACT)
     assert next(iter(found)) == "aberrations.accuracy, which has no finer setting"
+
+
+@pytest.mark.parametrize(
+    ("shares", "named"),
+    [
+        ({"lens": 0.01, "pixel": 1.0, "noise": 0.2}, ["pixel", "noise"]),  # less than a twentieth of the largest
+        ({"lens": 0.0, "pixel": 0.0}, []),
+        ({"lens": -1e-3, "pixel": 0.0}, []),
+    ],
+)
+def test_only_what_has_a_share_worth_naming_is_named_and_the_largest_first(shares, named, monkeypatch):
+    monkeypatch.setattr(blaming, "_of_decisions", lambda *_: shares)
+    far = MeasuredErrors({"photon_rate": GlobalError(1.0, 1.0, 1.0, "measured")}, 1, 0.0)
+    assert list(blamed(None, None, far, ("photon_rate",), 1e-3, "rms")) == named

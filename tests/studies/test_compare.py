@@ -30,9 +30,9 @@ from etendue_camera.field.psf_bank import PsfBank
 from etendue_lab.compare import ranking
 from etendue_lab.compare.axis import AxisRequest, candidates, labels_of, parse_axis
 from etendue_lab.compare.branches import nodes_of
-from etendue_lab.compare.compared import ComparedRow
+from etendue_lab.compare.compared import FIGURES, ComparedRow
 from etendue_lab.compare.figures import colour_figures
-from etendue_lab.compare.ranking import document, print_comparison
+from etendue_lab.compare.ranking import UNITS, document, print_comparison
 from etendue_lab.compare.study import Comparison, compare, ranked
 from tests.studies import alternatives
 
@@ -580,6 +580,12 @@ def test_the_command_prints_a_table_and_writes_its_files(run, tmp_path):
     assert float(rows[0]["psnr"]) > float(rows[1]["psnr"])
     kept = json.loads((folder / "compare.json").read_text(), parse_constant=pytest.fail)
     assert kept["rows"][0]["psnr"] == float(rows[0]["psnr"])
+
+
+def test_every_figure_of_the_table_has_its_unit_and_a_time_per_size_is_the_inverse_of_a_speed():
+    assert set(FIGURES) <= set(UNITS)
+    assert "/".join(reversed(UNITS["mpixel_per_second"].split("/"))) == UNITS["seconds_per_mpixel"]
+    assert UNITS["seconds_per_mpixel"].split("/")[0] == UNITS["seconds"]
 
 
 def test_its_json_keeps_its_fields_and_has_no_nan(run, registry):

@@ -3,6 +3,7 @@ one cell.
 """
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -153,6 +154,13 @@ def test_what_is_put_in_follows_from_the_stages():
     assert channel.expected["full_well"] <= 500 * 5.4**2 * 0.741
     sheet = {"dsnu": 3.0, "dark_spread": 40.0}
     assert Expected.of(sheet, 0.1)["dsnu"] == pytest.approx(5.0)
+
+
+def test_a_full_pixel_is_expected_to_have_the_ratio_of_its_own_shot_noise():
+    expected = Expected.of({"gain": 0.1, "read_noise": 3.0, "full_well": 1e4}, 0.01)
+    capacity = expected["saturation_capacity"]
+    assert expected["snr_max"] == pytest.approx(20 * math.log10(capacity / math.sqrt(capacity)))
+    assert expected["dynamic_range"] == pytest.approx(20 * math.log10(capacity / expected["absolute_sensitivity"]))
 
 
 def test_the_frames_of_an_archive_are_measured_camera_by_camera(tmp_path):

@@ -4,14 +4,16 @@ the way.
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from etendue.accuracy import holding
 from etendue.accuracy.holding import LADDER, hold, missed
-from etendue.accuracy.measuring import Measurement
-from etendue.accuracy.pilot import stated_elsewhere
+from etendue.accuracy.measuring import GlobalError, MeasuredErrors, Measurement
+from etendue.accuracy.pilot import MARGIN, stated_elsewhere
 from etendue.cli.program import main
 from etendue.contract.registry import installed_stages
 from etendue.plan.planner import make_plan
@@ -121,3 +123,59 @@ def test_a_cell_of_gathered_bands_alone_is_that_of_a_sweep_bit_for_bit():
         )
         own = collect(make_plan(alone, installed_stages()), {("pixel", ()): ["photon_rate"]}, Options("serial")).arrays
         assert np.array_equal(own["pixel", ()]["photon_rate"], arrays["photon_rate"])
+
+
+def measured(**errors):
+    return MeasuredErrors({name: GlobalError(rms, rms, 1.0, "measured") for name, rms in errors.items()}, 1, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("error", "below", "held"),
+    [
+        (1e-5, 0.0, True),
+        (1e-5, 1e-4, True),
+        (1e-5, 2e-3, None),
+        (2e-3, 0.0, False),
+        (2e-3, 5e-3, False),
+        (1e-3, 1e-3, True),
+    ],
+)
+def test_an_error_is_held_unless_it_or_the_doubt_of_its_reference_is_larger_than_asked(error, below, held):
+    """However small it is, a reference that is off by more than what is asked says nothing of it."""
+    assert GlobalError(error, 1.0, 1.0, "measured", below=below).held(1e-3) is held
+    assert GlobalError(1.0, error, 1.0, "measured", below=below).held(1e-3, "max") is held
+    assert GlobalError(None, None, None, "unknown").held(1e-3) is None
+
+
+def test_of_tolerances_that_are_all_as_far_off_the_loosest_is_taken(monkeypatch):
+    """A stricter one would cost time and bring nothing nearer."""
+    planned = {
+        "plan": lambda pipeline: SimpleNamespace(precision="", cells={1: SimpleNamespace(key=pipeline.tolerance)})
+    }
+    same = SimpleNamespace(
+        pipeline=replace(pipeline_of(), tolerance=1e-3),
+        seconds=0.0,
+        options=Options(),
+        run=lambda plan: None,
+        compared=lambda plan, found, before: measured(photon_rate=0.5),
+        **planned,
+    )
+    monkeypatch.setattr(holding, "blamed", lambda *_: {})
+    found = holding._search(same, 1e-3, "rms")
+    assert (found.held, found.tolerance) == (False, 1e-3)
+
+
+def test_bounds_of_all_stages_on_the_way_to_a_cell_are_added_up():
+    """What is measured where the lens adds 1e-3 grows where it adds 3e-3, beside the 2e-3 of the pixel."""
+    cells = {("lens", (n,)): (bound, ()) for n, bound in enumerate((1e-3, 3e-3))}
+    cells |= {("pixel", (n,)): (2e-3, (("light", ("lens", (n,)), "light"),)) for n in (0, 1)}
+    axis = SimpleNamespace(dim="f_number", values=(2, 4))
+    plan = SimpleNamespace(
+        cells={ref: SimpleNamespace(ref=ref, bound=bound, inputs=inputs) for ref, (bound, inputs) in cells.items()},
+        wanted=[("pixel", "photon_rate")],
+        axis=lambda dim: axis,
+        node=lambda name: SimpleNamespace(axes=("f_number",)),
+        of=lambda name: [cell for ref, cell in plan.cells.items() if ref[0] == name],
+    )
+    stated = stated_elsewhere(plan, measured(photon_rate=1e-4), [{"f_number": 2}])
+    assert stated == {"photon_rate": pytest.approx(MARGIN * 1e-4 * (5e-3 / 3e-3))}

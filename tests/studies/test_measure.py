@@ -32,6 +32,7 @@ from etendue_lab.measure import photograph
 from etendue_lab.measure.chart import reference, to_lab
 from etendue_lab.measure.photograph import PhotographFile
 from etendue_lab.measure.study import MeasurementRequest, curves, measure
+from etendue_lab.measure.terminal import print_photograph
 
 FIFTY = math.sqrt(math.log(2) / 2) / math.pi  # MTF50 of a Gaussian of 1 pixel rms
 SHAPE = (160, 150)
@@ -483,6 +484,14 @@ def test_a_grey_raw_file_has_grey_patches_and_is_told_to_be_no_chart(tmp_path):
     assert "LibRaw" in document["notes"][0] and "hardly match a ColorChecker" in document["notes"][1]
 
 
+def test_only_the_upper_end_of_a_raw_file_clips():
+    """Noise about black goes below it and is kept; a developed picture is cut off at both ends."""
+    values = np.array([-3.0, 0.0, 5.0, 10.0]).reshape(1, 4, 1)
+    raw = PhotographFile(Path("a.dng"), values, 10.0, "linear", (1.0,), colours=np.full((1, 4), "G"))
+    assert raw.clipped().tolist() == [[False, False, False, True]]
+    assert replace(raw, colours=None).clipped().tolist() == [[True, True, False, True]]
+
+
 def test_a_raw_file_without_rawpy_says_how_to_get_it(tmp_path, monkeypatch):
     (tmp_path / "a.dng").write_bytes(b"x")
     known = builtins.__import__
@@ -590,6 +599,21 @@ def test_tables_json_and_curves_say_the_same(picture, tmp_path):
     assert_allclose([float(one["response"]) for one in rows], row["sfr"])
     assert_allclose([float(one["cycles_per_mm"]) for one in rows], np.array(row["frequency"]) / 4e-3)
     assert curves(document).data("png").startswith(b"\x89PNG")
+
+
+def test_the_table_of_light_is_in_per_cent_and_that_of_numbers_in_numbers(capsys):
+    def known(value):
+        return {"value": value, "low": 0.9 * value, "high": 1.1 * value}
+
+    linear = {"mean": known(0.25), "sigma": known(0.005), "snr": known(50.0)}
+    encoded = {"mean": known(137.0), "sigma": known(1.5), "snr": known(91.0)}
+    patch = {"region": "patch", "channels": [{"channel": "green", "linear": linear, "encoded": encoded}]}
+    head = {"picture": "a.png", "columns": 9, "rows": 9, "encoding": "sRGB", "confidence": 0.95, "pitch": None}
+    none = dict.fromkeys(("edges", "stars", "chart", "notes"), ())
+    print_photograph({**head, **none, "noise": [{**patch, "hidden": [], "not_covered": False}]})
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("green")]
+    assert rows[0] == ["green", "25", "0.5", "0.45", "to", "0.55", "50", "45", "to", "55"]
+    assert rows[1] == ["green", "137", "1.5", "1.35", "to", "1.65", "91", "81.9", "to", "100.1"]
 
 
 def test_every_command_of_the_document_is_one_that_the_program_takes():

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from etendue.cli import main
 from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
 from etendue.session import load
+from etendue_camera.electronics.stages.read_out import Linearise, LinePattern, ReadNoise
 from etendue_lab.information.study import information
 from etendue_lab.losses.study import losses
+from etendue_lab.noise.flat_field import FlatField
 from etendue_lab.noise.study import noise
 
 CAMERA = """
@@ -115,6 +118,17 @@ def test_each_source_of_noise_is_counted(settings, prnu):
     report = noise(replace(pipeline, stages=stages), installed_stages(), frames=2)
     for expected, found, error in report.mosaic.values():
         assert abs(found - expected) < 4 * error + 0.01 * expected
+
+
+@pytest.mark.parametrize(("row_noise", "remarks"), [(0.0, 0), (2.0, 1)])
+def test_noise_of_whole_lines_is_remarked_on_once_and_only_where_there_is_any(row_noise, remarks):
+    noisy = {"read_noise": ReadNoise(read_noise=3.0), "line_pattern": LinePattern(row_noise=row_noise)}
+    field = SimpleNamespace(first=SimpleNamespace(name="linearise"), before={"linearise": Linearise()}, notes=[])
+    field.noisy, field.unsaid = (lambda: noisy), (lambda: "")
+    for _ in range(2):
+        variance = FlatField.model(field, {"green": 100.0})["green"] * Linearise().electrons() ** 2
+        assert variance == pytest.approx(9.0 + ReadNoise().dsnu ** 2 + row_noise**2)
+    assert sum("rows and columns" in note for note in field.notes) == len(field.notes) == remarks
 
 
 @pytest.mark.long

@@ -6,7 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from etendue_lab.losses.games import Game
 from etendue_lab.losses.shapley import shares
+from etendue_lab.losses.study import LossReport
 
 NAMES = ("a", "b", "c", "d", "e")
 
@@ -66,3 +68,12 @@ def test_nobody_and_too_few_coalitions():
         shares(lambda present: 1.0, NAMES, most=4)
     with pytest.raises(ValueError, match="differ"):
         shares(lambda present: 1.0, ("a", "a"))
+
+
+def test_shares_of_all_that_is_lost_sum_to_one_whatever_others_bring_back():
+    """A stage that betters the picture, such as a sharpening, has a negative share of the others' loss."""
+    worth = {"lens": 3.0, "pixel": 1.0, "sharpen": -2.0}
+    found = shares(lambda present: sum(worth[name] for name in present), tuple(worth))
+    game = Game("contrast", "dB", "mean contrast", found, 1.0, 0.8, {}, {})
+    rows = {row["stage"]: row["share"] for row in LossReport("camera", 0.18, [game]).document()["losses"][0]["stages"]}
+    assert rows == {"lens": pytest.approx(0.75), "pixel": pytest.approx(0.25), "sharpen": pytest.approx(-0.5)}

@@ -2,6 +2,7 @@
 installed holds.
 """
 
+import itertools
 import json
 import math
 import os
@@ -155,6 +156,17 @@ def test_a_camera_that_cannot_be_is_refused_once_in_words():
     (row,) = cameras.rows_of_camera("1 bit", dict(cameras.cameras())["bits = 1"])
     assert row.ok
     assert "it must be from 0 to below the top code 1" in row.why
+
+
+def test_a_group_shows_what_broke_also_beside_what_was_not_tried_whatever_their_order():
+    rows = [
+        LawCase("a", "x", "untried", None, why="no example"),
+        LawCase("a", "x", "broken", False, why="so"),
+        LawCase("a", "x", "near", True, 0.9, 1.0),
+    ]
+    for order in itertools.permutations(rows):
+        (group,) = groups(order)
+        assert (group.worst.case, group.cases, group.failed, group.untried) == ("broken", 3, 1, 1)
 
 
 def test_a_group_shows_what_broke_before_what_came_near():
