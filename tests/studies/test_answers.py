@@ -16,7 +16,7 @@ from etendue.accuracy.answers.error import answers_of, part_between
 from etendue.accuracy.answers.pilots import state_errors
 from etendue.accuracy.answers.refinement import Point
 from etendue.cli.program import main
-from etendue.contract.capabilities import Discretised
+from etendue.contract.discretised import Discretised
 from etendue.contract.registry import installed_stages
 from etendue.pipeline.toml import dumps
 from etendue.plan.planner import make_plan

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from etendue.contract.arrays.dims import banded, is_light
 from etendue.contract.arrays.facts import Facts
 from etendue.contract.arrays.grid import Bands, Grid, Labels, Line
+from etendue.contract.discretised import Discretised as Discretised
 from etendue.contract.stage import (
     Stage,
     arguments_of,
@@ -44,26 +45,6 @@ class Source(Stage):
         """(band,): light of a white surface in bands with these edges, in any scale, by which metrics weight the bands.
         None: unknown, and metrics assume light that is equally strong in all bands."""
         return None
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Discretised(Stage):
-    """A stage that samples something continuous: bands, positions, a finite part of the plane.
-
-    The error of an answer includes what one refinement of each discretisation changes.
-    """
-
-    @abstractmethod
-    def discretisations(self) -> Mapping[str, str]:
-        """Return the names of its discretisations (bins, spacing, margin); with each the reason why it cannot be
-        refined, such as 'that of the file', or '' if it can."""
-
-    @abstractmethod
-    def refined(self, name: str, factor: int) -> Mapping[str, Any]:
-        """Return the values of parameters that refine a discretisation: ``factor`` times as fine, or as large a margin.
-
-        A negative factor coarsens. An empty mapping: this is as fine or coarse as it gets.
-        """
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -107,8 +107,12 @@ class AnswerErrors:
         return {
             "errors": {name: error.document() for name, error in self.errors.items()},
             "shown": {name: error.document() for name, error in self.shown.items()},
-            **{name: getattr(self, name) for name in ("points", "seconds", "dear", "budget", "remembered")},
             "at": dict(self.at),
+            "points": self.points,
+            "seconds": self.seconds,
+            "dear": self.dear,
+            "budget": self.budget,
+            "remembered": self.remembered,
         }
 
 
@@ -161,15 +165,6 @@ def worst(errors: Iterable[AnswerError]) -> AnswerError:
             )
     missing = {name: why for one in every for name, why in one.open.items()}
     return replace(every[0], parts=parts, open=missing, points=len(every))
-
-
-MATTERS = 0.02  # of the total: smaller parts are not listed
-
-
-def parts_text(error: AnswerError) -> str:
-    """Return the parts that matter, largest first: ``bins 0.02, spacing 0.01``."""
-    own = sorted(error.parts.items(), key=lambda item: -item[1].rms)
-    return ", ".join(f"{name} {part.rms:.1g}" for name, part in own if part.rms > MATTERS * error.rms)
 
 
 def scaled(errors: Mapping[str, AnswerError], factor: float) -> dict[str, AnswerError]:

@@ -24,7 +24,7 @@ from etendue.accuracy.answers.error import (
     worst,
 )
 from etendue.accuracy.answers.evaluations import AS_PLANNED, EXACT, Evaluated, Evaluations, Shown, TooDear
-from etendue.accuracy.answers.refinement import Factors, Point
+from etendue.accuracy.answers.refinement import Point
 from etendue.accuracy.pilot import chosen_places
 from etendue.contract.registry import Registry
 from etendue.plan.cost import cell_seconds
@@ -133,13 +133,9 @@ def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerErr
 def _refined(evaluations: Evaluations, name: str) -> tuple[Evaluated, Evaluated] | None:
     """Return two evaluations that differ by one refinement, coarse in all else if the stages accept that."""
     for base in (COARSE if name == "bins" else FEW_BANDS, {}):
-        if pair := evaluations.pair((base, ""), (_finer(base, name), "")):
+        if pair := evaluations.pair((base, ""), ({**base, name: 2}, "")):
             return pair
     return None
-
-
-def _finer(base: Factors, name: str) -> Factors:
-    return {**base, name: 2}
 
 
 def _compare(

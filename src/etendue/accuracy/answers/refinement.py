@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from etendue.accuracy.pilot import narrowed
 from etendue.accuracy.reference import reference_of
-from etendue.contract.capabilities import Discretised
+from etendue.contract.discretised import Discretised
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
 from etendue.errors import EtendueError

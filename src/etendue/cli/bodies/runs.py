@@ -47,19 +47,23 @@ def run(
             measured = global_errors.kept(held, folder, made)
         if errors:
             outcome.answers = _answers(outcome, folder, watched, measure)
-    outcome = places.placed(outcome, folder, place)
+    _tell_run(places.placed(outcome, folder, place), measured, way)
+    sys.exit(3 if outcome.failed else 0)
+
+
+def _tell_run(outcome: Outcome, measured: Document | None, way: Way) -> None:
+    """Print what a run did, and the errors that were measured."""
     if way.as_json:
         answers = {"answer": outcome.answers} if outcome.answers else {}
         say({**outcome_document(outcome), **answers, **(measured or {})})
-    else:
-        show(print_outcome, outcome)
-        if outcome.answers:
-            show(print_answers, outcome.answers)
-        if measured:
-            from etendue.present.terminal.global_error import print_global_error
+        return
+    show(print_outcome, outcome)
+    if outcome.answers:
+        show(print_answers, outcome.answers)
+    if measured:
+        from etendue.present.terminal.global_error import print_global_error
 
-            show(print_global_error, measured)
-    sys.exit(3 if outcome.failed else 0)
+        show(print_global_error, measured)
 
 
 def _answers(outcome: Outcome, folder: Path, watched: Any, measure: bool) -> Document | None:

@@ -81,7 +81,7 @@ def _from_journal(opened: Opened) -> Ledger:
 def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, str]]) -> list[Document]:
     """Return a row per stage: description, axes, cells, seconds, errors."""
     rows, nodes = [], opened.record["nodes"]
-    for number, stage in enumerate(opened.stages):
+    for place, stage in enumerate(opened.stages):
         own = table["stage"] == stage
         status, error = table["status"][own], table["error"][own]
         node = nodes.get(stage, {})
@@ -90,7 +90,7 @@ def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, s
         rows.append(
             {
                 "name": stage,
-                "order": number + 1,
+                "order": place + 1,
                 "use": use,
                 "role": [str(r) for r in node.get("role", [])],
                 "what": about.get(use[0], {}).get("what", ""),

@@ -54,7 +54,7 @@ def _value(row: DocumentView, name: str) -> str:
     return f"{sign}{value:.2g} {unit}".rstrip()
 
 
-def print_plan_with_errors(document: DocumentView) -> None:
+def print_plan_with_errors(document: Document) -> None:
     """Print a plan, and the errors of its answer if a run has measured them."""
     print_plan(document)
     print_answers(document["answer"])
