@@ -9,6 +9,7 @@ bin average to the mean over the bin. For values beyond the end of a table see `
 """
 
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
@@ -108,7 +109,22 @@ def table_from_csv(
     for name in wanted:
         require_name(name, names, f"column of {path}:")
     chosen = values[:, [names.index(name) for name in wanted]]
-    return wanted, bin_means(*with_reach(nodes, nodes, chosen), checked, outside)
+    found = _means(_Rows((nodes.tobytes(), chosen.tobytes()), nodes, chosen), checked, outside)
+    return wanted, found.copy(order="K")
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of a table, equal to others of the same numbers."""
+
+    numbers: tuple[bytes, bytes]
+    nodes: FloatArray = field(compare=False)
+    values: FloatArray = field(compare=False)
+
+
+@lru_cache(maxsize=64)  # planning asks for the same means several times
+def _means(rows: _Rows, edges: tuple[float, ...], outside: Outside) -> FloatArray:
+    return bin_means(*with_reach(rows.nodes, rows.nodes, rows.values), edges, outside)
 
 
 def csv_rows(path: str | Path) -> tuple[list[str], FloatArray, FloatArray]:
