@@ -130,6 +130,44 @@ def test_blas_has_one_thread_whichever_thread_begins_and_ends_the_runs():
         own.restore_original_limits()
 
 
+LATER = """
+from threadpoolctl import threadpool_info
+
+import numpy
+from etendue.run.one_thread import ONE_THREAD
+
+
+def threads():
+    return {pool["filepath"]: pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+with ONE_THREAD:
+    first = threads()
+import scipy.linalg
+
+before = threads()
+with ONE_THREAD:
+    second = threads()
+print(len(first) < len(second), set(first.values()), set(second.values()), threads() == before)
+"""
+
+
+def test_a_library_that_was_loaded_between_two_runs_has_one_thread_too():
+    """Where numpy and scipy bring one each."""
+    done = subprocess.run(
+        [sys.executable, "-c", LATER],
+        env=environment(OPENBLAS_NUM_THREADS="2"),
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    more, *_ = said = done.stdout.split(" ", 1)
+    if more == "False":
+        pytest.skip("numpy and scipy share a library")
+    assert said == ["True", "{1} {1} True\n"], done.stderr
+
+
 COLD = """
 import os, signal, sys, threading, time
 from concurrent.futures import ThreadPoolExecutor

@@ -6,6 +6,7 @@ Out: every library that is loaded now or during a run is limited to one thread, 
 
 from __future__ import annotations
 
+import ctypes
 import sys
 import threading
 from collections.abc import Sequence
@@ -23,6 +24,8 @@ class OneThread(MetaPathFinder):
     def __init__(self) -> None:
         self.lock, self.count = threading.RLock(), 0
         self.held: list[tuple[Any, int]] = []  # libraries, each with its former number of threads
+        self.seen: tuple[int, int] | None = None  # libraries loaded and unloaded by then, of those:
+        self.libraries: list[Any] = []
 
     def __enter__(self) -> None:
         with self.lock:
@@ -44,7 +47,10 @@ class OneThread(MetaPathFinder):
         from threadpoolctl import ThreadpoolController
 
         with self.lock:  # import nothing here: an import would wait for this lock
-            for library in ThreadpoolController().lib_controllers:
+            counts = _counts()
+            if counts is None or counts != self.seen:  # looking through all that is loaded takes some milliseconds
+                self.libraries, self.seen = ThreadpoolController().lib_controllers, counts
+            for library in self.libraries:
                 had = library.num_threads
                 if had is not None and had != 1:
                     self.held.append((library, had))
@@ -82,6 +88,38 @@ class _Watched(Loader):
         with self.one_thread.lock:
             if self.one_thread.count:
                 self.one_thread.limit()
+
+
+class _Library(ctypes.Structure):
+    """The head of ``dl_phdr_info``."""
+
+    _fields_ = (
+        ("address", ctypes.c_void_p),
+        ("name", ctypes.c_char_p),
+        ("headers", ctypes.c_void_p),
+        ("count", ctypes.c_uint16),
+        ("loaded", ctypes.c_ulonglong),
+        ("unloaded", ctypes.c_ulonglong),
+    )
+
+
+def _counts() -> tuple[int, int] | None:
+    """Return how many libraries this process has loaded and unloaded so far, None where the system does not tell."""
+    if not sys.platform.startswith("linux"):
+        return None
+    found: list[tuple[int, int]] = []
+
+    def first(library: Any, size: int, _: Any) -> int:
+        if size >= ctypes.sizeof(_Library):
+            found.append((library.contents.loaded, library.contents.unloaded))
+        return 1  # every library has the same counts
+
+    kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(_Library), ctypes.c_size_t, ctypes.c_void_p)
+    try:  # with the interpreter held, so that no thread that loads a library meanwhile waits for it
+        ctypes.PyDLL(None).dl_iterate_phdr(kind(first), None)
+    except (OSError, AttributeError):
+        return None
+    return found[0] if found else None
 
 
 def _give(library: Any, threads: int) -> None:

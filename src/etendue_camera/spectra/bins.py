@@ -8,7 +8,9 @@ a bin average to the mean over the bin. For values beyond the end of a table see
 """
 
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -23,6 +25,7 @@ from etendue_camera.spectra.spdx import ENDING, read_spdx
 FloatArray = npt.NDArray[np.float64]
 Edges = Sequence[float] | FloatArray
 Outside = Literal["zero", "hold"]
+REMEMBERED = 256 << 10  # bytes of the largest file whose numbers are kept, beside 31 others
 
 
 # ------------------------------------------------------------------------------------------------ bin means
@@ -105,7 +108,22 @@ def table_from_csv(
     for name in wanted:
         require_name(name, names, f"column of {path}:")
     chosen = values[:, [names.index(name) for name in wanted]]
-    return wanted, bin_means(*with_reach(nodes, nodes, chosen), checked, outside)
+    found = _means(_Rows((nodes.tobytes(), chosen.tobytes()), nodes, chosen), checked, outside)
+    return wanted, found.copy(order="K")
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of a table, equal to others of the same numbers."""
+
+    numbers: tuple[bytes, bytes]
+    nodes: FloatArray = field(compare=False)
+    values: FloatArray = field(compare=False)
+
+
+@lru_cache(maxsize=64)  # planning asks for the same means several times
+def _means(rows: _Rows, edges: tuple[float, ...], outside: Outside) -> FloatArray:
+    return bin_means(*with_reach(rows.nodes, rows.nodes, rows.values), edges, outside)
 
 
 def csv_rows(path: str | Path) -> tuple[list[str], FloatArray, FloatArray]:
@@ -133,8 +151,16 @@ def require_rows(path: str | Path, edges: Edges) -> None:
 def _read_csv(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
     if path.suffix == ENDING:
         return read_spdx(path)
+    content = plain_files.table(path)
+    names, table = _parsed(path, content) if len(content) <= REMEMBERED else _parsed.__wrapped__(path, content)
+    table = table.copy()  # as if it had been read again
+    return list(names), table[:, 0], table[:, 1:]
+
+
+@lru_cache(maxsize=32)  # by content: planning reads a table several times
+def _parsed(path: Path, content: bytes) -> tuple[list[str], FloatArray]:
     try:
-        text = plain_files.table(path).decode("utf-8-sig")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: not a UTF-8 text file ({error.reason} at byte {error.start})") from error
     numbered = enumerate(text.splitlines(), start=1)
@@ -153,7 +179,7 @@ def _read_csv(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
     for (number, _), before, after in zip(lines[2:], table[:-1, 0], table[1:, 0], strict=True):
         if not after > before:
             raise ValueError(f"{path}, line {number}: wavelength {after:g} nm must be greater than {before:g} nm")
-    return names, table[:, 0], table[:, 1:]
+    return names, table
 
 
 def _csv_row(path: Path, number: int, cells: list[str], header: list[str]) -> list[float]:

@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 import xarray
+from xarray.indexes import PandasIndex
 
 from etendue.archive.structure.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, coordinates_of, layout_of
 from etendue.contract.ports import CellReport, ContactSheet, Passing
@@ -19,6 +21,8 @@ from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work
 from etendue.types.arrays import Array
 from etendue.types.documents import Document
+
+_Column = tuple[Sequence[str], Array, Document]  # dims, values and attributes
 
 
 class Standing(Mapping[CellRef, dict[str, Any]]):
@@ -116,9 +120,9 @@ class MemoryKeeper(Passing):
             placed[name] = whole[index]
         return placed
 
-    def _dataset(self, path: str, layout: GroupLayout) -> xarray.Dataset:
+    def _dataset(self, path: str, layout: GroupLayout, coordinates: _Coordinates) -> xarray.Dataset:
         sizes = tuple(len(values) for values in layout.axes.values())
-        data: Document = {}
+        data: dict[str, _Column] = {}
         for variable in layout.variables.values():
             whole, missing = self.whole[path, variable.name], self.missing[path, variable.name]
             if missing.any():
@@ -129,26 +133,83 @@ class MemoryKeeper(Passing):
             if status := self.status[self.number(ref)]:
                 flags[index] = status - 1
         data["status"] = (tuple(layout.axes), flags, STATUS_ATTRIBUTES)
-        coordinates = {  # a variable named like its own axis replaces the axis values, as in the store
+        found: dict[str, _Column] = {  # a variable named like its own axis replaces the axis values, as in the store
             name: (c.dims, np.asarray(c.values), c.attrs) for name, c in layout.coordinates.items() if name not in data
         }
-        for name in [name for name in coordinates if str(name).endswith(BOUNDS)]:
-            data[name] = coordinates.pop(name)
+        for name in [name for name in found if str(name).endswith(BOUNDS)]:
+            data[name] = found.pop(name)
         beside = {name for variable in layout.variables.values() for name in coordinates_of(layout, variable)}
-        coordinates |= {name: data.pop(name) for name in beside}
-        return xarray.Dataset(data, coordinates, layout.attrs)
+        found |= {name: data.pop(name) for name in beside}
+        return xarray.Dataset(data, coordinates.of(found), layout.attrs)
 
     def _tree(self, tables: Mapping[str, Mapping[str, Any]]) -> xarray.DataTree:
         """Return the groups by stage, with ledger, summary and frames beside them."""
+        coordinates = _Coordinates()
         groups: dict[str, xarray.Dataset] = {
             node: xarray.Dataset(attrs=attrs) for node, attrs in self.layout.parents.items()
         }
-        groups |= {path: self._dataset(path, group) for path, group in self.layout.groups.items()}
+        groups |= {path: self._dataset(path, group, coordinates) for path, group in self.layout.groups.items()}
         for name, table in tables.items():
             columns = {
-                column: (dims, np.asarray(values), attrs) for column, (dims, values, attrs) in table["arrays"].items()
+                column: _column_of(dims, values, attrs) for column, (dims, values, attrs) in table["arrays"].items()
             }
             groups[name] = xarray.Dataset(columns, attrs=table.get("attrs", {}))
-        tree = xarray.DataTree.from_dict({f"/{path}": dataset for path, dataset in groups.items()})
+        tree = _tree_of(groups)
         tree.attrs["pipeline"] = self.plan.pipeline.name
         return tree
+
+
+class _Coordinates:
+    """The coordinates of groups. Indexes with the same numbers share their array, which nobody can change: making one
+    anew takes ten times as long.
+    """
+
+    def __init__(self) -> None:
+        self.known: dict[tuple[str, str, bytes], tuple[pandas.Index[Any], xarray.Variable]] = {}
+
+    def of(self, found: Mapping[str, _Column]) -> xarray.Coordinates:
+        variables: dict[str, xarray.Variable] = {}
+        indexes: dict[str, PandasIndex] = {}
+        for name, (dims, values, attrs) in found.items():
+            if tuple(dims) == (name,):
+                indexes[name], shown = self._index(name, values)
+                variables[name] = shown.copy(deep=False)
+                variables[name].attrs.update(attrs)
+            else:
+                variables[name] = xarray.Variable(dims, values, attrs)
+        return xarray.Coordinates(variables, indexes)
+
+    def _index(self, name: str, values: Array) -> tuple[PandasIndex, xarray.Variable]:
+        """Return an index of its own, and a variable without attributes that shows it."""
+        given = {name: xarray.Variable((name,), values)}
+        if values.dtype.kind not in "fiu":  # pandas has text in forms of its own
+            index = PandasIndex.from_variables(given, options={})
+            return index, index.create_variables(given)[name]
+        key = name, values.dtype.str, values.tobytes()
+        if key not in self.known:
+            frozen = values.copy()
+            frozen.setflags(write=False)
+            bare = pandas.Index(frozen, copy=False)
+            self.known[key] = bare, PandasIndex(bare, name, values.dtype).create_variables(given)[name]
+        bare, shown = self.known[key]
+        return PandasIndex(bare.rename(name), name, values.dtype), shown
+
+
+def _column_of(dims: Sequence[str], values: Any, attrs: Document) -> xarray.Variable:
+    """Return a column of a table. Text is not searched for times, which takes pandas longer than all else here."""
+    array = np.asarray(values)
+    text = array.dtype == object and all(type(value) is str for value in array.flat)
+    return xarray.Variable(dims, array.copy() if text else array, attrs, fastpath=text)
+
+
+def _tree_of(groups: Mapping[str, xarray.Dataset]) -> xarray.DataTree:
+    """Return what ``DataTree.from_dict`` gives, which copies every group twice more."""
+    children: dict[str, dict[str, xarray.DataTree]] = {"": {}}
+    for path, dataset in groups.items():
+        parent, _, name = path.rpartition("/")
+        children.setdefault(parent, {})[name] = xarray.DataTree(dataset)
+    tree = xarray.DataTree()
+    tree.children = children.pop("")
+    for parent, own in children.items():
+        tree.children[parent].children = own
+    return tree

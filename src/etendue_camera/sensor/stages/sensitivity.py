@@ -236,7 +236,12 @@ def collection_at_zero(stage: Any, wavelength_nm: FloatArray) -> FloatArray:
     """Return D(0) at each wavelength."""
     alphas = silicon.absorption(np.asarray(wavelength_nm) * 1e-3)
     diode = (stage.depletion_depth, stage.diffusion_depth, stage.diffusion_length, stage.back)
-    return np.array([float(photodiode.collection(0.0, float(a), *diode)) for a in alphas])
+    return np.array([_collected_at_zero(float(a), *diode) for a in alphas])
+
+
+@lru_cache(4096)  # plans ask for the same wavelengths of the same diode again and again
+def _collected_at_zero(alpha: float, *diode: Any) -> float:
+    return float(photodiode.collection(0.0, alpha, *diode))
 
 
 def electrons_per_irradiance(stage: Any, edges: tuple[float, ...]) -> FloatArray:
