@@ -240,3 +240,23 @@ def test_python_writes_errors_beside_the_values(monkeypatch: pytest.MonkeyPatch,
     assert value.attrs["error"] > 0
     assert value.attrs["error_parts"].startswith("\u00b1")
     assert "error" not in simulate(pipeline(), errors=False)["exposure_report"]["mean_snr"].attrs
+
+
+def test_noisy_metrics_carry_the_scatter_of_the_noise_apart() -> None:
+    """The interval about one draw covers other draws: 95 % of them, so 16 of 20 at the least (binomial, 2e-4)."""
+    made = pipeline(width=200.0, height=160.0)
+    made["stages"][3] |= {"rows": 32, "columns": 40}
+    uses = ("linearise", "white", "balance_mosaic", "demosaic_bilinear", "colour_fit", "camera_to_xyz", "balance")
+    made["stages"] += [{"use": use} for use in (*uses, "display", "encode", "edge_resolution")]
+    made |= {"wanted": ["edge_mtf50", "mean_snr"], "seed": 7}
+    errors = stated(made).errors
+    assert not errors["mean_snr"].noise
+    half = errors["edge_mtf50"].noise
+    assert half is not None
+    assert half > 0
+    plan = make_plan(load(made), installed_stages(), expected=True)
+    point = Point(plan, installed_stages(), {}, plan.wanted)
+    key = ("edge_resolution", "edge_mtf50")
+    mean = np.ravel(point.values(plan)[key])[-1]
+    draws = [np.ravel(point.values(point.drawn(number))[key])[-1] for number in range(100, 120)]
+    assert np.sum(np.abs(np.array(draws) - mean) <= half) >= 16

@@ -18,7 +18,7 @@ import numpy as np
 
 from etendue.accuracy.differences import difference
 from etendue.archive.read.differing import apart
-from etendue.contract.arrays.variables import Declaration
+from etendue.contract.arrays.variables import Declaration, variable
 from etendue.contract.stage import Stage
 from etendue.types.documents import AxisValues, Document, DocumentView
 
@@ -55,6 +55,7 @@ class AnswerError:
     fixed: Mapping[str, str] = field(default_factory=dict)
     open: Mapping[str, str] = field(default_factory=dict)
     points: int = 1  # points of the sweep that were measured
+    noise: float | None = None  # half of the 95 % interval about one draw of the noise; None: none, or not measured
     scaled: float = 1.0  # factor for points of the sweep that were not measured
 
     @property
@@ -127,8 +128,10 @@ def answers_of(document: DocumentView) -> AnswerErrors | None:
 
 
 def is_number(declaration: Declaration) -> bool:
-    """Return whether a variable is a number, or one per stage, rather than a picture or a curve."""
-    return set(declaration.dims) <= {"stage"}
+    """Return whether a variable is a quantity, or one per stage, rather than a picture, a curve or a code."""
+    return (
+        set(declaration.dims) <= {"stage"} and declaration.dtype == "float" and not variable(declaration.variable).index
+    )
 
 
 def part_between(found: Array, reference: Array, declaration: Declaration, stage: Stage) -> Part | str:
@@ -164,7 +167,8 @@ def worst(errors: Iterable[AnswerError]) -> AnswerError:
                 part if known is None else replace(part, rms=max(part.rms, known.rms), max=max(part.max, known.max))
             )
     missing = {name: why for one in every for name, why in one.open.items()}
-    return replace(every[0], parts=parts, open=missing, points=len(every))
+    noise = max((one.noise for one in every if one.noise is not None), default=None)
+    return replace(every[0], parts=parts, open=missing, points=len(every), noise=noise)
 
 
 def scaled(errors: Mapping[str, AnswerError], factor: float) -> dict[str, AnswerError]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Evaluated = tuple[Plan, dict[StageVariable, "Array"]]
 Shown = Callable[[Plan], Progress] | None
 PLANNING = 0.02  # seconds of a plan of one point, until one was made
-AS_PLANNED, EXACT = "as planned", "exact"  # beside '': nothing left out
+AS_PLANNED, EXACT, DRAWN = "as planned", "exact", "drawn"  # beside '': nothing left out
 
 
 class TooDear(Exception):
@@ -61,26 +61,30 @@ class Evaluations:
             if self.left < self.planning:
                 raise TooDear(self.planning)
             began = time.process_time()
-            self._plans[key] = (
-                self.point.as_planned() if how == AS_PLANNED else self.point.planned(factors, how == EXACT)
-            )
+            if how == DRAWN:
+                self._plans[key] = self.point.drawn(factors["draw"])
+            elif how == AS_PLANNED:
+                self._plans[key] = self.point.as_planned()
+            else:
+                self._plans[key] = self.point.planned(factors, how == EXACT)
             self.planning = time.process_time() - began
         return self._plans[key]
 
-    def pair(self, one: tuple[Factors, str], other: tuple[Factors, str]) -> tuple[Evaluated, Evaluated] | None:
-        """Return two evaluations; None if the stages refuse one.
+    def all_of(self, *which: tuple[Factors, str]) -> list[Evaluated] | None:
+        """Return some evaluations; None if the stages refuse one.
 
         Raises
         ------
         TooDear
-            Before the first, if both do not fit into what is left.
+            Before the first, if they do not fit into what is left.
         """
-        plans = [self.plan(*one), self.plan(*other)]
-        if plans[0] is None or plans[1] is None:
-            return None
-        seconds = 0.0
-        for key, plan in zip((_key(*one), _key(*other)), plans, strict=True):
-            if plan is not None and key not in self._values:
+        seconds, plans = 0.0, []
+        for one in which:
+            plan = self.plan(*one)
+            if plan is None:
+                return None
+            plans.append(plan)
+            if _key(*one) not in self._values:
                 seconds += self.rate * self.point.seconds(plan)
                 try:
                     check_machine(plan, None, pictures=False)
@@ -88,7 +92,7 @@ class Evaluations:
                     raise TooDear(seconds, f"needs more memory: {str(error).splitlines()[0]}") from None
         if seconds > self.left:
             raise TooDear(seconds)
-        return self._of(one, plans[0]), self._of(other, plans[1])
+        return [self._of(one, plan) for one, plan in zip(which, plans, strict=True)]
 
     def _of(self, which: tuple[Factors, str], plan: Plan) -> Evaluated:
         key = _key(*which)

@@ -13,6 +13,8 @@ import math
 import time
 from collections.abc import Iterable, Mapping
 
+import numpy as np
+
 from etendue.accuracy.answers.error import (
     OMISSIONS,
     AnswerError,
@@ -23,7 +25,7 @@ from etendue.accuracy.answers.error import (
     scaled,
     worst,
 )
-from etendue.accuracy.answers.evaluations import AS_PLANNED, EXACT, Evaluated, Evaluations, Shown, TooDear
+from etendue.accuracy.answers.evaluations import AS_PLANNED, DRAWN, EXACT, Evaluated, Evaluations, Shown, TooDear
 from etendue.accuracy.answers.refinement import Point
 from etendue.accuracy.pilot import chosen_places
 from etendue.contract.registry import Registry
@@ -37,6 +39,8 @@ from etendue.types.documents import AxisValues
 SAFETY: Mapping[str, float] = {"spacing": 2.0, "bins": 2.0, "margin": 1.5}
 ELSEWHERE = 2.0  # factor for points of a sweep that were not measured
 PLACES = 4  # points of a sweep that are measured, as far as the budget allows
+DRAWS = 4  # of the noise
+INTERVAL = 3.182  # Student's t for 95 % and three degrees of freedom
 FEW_BANDS, COARSE = {"bins": -8}, {"spacing": -2}
 
 Parts = dict[StageVariable, dict[str, Part]]
@@ -114,33 +118,59 @@ def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerErr
         elif affected:
             fixed[name] = "the stages accept no finer one"
     try:
-        pair = evaluations.pair(({}, AS_PLANNED), ({}, EXACT))
+        pair = evaluations.all_of(({}, AS_PLANNED), ({}, EXACT))
         if pair:
             _compare(parts, missing, pair, OMISSIONS, plan.wanted)
     except TooDear as error:
         dear += error.seconds
         _add_bounds(plan, point.at, parts, missing, str(error))
+    noise = _noise(plan, evaluations, parts, missing)
     names = [name for _, name in plan.wanted]
     errors = {}
     for stage, name in plan.wanted:
         declared = plan.node(stage).writes[name]
         unit = declared.unit if is_number(declared) else ""
-        own = AnswerError(stage, name, unit, parts[stage, name], fixed, missing[stage, name])
+        own = AnswerError(
+            stage, name, unit, parts[stage, name], fixed, missing[stage, name], noise=noise.get((stage, name))
+        )
         errors[name if names.count(name) == 1 else f"{stage}.{name}"] = own
     return errors, dear
 
 
-def _refined(evaluations: Evaluations, name: str) -> tuple[Evaluated, Evaluated] | None:
+def _noise(plan: Plan, evaluations: Evaluations, parts: Parts, missing: Texts) -> dict[StageVariable, float]:
+    """Return the 95 % interval about one draw of the noise, half its width, of the numbers that depend on noise.
+
+    The error of a number that noise moves far more than it scatters, such as the noise itself, is not that of the
+    noise-free path: it counts as not measured.
+    """
+    noisy = evaluations.point.noisy(plan)
+    if not noisy:
+        return {}
+    try:
+        draws = evaluations.all_of(({}, AS_PLANNED), *(({"draw": number}, DRAWN) for number in range(DRAWS)))
+    except TooDear:
+        return {}
+    found = {}
+    for one in noisy if draws else ():
+        values = [float(np.ravel(own[one])[-1]) for _, own in draws or () if one in own]
+        if len(values) == DRAWS + 1 and all(map(math.isfinite, values)):
+            mean, spread = math.fsum(values[1:]) / DRAWS, float(np.std(values[1:], ddof=1))
+            found[one] = INTERVAL * spread
+            if abs(values[0] - mean) > 3 * INTERVAL * spread + 0.3 * abs(mean):
+                parts[one].clear()
+                missing[one]["noise-free path"] = "noise changes this metric: it has no noise-free value"
+    return found
+
+
+def _refined(evaluations: Evaluations, name: str) -> list[Evaluated] | None:
     """Return two evaluations that differ by one refinement, coarse in all else if the stages accept that."""
     for base in (COARSE if name == "bins" else FEW_BANDS, {}):
-        if pair := evaluations.pair((base, ""), ({**base, name: 2}, "")):
+        if pair := evaluations.all_of((base, ""), ({**base, name: 2}, "")):
             return pair
     return None
 
 
-def _compare(
-    parts: Parts, missing: Texts, pair: tuple[Evaluated, Evaluated], name: str, wanted: Iterable[StageVariable]
-) -> None:
+def _compare(parts: Parts, missing: Texts, pair: list[Evaluated], name: str, wanted: Iterable[StageVariable]) -> None:
     """Add what two evaluations of some variables differ by."""
     (plan, values), (other, reference) = pair
     for stage, variable in wanted:

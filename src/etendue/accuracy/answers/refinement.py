@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from etendue.accuracy.answers.error import is_number
 from etendue.accuracy.pilot import narrowed
 from etendue.accuracy.reference import reference_of
 from etendue.contract.discretised import Discretised
@@ -18,7 +19,7 @@ from etendue.contract.registry import Registry
 from etendue.errors import EtendueError
 from etendue.pipeline.derived import wanting, with_values
 from etendue.pipeline.file import PipelineFile
-from etendue.plan.ancestry import ancestry, in_front
+from etendue.plan.ancestry import ancestry, behind, in_front
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.planner import make_plan
@@ -97,6 +98,15 @@ class Point:
 
     def as_planned(self) -> Plan:
         return make_plan(self.pipeline, self.registry, expected=True)
+
+    def drawn(self, number: int) -> Plan:
+        """Return the plan of one more draw of the noise, with a seed of its own."""
+        return make_plan(replace(self.pipeline, seed=self.pipeline.seed + number), self.registry)
+
+    def noisy(self, plan: Plan) -> list[StageVariable]:
+        """Return the wanted numbers that depend on noise drawn anew."""
+        drawn = behind(plan, (node.name for node in plan.nodes if node.draws_anew))
+        return [one for one in self.wanted if one[0] in drawn and is_number(plan.node(one[0]).writes[one[1]])]
 
     def refs(self, plan: Plan) -> dict[StageVariable, CellRef]:
         return {(stage, name): plan.of(stage)[0].ref for stage, name in self.wanted}

@@ -31,8 +31,9 @@ def plus_minus(error: DocumentView | None, unit: str = "", short: bool = False) 
     parts, more = parts_text(error), ", ".join(error["open"])
     inside = "; ".join(text for text in (parts, f"{more} not measured" if more and not short else "") if text)
     least = "at least " if more and short else ""
+    noise = f" \u00b1{number(error['noise']):.1g} (noise)" if error.get("noise") else ""
     shown = f"{least}\u00b1{number(error['rms']):.1g} {unit if unit != '1' else ''}".rstrip()
-    return f"{shown}{f' ({inside})' if inside else ''}"
+    return f"{shown}{f' ({inside})' if inside else ''}{noise}"
 
 
 def number(value: Any) -> float:

@@ -133,7 +133,9 @@ def stage_rows(plan: Plan, reports: Reports) -> list[Document]:
     total = reports.seconds_of() or 1.0
     for node in plan.nodes:
         cells, seconds = plan.of(node.name), took[node.name]
-        errors = [c.error[0] for c in cells if c.error[0] is not None]
+        bounds = [c.left_out.bound if c.left_out else 0.0 for c in cells]
+        stated = [(c.error[0] + bound, bound) for c, bound in zip(cells, bounds, strict=True) if c.error[0] is not None]
+        error, bound = max(stated, default=(None, 0.0))
         how = next((c.error[1] for c in cells), "unknown")
         rows.append(
             {
@@ -149,8 +151,8 @@ def stage_rows(plan: Plan, reports: Reports) -> list[Document]:
                 "approximated": omissions.approximated(node, cells, plan.precision),
                 "seconds": seconds,
                 "share": seconds / total,
-                "error": max(errors) if errors else None,
-                "how": how,
+                "error": error,
+                "how": "bound" if error is not None and bound > 0.5 * error else how,
                 "bytes": reports.bytes_of(node.name),
             }
         )
