@@ -251,7 +251,8 @@ def _name_sides(axes: Axes, held: Sequence[HeldVariable], sense: Sequence[str], 
     for number, (one, word, name) in enumerate(zip(held, sense, "xy", strict=True)):
         unit = unit_text(one.units)
         own = values[:, number][np.isfinite(values[:, number])]
-        words = ", ".join(text for text in (one.title, unit, one.error_text.partition(" (")[0]) if text)
+        error = f"\u00b1{one.attrs['error']:.1g} {unit}".rstrip() if one.error_text else unit
+        words = ", ".join(text for text in (one.title, error) if text)
         getattr(axes, f"set_{name}label")(f"{wrapped(words, 4.6)}\n{word} is better", fontsize=8.5)
         if own.min() > 0 and own.max() / own.min() > 30:
             getattr(axes, f"set_{name}scale")("log")
