@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from etendue.accuracy.answers.error import AnswerError, AnswerErrors, Part
 from etendue.contract.registry import installed_stages
 from etendue.contract.values import quantities
 from etendue.pipeline.presets import preset_names
@@ -52,6 +53,13 @@ def a_run() -> tuple[tuple[Any, ...], Any]:
     return (outcome,), outcome_document(outcome)
 
 
+def an_answer() -> tuple[tuple[Any, ...], Any]:
+    parts = {"bins": Part(0.2, 0.3), "spacing": Part(0.1, 0.2)}
+    errors = {name: AnswerError("stage", name, unit, parts) for name, unit in (("picture", ""), ("level", "dB"))}
+    document = AnswerErrors(errors, errors, {}).document()
+    return (document,), document
+
+
 def a_comparison() -> tuple[tuple[Any, ...], Any]:
     rows = [ComparedRow(use, use, psnr=30.0, seconds=0.1, mtf50=0.2, mtf50_reference=0.5) for use in ("one", "other")]
     place = ("demosaic", "rgb_camera")
@@ -91,6 +99,12 @@ CASES = {
         f"{ENGINE}.global_error:print_global_error",
         (measured_errors,),
         written("run"),
+    ),
+    "run, its answer": Case(
+        f"{ENGINE}.answers:print_answers",
+        (lambda found: [{"name": name, **one} for name, one in found["errors"].items()],),
+        an_answer,
+        frozenset({"mostly"}),
     ),
     "accuracy": Case(
         f"{ENGINE}.accuracy:print_accuracy",

@@ -158,7 +158,8 @@ def test_a_run_ends_with_three_where_a_cell_failed_also_when_it_is_run_again(com
         "pipeline_of": lambda *_: made,
         "planned": lambda *_: made,
         "recorded": lambda folder: SimpleNamespace(pipeline=lambda most: made),
-        "execute": lambda *_: SimpleNamespace(failed=failed),
+        "execute": lambda *_: SimpleNamespace(failed=failed, answers=None),
+        "_answers": lambda *_: None,
         "outcome_document": lambda outcome: {},
     }.items():
         monkeypatch.setattr(runs, name, does)

@@ -203,12 +203,16 @@ def test_every_refinement_is_accepted_by_its_stage() -> None:
     assert checked > 50
 
 
-def test_texts_say_what_is_missing() -> None:
-    document = {"rms": 0.03, "unit": "dB", "parts": {"bins": {"rms": 0.02}, "spacing": {"rms": 0.01}}, "open": {}}
+def test_texts_say_what_is_missing_and_nothing_where_too_little_is_known() -> None:
+    parts = {"bins": {"rms": 0.02, "basis": "refined"}, "spacing": {"rms": 0.01, "basis": "refined"}}
+    document: dict[str, Any] = {"rms": 0.03, "unit": "dB", "parts": parts, "open": {}}
     assert plus_minus(document, "dB") == "\u00b10.03 dB (bins 0.02, spacing 0.01)"
-    document["open"] = {"margin": "costs about 40 s"}
+    document["noise"] = 0.4
+    assert plus_minus(document, "dB") == "\u00b10.03 dB (bins 0.02, spacing 0.01) \u00b10.4 (noise)"
+    document |= {"open": {"margin": "costs about 40 s"}, "noise": None}
     assert plus_minus(document, "dB") == "\u00b10.03 dB (bins 0.02, spacing 0.01; margin not measured)"
-    assert plus_minus(document, "dB", short=True) == "at least \u00b10.03 dB (bins 0.02, spacing 0.01)"
+    bound = {"omissions": {"rms": 1e-5, "basis": "bound"}}
+    assert plus_minus({**document, "parts": bound}, "dB") == ""  # says nothing of what is larger
     assert plus_minus({**document, "parts": {}}) == ""
     assert plus_minus(None) == ""
 

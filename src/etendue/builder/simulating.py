@@ -95,7 +95,7 @@ def simulate(
 def with_errors(outcome: Outcome) -> None:
     """Measure the errors of a run's wanted variables, if 10 % of its time suffices for anything."""
     budget = SHARE * outcome.seconds
-    if budget < PLANNING or outcome.failed:
+    if budget < 5 * PLANNING or outcome.failed:
         return
     folder = outcome.archive if isinstance(outcome.archive, Path) else None
     found = answer_errors(outcome.plan, installed_stages(), outcome.reports, budget, folder)

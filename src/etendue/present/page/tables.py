@@ -19,7 +19,7 @@ from etendue.archive.records.remembered import ANSWER, documents, latest
 from etendue.archive.sharding.unfolding import check_group
 from etendue.present.page.opened import Opened
 from etendue.present.plots.summary.cells import each_of, largest, total
-from etendue.present.terminal.answer_texts import notes, number, parts_text, plus_minus
+from etendue.present.terminal.answer_texts import notes, number, parts_text, plus_minus, says_enough
 from etendue.types.documents import Document, DocumentView
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def _texts(errors: DocumentView) -> Document:
 def _pictures(errors: DocumentView) -> list[str]:
     """Return sentences about the pictures and curves with the largest errors."""
     own = sorted(
-        (one for one in errors.values() if not one["unit"] and one["parts"]), key=lambda one: -number(one["rms"])
+        (one for one in errors.values() if not one["unit"] and says_enough(one)), key=lambda one: -number(one["rms"])
     )
     return [
         f"{one['variable']}: {number(one['rms']):.1g} of full scale rms, {number(one['max']):.1g} at most"

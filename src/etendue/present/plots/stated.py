@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from etendue.present.terminal.answer_texts import plus_minus
+from etendue.present.terminal.answer_texts import plus_minus, says_enough
 from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
@@ -18,10 +18,12 @@ if TYPE_CHECKING:
 def stated(tree: xarray.DataTree, answers: DocumentView | None) -> xarray.DataTree:
     """Write errors into the attributes of a tree's variables, where they were measured."""
     for error in (answers or {}).get("errors", {}).values():
-        for group in tree[error["stage"]].subtree if error["parts"] and error["stage"] in tree.children else ():
+        for group in (
+            tree[error["stage"]].subtree if says_enough(error, True) and error["stage"] in tree.children else ()
+        ):
             if error["variable"] in group.data_vars:
                 group[error["variable"]].attrs |= {
                     "error": error["rms"],
-                    "error_parts": plus_minus(error, error["unit"] or "of full scale", short=True),
+                    "error_parts": plus_minus(error, error["unit"] or "of full scale"),
                 }
     return tree

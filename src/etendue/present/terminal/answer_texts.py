@@ -22,17 +22,25 @@ def parts_text(error: DocumentView) -> str:
     return ", ".join(f"{name} {value:.1g}" for value, name in own if value > MATTERS * total)
 
 
-def plus_minus(error: DocumentView | None, unit: str = "", short: bool = False) -> str:
-    """Return what stands behind a value: ``\u00b10.03 cycles/mm (bins 0.02, spacing 0.01)``; '' if nothing was
-    measured. ``short``: without naming what was not measured.
+def says_enough(error: DocumentView, complete: bool = False) -> bool:
+    """Return whether an error may be shown: everything was measured, or, unless it must be ``complete``, at least one
+    discretisation that matters.
     """
-    if error is None or not error["parts"]:
+    if error["open"] and not complete:
+        return any(part["basis"] == "refined" and part["rms"] for part in error["parts"].values())
+    return bool(error["parts"]) and not error["open"]
+
+
+def plus_minus(error: DocumentView | None, unit: str = "") -> str:
+    """Return what stands behind a value: ``\u00b10.03 cycles/mm (bins 0.02, spacing 0.01)``; '' if not enough was
+    measured.
+    """
+    if error is None or not says_enough(error):
         return ""
     parts, more = parts_text(error), ", ".join(error["open"])
-    inside = "; ".join(text for text in (parts, f"{more} not measured" if more and not short else "") if text)
-    least = "at least " if more and short else ""
+    inside = "; ".join(text for text in (parts, f"{more} not measured" if more else "") if text)
     noise = f" \u00b1{number(error['noise']):.1g} (noise)" if error.get("noise") else ""
-    shown = f"{least}\u00b1{number(error['rms']):.1g} {unit if unit != '1' else ''}".rstrip()
+    shown = f"\u00b1{number(error['rms']):.1g} {unit if unit != '1' else ''}".rstrip()
     return f"{shown}{f' ({inside})' if inside else ''}{noise}"
 
 

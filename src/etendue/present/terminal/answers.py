@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from etendue.present.terminal.answer_texts import notes, number, parts_text
+from etendue.present.terminal.answer_texts import notes, number, parts_text, says_enough
 from etendue.present.terminal.terminal import _out, _table, escape, print_plan
 from etendue.types.documents import Document, DocumentView
 
@@ -23,7 +23,7 @@ def print_answers(document: DocumentView | None) -> None:
     if document is None:
         out.print("error of the answer: known after a run")
         return
-    errors = [(name, one) for name, one in document["errors"].items() if one["parts"]]
+    errors = [(name, one) for name, one in document["errors"].items() if says_enough(one)]
     errors.sort(key=lambda item: (item[1]["unit"] != "", -number(item[1]["rms"])))
     rows: list[Document] = [{**one, "name": name, "mostly": parts_text(one)} for name, one in errors[:SHOWN]]
     if rows:
