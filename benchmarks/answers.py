@@ -25,7 +25,7 @@ import numpy as np
 
 from etendue.accuracy.answers.error import is_number, part_between
 from etendue.accuracy.answers.pilots import state_errors
-from etendue.accuracy.answers.refinement import Point
+from etendue.accuracy.answers.refinement import AS_PLANNED, Point
 from etendue.contract.registry import installed_stages
 from etendue.errors import EtendueError
 from etendue.plan.planner import make_plan
@@ -176,7 +176,7 @@ def one(given: tuple[str, int, float]) -> tuple[str, int, str, list[Row], float]
         truth = make_plan(load(refined(made)), registry, False, expected=True)
         stated = state_errors(plan, registry, None, budget)
         own, exact = (Point(which, registry, {}, plan.wanted) for which in (plan, truth))
-        found, reference = own.values(own.as_planned()), exact.values(truth)
+        found, reference = own.values(own.planned({}, AS_PLANNED)), exact.values(truth)
     except EtendueError as error:
         return kind, seed, str(error).splitlines()[0], [], 0.0
     rows: list[Row] = []

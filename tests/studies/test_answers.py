@@ -14,7 +14,7 @@ from etendue import simulate
 from etendue.accuracy.answers import recalled
 from etendue.accuracy.answers.error import answers_of, part_between
 from etendue.accuracy.answers.pilots import state_errors
-from etendue.accuracy.answers.refinement import Point
+from etendue.accuracy.answers.refinement import DRAWN, Point
 from etendue.cli.program import main
 from etendue.contract.discretised import Discretised
 from etendue.contract.registry import installed_stages
@@ -262,5 +262,5 @@ def test_noisy_metrics_carry_the_scatter_of_the_noise_apart() -> None:
     point = Point(plan, installed_stages(), {}, plan.wanted)
     key = ("edge_resolution", "edge_mtf50")
     mean = np.ravel(point.values(plan)[key])[-1]
-    draws = [np.ravel(point.values(point.drawn(number))[key])[-1] for number in range(100, 120)]
+    draws = [np.ravel(point.values(point.planned({"draw": number}, DRAWN))[key])[-1] for number in range(100, 120)]
     assert np.sum(np.abs(np.array(draws) - mean) <= half) >= 16

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 Evaluated = tuple[Plan, dict[StageVariable, "Array"]]
 Shown = Callable[[Plan], Progress] | None
 PLANNING = 0.02  # seconds of a plan of one point, until one was made
-AS_PLANNED, EXACT, DRAWN = "as planned", "exact", "drawn"  # beside '': nothing left out
 
 
 class TooDear(Exception):
@@ -61,12 +60,7 @@ class Evaluations:
             if self.left < self.planning:
                 raise TooDear(self.planning)
             began = time.process_time()
-            if how == DRAWN:
-                self._plans[key] = self.point.drawn(factors["draw"])
-            elif how == AS_PLANNED:
-                self._plans[key] = self.point.as_planned()
-            else:
-                self._plans[key] = self.point.planned(factors, how == EXACT)
+            self._plans[key] = self.point.planned(factors, how)
             self.planning = time.process_time() - began
         return self._plans[key]
 

@@ -25,8 +25,8 @@ from etendue.accuracy.answers.error import (
     scaled,
     worst,
 )
-from etendue.accuracy.answers.evaluations import AS_PLANNED, DRAWN, EXACT, Evaluated, Evaluations, Shown, TooDear
-from etendue.accuracy.answers.refinement import Point
+from etendue.accuracy.answers.evaluations import Evaluated, Evaluations, Shown, TooDear
+from etendue.accuracy.answers.refinement import AS_PLANNED, DRAWN, EXACT, Point
 from etendue.accuracy.pilot import chosen_places
 from etendue.contract.registry import Registry
 from etendue.plan.cost import cell_seconds

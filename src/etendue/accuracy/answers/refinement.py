@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from etendue.types.arrays import Array
     from etendue.types.documents import AxisValues
 
+AS_PLANNED, EXACT, DRAWN = "as planned", "exact", "drawn"
 Factors = Mapping[str, int]  # by discretisation: n times as fine, or -n: n times as coarse
 
 
@@ -86,22 +87,18 @@ class Point:
                 pipeline = _written(pipeline, stage, values)
         return reference_of(pipeline, self.registry).pipeline if exact else replace(pipeline, leave_out=False)
 
-    def planned(self, factors: Factors, exact: bool = False) -> Plan | None:
-        """Return the plan with these discretisations, nothing left out; None if it is refused. ``exact``: the reference
-        of the point.
+    def planned(self, factors: Factors, how: str = "") -> Plan | None:
+        """Return the plan with these discretisations; None if it is refused. ``how``: '' with nothing left out,
+        ``AS_PLANNED`` with everything as in the run, ``EXACT`` for the reference, ``DRAWN`` for one more draw.
         """
         try:
-            pipeline = self.with_factors(factors, exact)
+            if how == DRAWN:
+                drawn = replace(self.pipeline, seed=self.pipeline.seed + factors["draw"])
+                return make_plan(drawn, self.registry)
+            pipeline = self.pipeline if how == AS_PLANNED else self.with_factors(factors, how == EXACT)
             return None if pipeline is None else make_plan(pipeline, self.registry, expected=True)
         except EtendueError:
             return None
-
-    def as_planned(self) -> Plan:
-        return make_plan(self.pipeline, self.registry, expected=True)
-
-    def drawn(self, number: int) -> Plan:
-        """Return the plan of one more draw of the noise, with a seed of its own."""
-        return make_plan(replace(self.pipeline, seed=self.pipeline.seed + number), self.registry)
 
     def noisy(self, plan: Plan) -> list[StageVariable]:
         """Return the wanted numbers that depend on noise drawn anew."""

@@ -159,7 +159,7 @@ def answer(opened: Opened) -> Document | None:
         return None
     try:
         return {
-            "at": _position(opened, stored["at"]),
+            "at": {axis.dim: axis.places.get(stored["at"].get(axis.dim), -1) for axis in opened.axes},  # -1: not there
             "here": _texts(stored["shown"]),
             "sweep": _texts(stored["errors"]),
             "pictures": _pictures(stored["errors"]),
@@ -167,11 +167,6 @@ def answer(opened: Opened) -> Document | None:
         }
     except (KeyError, TypeError, ValueError, AttributeError):  # written by another version, or damaged
         return None
-
-
-def _position(opened: Opened, at: DocumentView) -> dict[str, int]:
-    """Return the position on the axes of the archive; -1 for a value that is not there."""
-    return {axis.dim: axis.places.get(at.get(axis.dim), -1) for axis in opened.axes}
 
 
 def _texts(errors: DocumentView) -> Document:
