@@ -264,3 +264,11 @@ def test_noisy_metrics_carry_the_scatter_of_the_noise_apart() -> None:
     mean = np.ravel(point.values(plan)[key])[-1]
     draws = [np.ravel(point.values(point.planned({"draw": number}, DRAWN))[key])[-1] for number in range(100, 120)]
     assert np.sum(np.abs(np.array(draws) - mean) <= half) >= 16
+
+
+def test_light_on_the_grid_that_is_refined_has_an_error_too() -> None:
+    """It is compared on its own grid: bands and cells as means, samples interpolated."""
+    error = stated(pipeline() | {"wanted": ["irradiance.irradiance"]}).errors["irradiance"]
+    assert set(error.parts) >= {"bins", "spacing", "margin"}
+    assert not error.open
+    assert 0 < error.parts["spacing"].rms < 0.5

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from etendue.accuracy.answers.error import (
 )
 from etendue.accuracy.answers.evaluations import Evaluated, Evaluations, Shown, TooDear
 from etendue.accuracy.answers.refinement import AS_PLANNED, DRAWN, EXACT, Point
+from etendue.accuracy.answers.regridding import on_grid
 from etendue.accuracy.pilot import chosen_places
 from etendue.contract.registry import Registry
 from etendue.plan.cost import cell_seconds
@@ -34,6 +36,9 @@ from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.reports import Reports
 from etendue.plan.shown import shown_cells
 from etendue.types.documents import AxisValues
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
 
 # A refinement by two of first order leaves as much again as it changes. A margin twice as large leaves little.
 SAFETY: Mapping[str, float] = {"spacing": 2.0, "bins": 2.0, "margin": 1.5}
@@ -179,10 +184,14 @@ def _compare(parts: Parts, missing: Texts, pair: list[Evaluated], name: str, wan
             missing[one][name] = f"{stage} fails without noise, or when refined"
             continue
         cell = other.of(stage)[0]
-        if plan.of(stage)[0].grids[variable] != cell.grids[variable]:
+        declared, grid = other.node(stage).writes[variable], plan.of(stage)[0].grids[variable]
+        finer: Array | None = reference[one]
+        if grid != cell.grids[variable]:
+            finer = on_grid(reference[one], declared.dims, cell.grids[variable], grid)
+        if finer is None:
             missing[one][name] = "the variable is on the grid that is refined"
             continue
-        found = part_between(values[one], reference[one], other.node(stage).writes[variable], cell.stage)
+        found = part_between(values[one], finer, declared, cell.stage)
         if isinstance(found, str):
             missing[one][name] = found
         else:

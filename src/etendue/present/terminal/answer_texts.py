@@ -40,7 +40,7 @@ def plus_minus(error: DocumentView | None, unit: str = "") -> str:
     parts, more = parts_text(error), ", ".join(error["open"])
     inside = "; ".join(text for text in (parts, f"{more} not measured" if more else "") if text)
     noise = f" \u00b1{number(error['noise']):.1g} (noise)" if error.get("noise") else ""
-    shown = f"\u00b1{number(error['rms']):.1g} {unit if unit != '1' else ''}".rstrip()
+    shown = f"\u00b1{number(error['rms']):.2g} {unit if unit != '1' else ''}".rstrip()
     return f"{shown}{f' ({inside})' if inside else ''}{noise}"
 
 
