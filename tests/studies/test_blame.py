@@ -4,7 +4,7 @@ import pytest
 
 from etendue.accuracy import blame as blaming
 from etendue.accuracy.blame import blamed
-from etendue.accuracy.holding import missed
+from etendue.accuracy.holding import Asked, missed
 from etendue.accuracy.measuring import GlobalError, MeasuredErrors, Measurement
 from etendue.contract.registry import installed_stages
 from etendue.session import load
@@ -27,7 +27,9 @@ def blame(asked, text=TEXT, **overrides):
     measurement = Measurement(pipeline, installed_stages())
     found = measurement.errors()
     plan = measurement.plan(measurement.pipeline)
-    return blamed(measurement, plan, found, missed(found, asked, "rms"), asked, "rms"), found.worst
+    return blamed(
+        measurement, plan, found, missed(found, Asked(asked), "rms"), dict.fromkeys(found.errors, asked), "rms"
+    ), found.worst
 
 
 def test_the_one_stage_that_is_not_as_in_the_reference_brings_the_whole_error():
@@ -74,4 +76,4 @@ def test_a_stage_of_which_nothing_finer_is_to_be_had_is_named():
 def test_only_what_has_a_share_worth_naming_is_named_and_the_largest_first(shares, named, monkeypatch):
     monkeypatch.setattr(blaming, "_of_decisions", lambda *_: shares)
     far = MeasuredErrors({"photon_rate": GlobalError(1.0, 1.0, 1.0, "measured")}, 1, 0.0)
-    assert list(blamed(None, None, far, ("photon_rate",), 1e-3, "rms")) == named
+    assert list(blamed(None, None, far, ("photon_rate",), {"photon_rate": 1e-3}, "rms")) == named

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from etendue.accuracy import holding
-from etendue.accuracy.holding import LADDER, hold, missed
+from etendue.accuracy.holding import LADDER, Asked, hold, missed
 from etendue.accuracy.measuring import GlobalError, MeasuredErrors, Measurement
 from etendue.accuracy.pilot import MARGIN, stated_elsewhere
 from etendue.cli.program import main
@@ -42,7 +42,7 @@ def test_what_is_asked_for_is_held_and_the_next_looser_tolerance_does_not_hold_i
     assert all(error.rms <= asked for error in found.measured.errors.values())
     for looser in LADDER.coarser(found.tolerance)[:1]:
         measured = Measurement(replace(pipeline_of(), tolerance=looser), registry).errors()
-        assert missed(measured, asked, "rms")
+        assert missed(measured, Asked(asked), "rms")
 
 
 def test_what_rounding_does_not_allow_cannot_be_held_and_is_said():
@@ -161,7 +161,7 @@ def test_of_tolerances_that_are_all_as_far_off_the_loosest_is_taken(monkeypatch)
         **planned,
     )
     monkeypatch.setattr(holding, "blamed", lambda *_: {})
-    found = holding._search(same, 1e-3, "rms")
+    found = holding._search(same, Asked(1e-3), "rms")
     assert (found.held, found.tolerance) == (False, 1e-3)
 
 
@@ -179,3 +179,44 @@ def test_bounds_of_all_stages_on_the_way_to_a_cell_are_added_up():
     )
     stated = stated_elsewhere(plan, measured(photon_rate=1e-4), [{"f_number": 2}])
     assert stated == {"photon_rate": pytest.approx(MARGIN * 1e-4 * (5e-3 / 3e-3))}
+
+
+def test_a_metric_is_held_in_its_own_unit_and_nothing_else_is_asked_for():
+    """A looser goal never needs a stricter tolerance; within a tenth of the metric anything goes."""
+    text = TEXT.replace("[sweep]", '[[stages]]\nuse = "exposure_report"\n[sweep]')
+    pipeline, registry = load(text, {"wanted": ["photon_rate", "mean_snr"]}), installed_stages()
+    value = Measurement(pipeline, registry).errors().errors["mean_snr"].scale
+    strict, loose = (hold(pipeline, registry, Asked(None, {"mean_snr": goal})) for goal in (1e-6 * value, 0.1 * value))
+    assert loose.held
+    assert loose.tolerance >= strict.tolerance
+    error = strict.measured.errors["mean_snr"]
+    assert not strict.held or error.rms * error.scale <= 1e-6 * value * (1 + 1e-9)
+    assert strict.document()["limits"].keys() == {"mean_snr"}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--hold", "nothing=1"], "wants no such variable"),
+        (["--hold", "photon_rate=-1"], "must be above 0"),
+        (["--hold", "2"], "at most 1"),
+        (["--hold", "photon_rate=much"], "neither a number nor METRIC=NUMBER"),
+    ],
+)
+def test_what_cannot_be_held_is_refused_before_anything_runs(words, said, tmp_path):
+    file = tmp_path / "file.toml"
+    file.write_text('name = "held"\nwanted = ["photon_rate"]\n' + TEXT)
+    done = CliRunner().invoke(main, ["run", str(file), "--archive", str(tmp_path / "a"), *words])
+    assert done.exit_code == 2
+    assert said in " ".join(done.stderr.split())
+
+
+def test_what_is_held_is_not_called_the_answer_where_bins_alone_exceed_it(tmp_path, monkeypatch):
+    """Two bands for all colours put the light off by more than a thousandth, whatever the stages hold."""
+    monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("etendue.cli.bodies.runs.AT_LEAST", 100.0)
+    file = tmp_path / "file.toml"
+    file.write_text('name = "held"\nwanted = ["photon_rate"]\n' + TEXT)
+    words = ["run", str(file), "--archive", str(tmp_path / "a"), "--json", "--hold", "photon_rate=1e-9"]
+    found = json.loads(CliRunner().invoke(main, [*words, "--set", "scene.bin_width=100 nm"]).stdout)["hold"]
+    assert any("not the answer: photon_rate" in text and "refine" in text for text in found["beyond"])

@@ -9,7 +9,7 @@ difference.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from etendue.accuracy.measuring import LEFT_OUT, PRECISION, GlobalError, MeasuredErrors, Measurement, shown_names
 from etendue.accuracy.reference import with_settings
@@ -21,15 +21,20 @@ SHARE = 0.05  # of the largest share; smaller ones are not listed
 
 
 def blamed(
-    measurement: Measurement, plan: Plan, found: MeasuredErrors, missed: tuple[str, ...], asked: float, norm: str
+    measurement: Measurement,
+    plan: Plan,
+    found: MeasuredErrors,
+    missed: tuple[str, ...],
+    limits: Mapping[str, float],
+    norm: str,
 ) -> dict[str, float]:
-    """Return what puts the variables in ``missed`` further from the reference than ``asked``, largest share first.
+    """Return what puts the variables in ``missed`` further from the reference than ``limits``, largest share first.
 
     For variables that are too far off: how much nearer the worst of them comes if all decisions for a stage are as in
     the reference. For variables that are near enough but not held, because the reference itself is uncertain: how far
     the last refinement of each reference stage moves them, or the error it states if it has no finer setting.
     """
-    far = [name for name in missed if _error(found.errors[name], norm) > asked]
+    far = [name for name in missed if _error(found.errors[name], norm) > limits[name]]
     shares = _of_decisions(measurement, plan, found, far, norm) if far else {}
     if not far:
         shares = _of_the_reference(measurement, plan, missed, norm)

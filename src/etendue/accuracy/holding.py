@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from etendue.accuracy.blame import blamed
-from etendue.accuracy.measuring import MeasuredErrors, Measurement, from_document
+from etendue.accuracy.measuring import GlobalError, MeasuredErrors, Measurement, from_document, shown_names
 from etendue.accuracy.pilot import MOST
 from etendue.archive.records.remembered import recall, remember
 from etendue.contract.registry import Registry
+from etendue.errors import RequestError, nearest
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.expansion.search import Goal, Knob, Means, OverBudget, Search, Settings, Trial
 from etendue.plan.identity.keys import digest
@@ -33,7 +34,32 @@ if TYPE_CHECKING:
 
 RUNGS = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 0.0)
 LADDER = Knob("", "tolerance", RUNGS)
+FIRST = 1e-3  # tolerance tried first if only metrics are to be held
 MEMORY = 0.8  # share of the available memory that one of its runs may take
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The errors asked for: ``relative`` to full scale for every variable, and ``own`` of some in their own unit. With
+    None for ``relative`` only these count.
+    """
+
+    relative: float | None
+    own: Mapping[str, float] = field(default_factory=dict)
+
+    def limit(self, name: str, error: GlobalError) -> float | None:
+        """Return what is asked of a variable, relative to its full scale; None: nothing."""
+        if name not in self.own:
+            return self.relative
+        return self.own[name] / error.scale if error.scale else 0.0
+
+    def limits(self, found: MeasuredErrors) -> dict[str, float]:
+        every = {name: self.limit(name, error) for name, error in found.errors.items()}
+        return {name: limit for name, limit in every.items() if limit is not None}
+
+    def __str__(self) -> str:
+        own = [f"{name}={value:g}" for name, value in self.own.items()]
+        return " ".join(([] if self.relative is None else [f"{self.relative:g}"]) + own)
 
 
 @dataclass(frozen=True)
@@ -55,7 +81,7 @@ class HeldTolerance:
     largest share first (`studies.blame`).
     """
 
-    asked: float
+    asked: Asked
     tolerance: float
     norm: str
     measured: MeasuredErrors
@@ -73,7 +99,9 @@ class HeldTolerance:
 
     def document(self) -> Document:
         return {
-            "asked": self.asked,
+            "asked": self.asked.relative,
+            "asked_of": dict(self.asked.own),
+            "limits": self.asked.limits(self.measured),
             "tolerance": self.tolerance,
             "norm": self.norm,
             "held": self.held,
@@ -88,7 +116,7 @@ class HeldTolerance:
 def hold(
     pipeline: PipelineFile,
     registry: Registry,
-    asked: float,
+    asked: float | Asked,
     cells: int = MOST,
     options: Options | None = None,
     progress: Callable[[Plan], Progress] | None = None,
@@ -103,11 +131,18 @@ def hold(
     Raises
     ------
     RequestError
-        The pipeline is invalid.
+        The pipeline is invalid, or wants no variable that is to be held.
     """
-    pipeline = replace(pipeline, tolerance=min((rung for rung in RUNGS if rung >= asked), default=RUNGS[0]))
+    asked = asked if isinstance(asked, Asked) else Asked(asked)
+    begin = FIRST if asked.relative is None else asked.relative
+    pipeline = replace(pipeline, tolerance=min((rung for rung in RUNGS if rung >= begin), default=RUNGS[0]))
     measurement = Measurement(pipeline, registry, cells, options, progress)
-    key = digest(f"hold {asked:g} {pipeline.norm} {measurement.key()}".encode())
+    names = list(shown_names(measurement.plan(measurement.pipeline)).values())
+    for name in asked.own:
+        if name not in names:
+            wanted = f"; wanted: {', '.join(names[:12])}{' ...' if len(names) > 12 else ''}"
+            raise RequestError(f"--hold {name}: the pipeline wants no such variable{nearest(name, names)}{wanted}")
+    key = digest(f"hold {asked} {pipeline.norm} {measurement.key()}".encode())
     known = _remembered(recall(archive, key), asked, pipeline.norm) if archive is not None else None
     found = known or replace(_search(measurement, asked, pipeline.norm), key=key)
     return replace(found, places=measurement.places)
@@ -119,7 +154,7 @@ def keep(held: HeldTolerance, archive: Path) -> None:
         remember(archive, held.key, finite({**held.document(), "measured": held.measured.document()}))
 
 
-def _search(measurement: Measurement, asked: float, norm: str) -> HeldTolerance:
+def _search(measurement: Measurement, asked: Asked, norm: str) -> HeldTolerance:
     """Loosen the tolerance as long as the error is held, or tighten it until it is.
 
     How uncertain the reference is does not depend on the tolerance, so none is tried for what that alone forbids.
@@ -136,33 +171,38 @@ def _search(measurement: Measurement, asked: float, norm: str) -> HeldTolerance:
             if search.tried:
                 raise
             found = measurement.unknown(plan, "measuring it would exceed what --hold may take")
-        lacking = missed(found, asked, norm)
-        hopeless = bool(lacking) and all(found.errors[name].below > asked for name in lacking)
-        error = None if lacking else max((own.value(norm) or 0.0 for own in found.errors.values()), default=0.0)
+        lacking, limits = missed(found, asked, norm), asked.limits(found)
+        hopeless = bool(lacking) and all(found.errors[name].below > limits[name] for name in lacking)
+        error = None if lacking else max((_share(found.errors[n].value(norm), limits[n]) for n in limits), default=0.0)
         return Rung(settings, error, tolerance, plan, found, lacking, hopeless)
 
     budget = Means(measurement.options.hold_seconds, MEMORY * available_memory() or math.inf)
     search = Search(evaluate, budget=budget)
     measurement.before = lambda need: search.afford(need, measurement.seconds)
-    best, blame = search.stepped(LADDER, measurement.pipeline.tolerance, Goal(asked), lambda one: one.hopeless), {}
+    best, blame = search.stepped(LADDER, measurement.pipeline.tolerance, Goal(1.0), lambda one: one.hopeless), {}
     if best is None:
         best = min(search.tried.values(), key=lambda one: (len(one.missed), one.measured.worst or 0.0, -one.tolerance))
         with suppress(OverBudget):
-            blame = blamed(measurement, best.plan, best.measured, best.missed, asked, norm)
+            blame = blamed(measurement, best.plan, best.measured, best.missed, asked.limits(best.measured), norm)
     seconds = measurement.seconds
     return HeldTolerance(asked, best.tolerance, norm, best.measured, best.missed, blame, seconds, search.lacking)
 
 
-def missed(found: MeasuredErrors, asked: float, norm: str) -> tuple[str, ...]:
+def _share(value: float | None, limit: float) -> float:
+    """Return an error as a share of what is asked for."""
+    return value / limit if value and limit else 0.0
+
+
+def missed(found: MeasuredErrors, asked: Asked, norm: str) -> tuple[str, ...]:
     """Return the variables that are not known to be within what is asked for."""
-    return tuple(name for name, error in found.errors.items() if error.held(asked, norm) is not True)
+    return tuple(n for n, limit in asked.limits(found).items() if found.errors[n].held(limit, norm) is not True)
 
 
 def _equal(one: Plan, other: Plan) -> bool:
     return one.precision == other.precision and all(cell.key == other.cells[ref].key for ref, cell in one.cells.items())
 
 
-def _remembered(document: DocumentView | None, asked: float, norm: str) -> HeldTolerance | None:
+def _remembered(document: DocumentView | None, asked: Asked, norm: str) -> HeldTolerance | None:
     """Return the result of an earlier run; None if the document has another form."""
     measured = from_document(document.get("measured", {})) if document else None
     if document is None or measured is None:

@@ -7,6 +7,7 @@ Out: ``Given``, which reads the pipeline.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -34,6 +35,24 @@ class _Place(click.ParamType):  # type: ignore[type-arg]  # a generic to mypy; b
         return str(value) if "://" in str(value) else Path(value)
 
 
+class _Held(click.ParamType):  # type: ignore[type-arg]
+    """``E`` for all variables, or ``METRIC=E``: the name of the metric, '' for all, and the error."""
+
+    name = "error"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, float]:
+        if isinstance(value, tuple):  # converted before
+            return value
+        metric, _, text = str(value).rpartition("=")
+        try:
+            error = float(text)
+        except ValueError:
+            self.fail(f"{value!r} is neither a number nor METRIC=NUMBER, such as mean_snr=0.1", param, ctx)
+        if not 0 < error <= (math.inf if metric else 1.0):
+            self.fail(f"{error:g} must be above 0{'' if metric else ' and at most 1'}", param, ctx)
+        return metric.strip(), error
+
+
 class _Folder(click.ParamType):  # type: ignore[type-arg]
     """A local folder; URLs are refused."""
 
@@ -49,7 +68,7 @@ class _Folder(click.ParamType):  # type: ignore[type-arg]
         return Path(value)
 
 
-PLACE, FOLDER = _Place(), _Folder()
+PLACE, FOLDER, HELD = _Place(), _Folder(), _Held()
 Adds = Callable[[Any], Any]
 REPEAT = "; may be repeated."
 SETTING = "Override a value: QUANTITY=4 or STAGE.PARAMETER=0.3" + REPEAT

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from etendue import interrupts
-from etendue.cli.options import JSON, MOST_CELLS, PLACE, SCHEDULER, WORKERS, gather_way, pipeline_options
+from etendue.cli.options import HELD, JSON, MOST_CELLS, PLACE, SCHEDULER, WORKERS, gather_way, pipeline_options
 from etendue.cli.saying import command, later
 
 
@@ -60,9 +60,11 @@ def _how(function: Any) -> Any:
 @click.option("--measure", is_flag=True, help="Measure the global error of the wanted variables on sample cells.")
 @click.option(
     "--hold",
-    type=click.FloatRange(0, 1, min_open=True),
-    metavar="E",
-    help="Find the loosest tolerance that keeps the wanted variables within E of the reference; run with it.",
+    type=HELD,
+    multiple=True,
+    metavar="E|METRIC=E",
+    help="Find the loosest tolerance that keeps the wanted variables within E of the reference, relative to full "
+    "scale, or METRIC within E in its own unit (repeatable); run with it.",
 )
 @click.option(
     "--hold-seconds",

@@ -12,18 +12,21 @@ from etendue.accuracy import holding
 from etendue.accuracy.measuring import Measurement
 from etendue.accuracy.pilot import stated_elsewhere
 from etendue.cli.options import installed
+from etendue.present.terminal.answer_texts import plus_minus
 from etendue.present.terminal.global_error import global_error_document, not_held
 from etendue.telling import human_bytes, human_seconds
 
 if TYPE_CHECKING:
-    from etendue.types.documents import Document
+    from etendue.types.documents import Document, DocumentView
 
 
-def held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) -> Any:
+def held(pipeline: Any, asked: tuple[tuple[str, float], ...], folder: Path, options: Any, watched: Any) -> Any:
     """Find the tolerance that holds an error, and print it before the run."""
-    found = holding.hold(pipeline, installed(), asked, options=options, progress=watched, archive=folder)
+    own = dict(asked)
+    goals = holding.Asked(own.pop("", None), own)
+    found = holding.hold(pipeline, installed(), goals, options=options, progress=watched, archive=folder)
     when = f"measured in {human_seconds(found.seconds)} of thread time"
-    told = f"hold {found.asked:g}: local tolerance {found.tolerance:g}, "
+    told = f"hold {found.asked}: local tolerance {found.tolerance:g}, "
     told += "found by an earlier run" if found.remembered else when
     said = [told]
     if found.needed:
@@ -38,7 +41,9 @@ def kept(held: Any, folder: Path, made: Any) -> Document:
     """Store the errors that a run holds in its archive, and return them as in ``--json``."""
     holding.keep(held, folder)
     stated = stated_elsewhere(made, held.measured, held.places)
-    document = global_error_document(held.measured, held.asked, held.norm, stated)
+    document = global_error_document(held.measured, held.asked.relative or held.tolerance, held.norm, stated)
+    for name in held.asked.own:
+        document["global_error"][name]["held"] = name not in held.missed
     document["measured"] |= {"seconds": held.seconds, "remembered": held.remembered}
     return {**document, "hold": held.document()}
 
@@ -54,3 +59,24 @@ def measured(measurement: Any, folder: Path, made: Any) -> Document:
     found = measurement.remembered(folder)
     stated = stated_elsewhere(made, found, measurement.places)
     return global_error_document(found, measurement.pipeline.tolerance, measurement.pipeline.norm, stated)
+
+
+def beyond(held: Any, answers: DocumentView) -> list[str]:
+    """Return a sentence for each variable whose answer is further off than what is held: ``--hold`` does not refine
+    bins, spacing or margin.
+    """
+    said = []
+    for name, limit in held.asked.limits(held.measured).items():
+        error = answers["errors"].get(name)
+        if error is None or not error["parts"]:
+            continue
+        unit = error["unit"]
+        most = limit * (held.measured.errors[name].scale or 1.0) if unit else limit
+        parts = {part: own["rms"] for part, own in error["parts"].items() if part != "omissions"}
+        if parts and sum(parts.values()) > most:
+            worst = max(parts, key=lambda part: parts[part])
+            said.append(
+                f"held against the reference, but not the answer: {name} is off by {plus_minus(error, unit)}, mostly "
+                f"by its {worst}; refine that in the pipeline"
+            )
+    return said

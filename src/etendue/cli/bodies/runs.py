@@ -25,19 +25,25 @@ from etendue.types.documents import Document
 
 
 def run(
-    given: Given, way: Way, archive: Path | str | None, measure: bool, hold: float | None, errors: bool, **how: Any
+    given: Given,
+    way: Way,
+    archive: Path | str | None,
+    measure: bool,
+    hold: tuple[tuple[str, float], ...],
+    errors: bool,
+    **how: Any,
 ) -> None:
     here = Path.cwd()  # a plugin may change it
-    if hold is not None and (given.tolerance is not None or given.nothing_left_out):
+    if hold and (given.tolerance is not None or given.nothing_left_out):
         raise click.UsageError("--hold finds the tolerance: omit --tolerance and --nothing-left-out")
     options, watched = way.options(**how), progress(way.quiet)
     check_timeout(options)
     pipeline = pipeline_of(given)
     place = from_here(here, archive or Path(pipeline.name))
-    if measure or hold is not None:
+    if measure or hold:
         from etendue.cli.bodies import measured as global_errors
     with places.writing(place, far(way.scheduler)) as folder:
-        held = global_errors.held(pipeline, hold, folder, options, watched) if hold is not None else None
+        held = global_errors.held(pipeline, hold, folder, options, watched) if hold else None
         made = planned(given, way.silent, replace(pipeline, tolerance=held.tolerance) if held else pipeline)
         _warn(made, way)
         measurement = global_errors.measurement(made, options, watched) if measure and not held else None
@@ -47,6 +53,8 @@ def run(
             measured = global_errors.kept(held, folder, made)
         if errors:
             outcome.answers = _answers(outcome, folder, watched, measure)
+        if held and measured and outcome.answers:
+            measured["hold"]["beyond"] = global_errors.beyond(held, outcome.answers)
     _tell_run(places.placed(outcome, folder, place), measured, way)
     sys.exit(3 if outcome.failed else 0)
 

@@ -43,9 +43,10 @@ def not_held(hold: Document, errors: Any) -> list[str]:
     for name in hold["missed"][:SHOWN]:
         own = errors[name] if isinstance(errors[name], dict) else vars(errors[name])
         value = own["rms" if hold["norm"] == "rms" else "max"]
+        limit = hold["limits"].get(name, 0.0)
         far = (
-            f"{value:.2g}, {value / hold['asked']:.2g} times the tolerance"
-            if value is not None and value > hold["asked"]
+            f"{value:.2g}, {value / limit if limit else math.inf:.2g} times the tolerance"
+            if value is not None and value > limit
             else own["how"]
         )
         said.append(f"not held: {name}, {far}{': ' + own['why'] if own.get('why') else ''}")
@@ -101,10 +102,12 @@ def _print_held(out: Console, document: Document, errors: list[tuple[str, Docume
         for text in not_held(hold, document["global_error"]):
             out.print(escape(text), soft_wrap=True)
         if hold["held"]:
-            out.print(
-                f"held: all wanted variables are within {hold['asked']:g} of the reference, with local tolerance "
-                f"{hold['tolerance']:g}"
-            )
+            own = [f"{name} within {limit:g}" for name, limit in hold["asked_of"].items()]
+            every = [] if hold["asked"] is None else [f"all wanted variables are within {hold['asked']:g}"]
+            what = ", ".join([*every, *own])
+            out.print(f"held: {escape(what)} of the reference, with local tolerance {hold['tolerance']:g}")
+        for text in hold.get("beyond", ()):
+            out.print(escape(text))
     elif missed:
         out.print(f"not held: {missed} of {len(errors)} variables differ from the reference by more than the tolerance")
     elsewhere = {name: error["elsewhere"] for name, error in errors if error.get("elsewhere")}
