@@ -16,7 +16,7 @@ from etendue.cli.saying import command, later
 def compact() -> None:
     """Rewrite an archive: sort axes that grew, lay out shards as a fresh sweep would, keep every bit of every array.
 
-    Without NEW the archive is rewritten in place. If the command is killed, the archive is whole at any moment, old or
+    Without NEW the archive is rewritten in place. If the command is killed, the archive is still complete, old or
     new; run the same command again to continue. With NEW, DIR is only read, and NEW is either complete or absent.
     Archives of earlier versions, with one file per cell, are accepted too.
     """

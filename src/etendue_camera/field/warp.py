@@ -242,7 +242,7 @@ def read_table(path: str | Path) -> Table:
         wavelengths = np.array([float(cell) for cell in head[1:]])
         values = np.array([[float(cell) for cell in row] for row in rows[1:]])
         if values.shape[1] != len(head):
-            raise ValueError(f"a line has {values.shape[1]}")
+            raise ValueError(f"lines have {values.shape[1]} numbers")
     except ValueError as error:
         raise ValueError(f"{path}: {error}; every line needs {len(head)} numbers") from None
     order = np.argsort(wavelengths)

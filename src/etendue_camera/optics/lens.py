@@ -203,8 +203,8 @@ def _table_quadrature(radius: FloatArray, psf: FloatArray, highest: float) -> tu
     radius, psf = np.asarray(radius, float), np.asarray(psf, float)
     require.that(
         radius.ndim == 1 and radius.shape == psf.shape and radius.size >= 2,
-        f"radius has shape {radius.shape} and psf {psf.shape}; they must be one-dimensional, equally long and hold "
-        f"at least two samples",
+        f"radius has shape {radius.shape} and psf {psf.shape}; they must be one-dimensional, of equal length, and "
+        f"hold at least two samples",
     )
     steps = np.diff(radius)
     require.that(

@@ -218,7 +218,7 @@ def ideal_observer(quanta: ArrayLike, spectrum: ArrayLike, square: Square, contr
     Returns
     -------
     float
-        0.5 erfc(-SNRi / 2) is the fraction of correct answers with two fields, one with the object. Detail beyond the
-        Nyquist square is not counted.
+        0.5 erfc(-SNRi / 2) is the fraction of correct answers when one of two fields holds the object. Detail beyond
+        the Nyquist square is not counted.
     """
     return abs(contrast) * math.sqrt(square.mean(np.abs(np.asarray(spectrum)) ** 2 * np.asarray(quanta, np.float64)))

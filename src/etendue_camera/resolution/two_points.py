@@ -81,7 +81,7 @@ def spread_of(
     ----------
     otf : callable
         Radial frequency (n,) in cycles/um to the transfer function, (n,) or (wavelength, n); the real part is taken.
-        For a lens with a square pixel, that along one direction is used for all directions.
+        For a lens with a square pixel, the function along one direction is used for all.
     highest : float, cycles/um
         Upper end of the integral: the cut-off, or where the transfer function is negligible. A cut-off below
         ``highest`` reduces the accuracy to 2e-6.

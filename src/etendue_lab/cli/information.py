@@ -40,7 +40,7 @@ def information() -> None:
     slanted edge and the NPS of noise frames.
 
     The signal is uniformly distributed light between two levels of the contrast ratio, with equal power at all
-    frequencies up to Nyquist: variance (range/mean)^2 / 12. After the mosaic the channels are combined in the best sum
+    frequencies up to Nyquist: variance (range/mean)^2 / 12. After the mosaic the channels are combined optimally
     at each frequency; each channel alone is listed too.
     """
 

@@ -65,7 +65,7 @@ def measure() -> None:
 
     MTF of slanted edges and Siemens stars, noise of uniform patches, colour differences of a ColorChecker. Regions are
     in pixels from the upper left corner. If no region is given, the strongest slanted edge is found automatically.
-    Reads PNG, JPEG, TIFF, and raw files on their own mosaic (pip install 'etendue[raw]').
+    Reads PNG, JPEG, TIFF, and raw files without demosaicing them (pip install 'etendue[raw]').
 
     Exit codes: 0 done, 2 invalid request, or a region does not show what it should.
     """

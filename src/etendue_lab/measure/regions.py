@@ -1,7 +1,7 @@
 """Regions of a picture as written on the command line, in pixels from its upper left corner.
 
-In:  texts such as 120,80,200,300.
-Out: windows, circles, corners; one clear error for each invalid text.
+In:  strings such as 120,80,200,300.
+Out: windows, circles, corners; one clear error for each invalid string.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ def _laid_out_alike(store: ArchiveWriter) -> bool:
 
 
 def damaged(store: ArchiveWriter) -> Iterator[str]:
-    """Yield what differs from the manifest or is not valid JSON: no run has written it so."""
+    """Yield what differs from the manifest or is not valid JSON: no run wrote it that way."""
     known = store.manifest.metadata if store.manifest else {}
     found: dict[str, None] = {}
     for path in known or [f"{DATA}/{path}" for path in store.tree.held if path.endswith(ROOT)]:

@@ -118,7 +118,7 @@ def texts_of(data: bytes) -> list[str]:
             raise ValueError("more texts than there are bytes")
         return list(map(str, VLenUTF8().decode(texts)))
     except (RuntimeError, ValueError, TypeError) as error:
-        raise ArchiveError(f"the stored bytes do not decode to texts: {error}") from None
+        raise ArchiveError(f"the stored bytes cannot be decoded as strings: {error}") from None
 
 
 def consolidated(nodes: Mapping[str, DocumentView]) -> Document:

@@ -206,7 +206,7 @@ def _of_own(name: str, above: tuple[str, ...]) -> _Step:
 
 
 def _through_the_door(door: str, name: str) -> Iterator[str]:
-    """Yield where a name re-exported by an ``api`` module is defined; all that it re-exports if the module is taken."""
+    """Yield where a name that an ``api`` module re-exports is defined; for the module itself, all its re-exports."""
     file = _own_file(door)
     for one in sources.known(file).imports if file else ():
         if name in ("", "*") or one.rpartition(".")[2] == name:

@@ -1,8 +1,8 @@
-"""Arrays as an eye sees them, from their coordinates and attributes, by the rules of ``present.pictures.appearance``.
+"""Arrays as the eye sees them, from their coordinates and attributes, by the rules of ``present.pictures.appearance``.
 
 In:  a ``DataArray`` of one cell, over y and x, perhaps with bands or channels first; its attributes say how it is drawn
-     (``contract.drawn``), else its name does.
-Out: (y, x, 3) bytes, encoded sRGB, the first row of the array on top.
+     (``contract.drawn``); otherwise its name does.
+Out: (y, x, 3) bytes, encoded sRGB, the first row of the array at the top.
 """
 
 from __future__ import annotations

@@ -145,7 +145,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         return [(n, m, value) for (n, m), value in zip(orders, self.zernike, strict=True) if n > 1 and value]
 
     def moved(self) -> tuple[float, float]:
-        """Return the image displacement by tilts, um along y and x; it is applied exactly, as a phase."""
+        """Return the image displacement caused by tilts, in um along y and x; it is applied exactly, as a phase."""
         slope_y, slope_x = wavefront.Seidel(w311=self.distortion).tilt(*self.height())
         orders = wavefront.zernike_orders(len(self.zernike), cast(wavefront.Index, self.zernike_index))
         for (n, m), value in zip(orders, self.zernike, strict=True):
