@@ -12,15 +12,17 @@ from click.testing import CliRunner
 
 from etendue import simulate
 from etendue.accuracy.answers import recalled
+from etendue.accuracy.answers.cached import answer_key
 from etendue.accuracy.answers.error import answers_of, part_between
 from etendue.accuracy.answers.pilots import state_errors
 from etendue.accuracy.answers.refinement import DRAWN, Point
+from etendue.archive.records.remembered import ANSWER, latest
 from etendue.cli.program import main
 from etendue.contract.discretised import Discretised
 from etendue.contract.registry import installed_stages
 from etendue.pipeline.toml import dumps
 from etendue.plan.planner import make_plan
-from etendue.present.terminal.answer_texts import notes, plus_minus
+from etendue.present.terminal.answer_texts import is_sound, notes, plus_minus
 from etendue.session import load
 
 CAMERA = {
@@ -272,3 +274,95 @@ def test_light_on_the_grid_that_is_refined_has_an_error_too() -> None:
     assert set(error.parts) >= {"bins", "spacing", "margin"}
     assert not error.open
     assert 0 < error.parts["spacing"].rms < 0.5
+
+
+def test_a_scene_that_an_axis_swaps_in_is_refined_as_if_it_stood_alone() -> None:
+    """At the shown point, the middle of the axis; also with values in the table of the swap."""
+    alone = stated(pipeline()).shown["photon_rate"]
+    values = {key: value for key, value in pipeline()["stages"][0].items() if key not in ("use", "name")}
+    tables = [{"use": use, **values} for use in ("uniform", "slanted_edge", "colorchecker")]
+    swapped = pipeline() | {"sweep": {"scene.use": tables}}
+    found = stated(swapped).shown["photon_rate"]
+    for part in ("spacing", "bins", "margin"):
+        assert found.parts[part].rms == pytest.approx(alone.parts[part].rms, rel=1e-3)
+
+
+def test_a_source_that_says_nothing_of_its_sampling_is_named() -> None:
+    plan = make_plan(load("plugins/etendue-array/pipelines/beam.toml"), installed_stages())
+    found = state_errors(plan, installed_stages(), None, math.inf)
+    assert all(any(name.startswith("discretisation of") for name in one.fixed) for one in found.errors.values())
+
+
+def test_what_differs_only_in_the_shown_point_or_in_what_is_written_has_another_key() -> None:
+    swept = pipeline() | {"sweep": {"f_number": [2, 4, 16]}}
+    keys = {answer_key(make_plan(load(one), installed_stages())) for one in (swept, _with_f_number(swept, 16.0))}
+    assert len(keys) == 2
+
+
+def _with_f_number(document: dict[str, Any], value: float) -> dict[str, Any]:
+    return document | {"camera": document["camera"] | {"f_number": value}}
+
+
+def test_numbers_that_only_noise_makes_have_no_error_of_the_noise_free_path() -> None:
+    """In the dark every pixel is black without noise; with it, most are not."""
+    made = pipeline(white_luminance=0.02)
+    made["stages"] = [one for one in made["stages"] if one["use"] != "exposure_report"]
+    made["stages"].insert(-2, {"use": "read_noise"})
+    made["stages"].append({"use": "exposure_report"})
+    made["camera"] |= {"read_noise": 5}
+    made |= {"wanted": ["black_fraction"]}
+    error = stated(made).errors["black_fraction"]
+    assert "noise-free path" in error.open
+    assert not error.parts
+
+
+def test_a_stage_that_fails_when_refined_does_not_fail_the_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    def broken(self: Any, name: str, factor: int) -> dict[str, Any]:
+        raise RuntimeError("not today")
+
+    monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "cache"))
+    registry = installed_stages()
+    monkeypatch.setattr(registry.load("slanted_edge"), "refined", broken)
+    found = recalled.answer_errors(make_plan(load(pipeline()), registry), registry, None, math.inf, tmp_path)
+    assert found.errors == {}
+    assert "not today" in " ".join(notes(found.document()))
+
+
+EDITED: list[Any] = [
+    [],
+    {"errors": {}},
+    {"at": {}, "points": "1"},
+    *({"part": {"rms": wrong, "max": 0.0, "basis": "refined"}} for wrong in ("much", [], {}, True)),
+    {"x" * 400: {"rms": 0.1, "max": 0.1, "basis": "refined"}},
+]
+
+
+@pytest.mark.parametrize("edit", EDITED, ids=range(len(EDITED)))
+def test_edited_documents_are_measured_again_and_shown_nowhere(edit: Any) -> None:
+    document = stated(pipeline()).document()
+    assert is_sound(document)
+    if isinstance(edit, dict) and not {"errors", "at"} & edit.keys():
+        document["shown"]["photon_rate"]["parts"] = edit
+    elif isinstance(edit, dict):
+        document = {**document, **edit, **({"shown": None} if "errors" in edit else {})}
+    else:
+        document = edit
+    assert not is_sound(document)
+
+
+def test_the_report_never_shows_the_errors_of_another_run(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The archive holds those of the last run, or none."""
+    monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "answer.toml").write_text(dumps(pipeline()))
+
+    def run(*more: str) -> Any:
+        words = ["run", str(tmp_path / "answer.toml"), "--archive", str(tmp_path / "a"), "--quiet", *more]
+        assert CliRunner().invoke(main, words).exit_code == 0
+        stored = latest(tmp_path / "a", ANSWER)
+        return stored and stored["shown"]["mean_snr"]["rms"]
+
+    finer = ("--set", "scene.spacing=1 um")
+    coarse, none, fine = run("--measure"), run("--no-errors", *finer), run("--measure", *finer)
+    assert none is None
+    assert fine != coarse
+    assert run() == coarse  # recalled, and stored last

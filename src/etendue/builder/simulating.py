@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.accuracy.answers.evaluations import PLANNING
-from etendue.accuracy.answers.recalled import SHARE, answer_errors
+from etendue.accuracy.answers.recalled import SHARE, answer_errors, recalled
 from etendue.archive import places
 from etendue.calls import called
 from etendue.contract.registry import installed_stages
@@ -94,10 +94,9 @@ def simulate(
 
 def with_errors(outcome: Outcome) -> None:
     """Measure the errors of a run's wanted variables, if 10 % of its time suffices for anything."""
-    budget = SHARE * outcome.seconds
-    if budget < 5 * PLANNING or outcome.failed:
+    budget, folder = SHARE * outcome.seconds, outcome.archive if isinstance(outcome.archive, Path) else None
+    if outcome.failed or (budget < 5 * PLANNING and recalled(outcome.plan, folder) is None):
         return
-    folder = outcome.archive if isinstance(outcome.archive, Path) else None
     found = answer_errors(outcome.plan, installed_stages(), outcome.reports, budget, folder)
     outcome.answers = found.document()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from etendue.plan.model import CellRef, Plan
+from etendue.types.documents import AxisValues
 
 
 def shown_cells(plan: Plan) -> dict[str, CellRef]:
@@ -19,6 +20,14 @@ def shown_cells(plan: Plan) -> dict[str, CellRef]:
             axis.values.index(value) if base is not None and value in axis.values else len(axis.values) // 2
         )
     return {node.name: (node.name, tuple(middle[dim] for dim in node.axes)) for node in plan.nodes}
+
+
+def shown_place(plan: Plan) -> AxisValues:
+    """Return the axis values of the shown cells, by dim."""
+    shown = {axis.dim: 0 for axis in plan.axes}
+    for name, index in shown_cells(plan).values():
+        shown |= dict(zip(plan.node(name).axes, index, strict=True))
+    return {axis.dim: axis.values[shown[axis.dim]] for axis in plan.axes}
 
 
 def where_shown(plan: Plan, shown: Mapping[str, CellRef] | None = None) -> str:

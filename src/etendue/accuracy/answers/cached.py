@@ -11,6 +11,8 @@ import json
 from etendue import cache
 from etendue.plan.identity.keys import digest
 from etendue.plan.model import Plan
+from etendue.plan.shown import shown_place
+from etendue.present.terminal.answer_texts import is_sound
 from etendue.types.documents import Document
 
 KIND = "answer"
@@ -23,10 +25,14 @@ def cached(plan: Plan) -> Document | None:
         found = json.loads(cache.read(KIND, answer_key(plan)) or b"null")
     except ValueError:
         return None
-    return {**found, "remembered": True} if isinstance(found, dict) and "errors" in found else None
+    return {**found, "remembered": True} if is_sound(found) else None
 
 
 def answer_key(plan: Plan) -> str:
-    """Return the key of the errors of a plan: it depends on the keys of all cells that are wanted."""
+    """Return the key of the errors of a plan: it depends on the keys of all cells that are wanted, on the point that is
+    shown, and on the parameters that the file writes, because those are not refined.
+    """
     cells = [[stage, name, [cell.key for cell in plan.of(stage)]] for stage, name in plan.wanted]
-    return digest(json.dumps([KIND, FORM, cells]).encode())
+    written = [[node.name, *(sorted(one.written) for one in node.alternatives)] for node in plan.nodes]
+    place = sorted((dim, str(value)) for dim, value in shown_place(plan).items())
+    return digest(json.dumps([KIND, FORM, cells, written, place]).encode())

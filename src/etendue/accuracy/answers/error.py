@@ -102,6 +102,7 @@ class AnswerErrors:
     dear: float = 0.0  # predicted seconds of what was too costly
     budget: float = 0.0  # seconds that it was allowed to take
     remembered: bool = False
+    why: str = ""  # nothing could be measured, and why
 
     def document(self) -> Document:
         """Return the document that is stored and printed by ``--json``."""
@@ -114,6 +115,7 @@ class AnswerErrors:
             "dear": self.dear,
             "budget": self.budget,
             "remembered": self.remembered,
+            "why": self.why,
         }
 
 
@@ -167,8 +169,9 @@ def worst(errors: Iterable[AnswerError]) -> AnswerError:
                 part if known is None else replace(part, rms=max(part.rms, known.rms), max=max(part.max, known.max))
             )
     missing = {name: why for one in every for name, why in one.open.items()}
+    fixed = {name: why for one in every for name, why in one.fixed.items()}
     noise = max((one.noise for one in every if one.noise is not None), default=None)
-    return replace(every[0], parts=parts, open=missing, points=len(every), noise=noise)
+    return replace(every[0], parts=parts, open=missing, fixed=fixed, points=len(every), noise=noise)
 
 
 def scaled(errors: Mapping[str, AnswerError], factor: float) -> dict[str, AnswerError]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from etendue.accuracy.answers.refinement import Factors, Point
@@ -81,7 +82,7 @@ class Evaluations:
             if _key(*one) not in self._values:
                 seconds += self.rate * self.point.seconds(plan)
                 try:
-                    check_machine(plan, None, pictures=False)
+                    check_machine(replace(plan, kept=frozenset(plan.wanted)), None, pictures=False)
                 except MachineError as error:
                     raise TooDear(seconds, f"needs more memory: {str(error).splitlines()[0]}") from None
         if seconds > self.left:

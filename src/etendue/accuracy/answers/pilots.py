@@ -32,16 +32,16 @@ from etendue.accuracy.answers.regridding import on_grid
 from etendue.accuracy.pilot import chosen_places
 from etendue.contract.registry import Registry
 from etendue.plan.cost import cell_seconds
-from etendue.plan.model import CellRef, Plan, StageVariable
+from etendue.plan.model import Plan, StageVariable
 from etendue.plan.reports import Reports
-from etendue.plan.shown import shown_cells
-from etendue.types.documents import AxisValues
+from etendue.plan.shown import shown_cells, shown_place
 
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
 # A refinement by two of first order leaves as much again as it changes. A margin twice as large leaves little.
-SAFETY: Mapping[str, float] = {"spacing": 2.0, "bins": 2.0, "margin": 1.5}
+FIRST_ORDER = 2.0
+SAFETY: Mapping[str, float] = {"spacing": FIRST_ORDER, "bins": FIRST_ORDER, "margin": 1.5}
 ELSEWHERE = 2.0  # factor for points of a sweep that were not measured
 PLACES = 4  # points of a sweep that are measured, as far as the budget allows
 DRAWS = 4  # of the noise
@@ -81,14 +81,6 @@ def state_errors(
     return AnswerErrors(errors, found[0], at, len(found), time.process_time() - began, dear, budget)
 
 
-def shown_place(plan: Plan) -> AxisValues:
-    """Return the axis values of the cells that pictures and headline metrics show."""
-    shown = {dim: 0 for dim in (axis.dim for axis in plan.axes)}
-    for name, index in shown_cells(plan).values():
-        shown |= dict(zip(plan.node(name).axes, index, strict=True))
-    return {axis.dim: axis.values[shown[axis.dim]] for axis in plan.axes}
-
-
 def _rate(plan: Plan, reports: Reports | None) -> float:
     """Return the measured seconds of this run over the predicted ones, at the shown point."""
     predicted = took = 0.0
@@ -106,7 +98,8 @@ def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerErr
     parts: Parts = {one: {} for one in plan.wanted}
     missing: Texts = {one: {} for one in plan.wanted}
     fixed, dear = dict(point.fixed()), 0.0
-    for name in sorted(point.names(), key=[*SAFETY].index):
+    order = [*SAFETY, *point.names()]
+    for name in sorted(point.names(), key=order.index):
         affected = point.affected(plan, name)
         for one in plan.wanted:
             if one not in affected:
@@ -121,15 +114,23 @@ def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerErr
         if pair:
             _compare(parts, missing, pair, name, affected)
         elif affected:
-            fixed[name] = "the stages accept no finer one"
+            fixed[name] = f"the stages accept no finer one{f' ({point.refusal})' if point.refusal else ''}"
     try:
-        pair = evaluations.all_of(({}, AS_PLANNED), ({}, EXACT))
+        pair = _omitted(evaluations)
         if pair:
             _compare(parts, missing, pair, OMISSIONS, plan.wanted)
+        why = "" if pair else f"the reference is refused{f' ({point.refusal})' if point.refusal else ''}"
     except TooDear as error:
-        dear += error.seconds
-        _add_bounds(plan, point.at, parts, missing, str(error))
-    noise = _noise(plan, evaluations, parts, missing)
+        dear, why = dear + error.seconds, str(error)
+    for one in plan.wanted if why else ():
+        missing[one][OMISSIONS] = why
+    noisy = point.noisy(plan)
+    try:
+        noise = _noise(evaluations, noisy, parts, missing)
+    except TooDear as error:
+        dear, noise = dear + error.seconds, {}
+        for one in noisy:
+            missing[one]["noise"] = str(error)
     names = [name for _, name in plan.wanted]
     errors = {}
     for stage, name in plan.wanted:
@@ -142,26 +143,35 @@ def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerErr
     return errors, dear
 
 
-def _noise(plan: Plan, evaluations: Evaluations, parts: Parts, missing: Texts) -> dict[StageVariable, float]:
+def _omitted(evaluations: Evaluations) -> list[Evaluated] | None:
+    """Return the evaluations as planned and of the reference; the first twice if both have the same cells."""
+    own, exact = evaluations.plan({}, AS_PLANNED), evaluations.plan({}, EXACT)
+    if (
+        own
+        and exact
+        and all(own.cells[ref].key == exact.cells[ref].key for ref in evaluations.point.refs(own).values())
+    ):
+        found = evaluations.all_of(({}, AS_PLANNED))
+        return found and found * 2
+    return evaluations.all_of(({}, AS_PLANNED), ({}, EXACT))
+
+
+def _noise(
+    evaluations: Evaluations, noisy: list[StageVariable], parts: Parts, missing: Texts
+) -> dict[StageVariable, float]:
     """Return the 95 % interval about one draw of the noise, half its width, of the numbers that depend on noise.
 
     The error of a number that noise moves far more than it scatters, such as the noise itself, is not that of the
     noise-free path: it counts as not measured.
     """
-    noisy = evaluations.point.noisy(plan)
-    if not noisy:
-        return {}
-    try:
-        draws = evaluations.all_of(({}, AS_PLANNED), *(({"draw": number}, DRAWN) for number in range(DRAWS)))
-    except TooDear:
-        return {}
+    draws = evaluations.all_of(({}, AS_PLANNED), *(({"draw": n}, DRAWN) for n in range(DRAWS))) if noisy else None
     found = {}
     for one in noisy if draws else ():
         values = [float(np.ravel(own[one])[-1]) for _, own in draws or () if one in own]
         if len(values) == DRAWS + 1 and all(map(math.isfinite, values)):
             mean, spread = math.fsum(values[1:]) / DRAWS, float(np.std(values[1:], ddof=1))
             found[one] = INTERVAL * spread
-            if abs(values[0] - mean) > 3 * INTERVAL * spread + 0.3 * abs(mean):
+            if abs(values[0] - mean) > 3 * INTERVAL * spread / math.sqrt(DRAWS) + 0.3 * abs(mean):
                 parts[one].clear()
                 missing[one]["noise-free path"] = "noise changes this metric: it has no noise-free value"
     return found
@@ -195,26 +205,4 @@ def _compare(parts: Parts, missing: Texts, pair: list[Evaluated], name: str, wan
         if isinstance(found, str):
             missing[one][name] = found
         else:
-            parts[one][name] = found * SAFETY.get(name, 1.0)
-
-
-def _add_bounds(plan: Plan, at: Mapping[str, int], parts: Parts, missing: Texts, why: str) -> None:
-    """Add, in place of measured omissions, the bounds of all decisions on the way to each variable. The bound of a
-    picture says nothing about the error of a number, unless it is 0.
-    """
-    totals: dict[CellRef, float] = {}
-
-    def total(ref: CellRef) -> float:
-        if ref not in totals:
-            cell = plan.cells[ref]
-            totals[ref] = cell.bound + max((total(source) for _, source, _ in cell.inputs), default=0.0)
-        return totals[ref]
-
-    for stage, variable in parts:
-        bound = total((stage, tuple(at[dim] for dim in plan.node(stage).axes)))
-        if not bound:
-            parts[stage, variable][OMISSIONS] = Part(0.0, 0.0, "bound")
-        elif is_number(plan.node(stage).writes[variable]):
-            missing[stage, variable][OMISSIONS] = why
-        else:
-            parts[stage, variable][OMISSIONS] = Part(bound, math.nan, "bound")
+            parts[one][name] = found * (1.0 if name == OMISSIONS else SAFETY.get(name, FIRST_ORDER))

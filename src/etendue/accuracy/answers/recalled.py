@@ -19,7 +19,9 @@ from etendue.archive.records.remembered import ANSWER, documents, remember
 from etendue.contract.registry import Registry
 from etendue.plan.model import Plan
 from etendue.plan.reports import Reports
+from etendue.present.terminal.answer_texts import is_sound
 from etendue.result_files import finite
+from etendue.telling import plain, where
 from etendue.types.documents import DocumentView
 
 # On the command line: the larger of a share of the run's seconds, and a time that nobody notices.
@@ -35,18 +37,20 @@ def answer_errors(
     folder: Path | None = None,
     shown: Shown = None,
 ) -> AnswerErrors:
-    """Return the errors of a run's wanted variables; what an earlier run has measured of the same cells is reused."""
-    key = answer_key(plan)
+    """Return the errors of a run's wanted variables; what an earlier run has measured of the same cells is reused. A
+    finished run does not fail because of them: whatever a stage raises is the reason why nothing was measured.
+    """
     known = recalled(plan, folder)
     if known is not None and (not known.dear or known.budget * MORE > budget):
         found = known
     else:
-        found = state_errors(plan, registry, reports, budget, shown)
-        document = {**found.document(), "kind": ANSWER}
-        cache.write(KIND, key, json.dumps(finite(document)).encode())
-    stored = _read(documents(folder).get(key)) if folder is not None else found
-    if folder is not None and (stored is None or stored.dear > found.dear):
-        remember(folder, key, finite({**found.document(), "kind": ANSWER}))
+        try:
+            found = state_errors(plan, registry, reports, budget, shown)
+        except Exception as error:
+            return AnswerErrors({}, {}, {}, why=f"{where(error)}{plain(str(error) or type(error).__name__)}")
+        cache.write(KIND, answer_key(plan), json.dumps(finite(found.document())).encode())
+    if folder is not None:  # the last one stored is that of the last run
+        remember(folder, answer_key(plan), finite({**found.document(), "kind": ANSWER}))
     return found
 
 
@@ -59,4 +63,4 @@ def recalled(plan: Plan, folder: Path | None = None) -> AnswerErrors | None:
 
 
 def _read(document: DocumentView | None) -> AnswerErrors | None:
-    return answers_of(document) if isinstance(document, dict) else None
+    return answers_of(document) if document is not None and is_sound(document) else None

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from etendue.accuracy.answers.error import is_number
 from etendue.accuracy.pilot import narrowed
 from etendue.accuracy.reference import reference_of
+from etendue.contract.capabilities import Source
 from etendue.contract.discretised import Discretised
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
@@ -45,20 +46,18 @@ class Point:
     """
 
     def __init__(self, plan: Plan, registry: Registry, place: AxisValues, wanted: tuple[StageVariable, ...]) -> None:
-        self.registry, self.wanted, self.axes = registry, wanted, plan.axes
+        self.registry, self.wanted, self.refusal = registry, wanted, ""
         pipeline = replace(plan.pipeline, leave_out=plan.leaves_out and plan.pipeline.leave_out)
         self.pipeline = wanting(narrowed(pipeline, plan.axes, [dict(place)]), wanted)
         self.at = at = {axis.dim: axis.values.index(place[axis.dim]) for axis in plan.axes}
-        self.stages = {
-            node.name: cell.stage
-            for node in plan.nodes
-            for cell in [plan.cells[node.name, tuple(at[dim] for dim in node.axes)]]
-            if isinstance(cell.stage, Discretised)
-        }
+        here = {node.name: plan.cells[node.name, tuple(at[dim] for dim in node.axes)].stage for node in plan.nodes}
+        self.stages = {name: stage for name, stage in here.items() if isinstance(stage, Discretised)}
+        self.silent = [name for name, one in here.items() if isinstance(one, Source) and name not in self.stages]
 
     def fixed(self) -> dict[str, str]:
         """Return the discretisations that cannot be refined, each with the reason."""
-        return {name: why for _, name, why in self._discretisations() if why}
+        found = {name: why for _, name, why in self._discretisations() if why}
+        return found | {f"discretisation of {name}": "the stage does not say how it is refined" for name in self.silent}
 
     def names(self) -> list[str]:
         """Return the discretisations that can be refined."""
@@ -73,18 +72,26 @@ class Point:
         for stage, one in self.stages.items():
             yield from ((stage, name, why) for name, why in one.discretisations().items())
 
-    def with_factors(self, factors: Factors, exact: bool) -> PipelineFile | None:
-        """Return the pipeline with these discretisations; None if one of them gets no finer or coarser."""
-        pipeline = self.pipeline
+    def values_of(self, factors: Factors) -> dict[str, Mapping[str, Any]] | None:
+        """Return the parameters of stages that give these discretisations; None if one gets no finer or coarser."""
+        found: dict[str, dict[str, Any]] = {}
         for name, factor in factors.items():
-            found = {}
-            for stage, own, why in self._discretisations():
-                if own == name and not why:
-                    found[stage] = self.stages[stage].refined(name, factor)
-            if not any(found.values()):
+            own = {
+                s: self.stages[s].refined(name, factor)
+                for s, one, why in self._discretisations()
+                if one == name and not why
+            }
+            if not any(own.values()):
                 return None
-            for stage, values in found.items():
-                pipeline = _written(pipeline, stage, values)
+            for stage, values in own.items():
+                found.setdefault(stage, {}).update(values)
+        return dict(found)
+
+    def with_values(self, values: Mapping[str, Mapping[str, Any]], exact: bool) -> PipelineFile:
+        """Return the pipeline with parameters of stages, nothing left out; ``exact``: its reference."""
+        pipeline = self.pipeline
+        for stage, own in values.items():
+            pipeline = _written(pipeline, stage, own)
         return reference_of(pipeline, self.registry).pipeline if exact else replace(pipeline, leave_out=False)
 
     def planned(self, factors: Factors, how: str = "") -> Plan | None:
@@ -95,10 +102,16 @@ class Point:
             if how == DRAWN:
                 drawn = replace(self.pipeline, seed=self.pipeline.seed + factors["draw"])
                 return make_plan(drawn, self.registry)
-            pipeline = self.pipeline if how == AS_PLANNED else self.with_factors(factors, how == EXACT)
-            return None if pipeline is None else make_plan(pipeline, self.registry, expected=True)
-        except EtendueError:
+            values = self.values_of(factors)
+            if values is None:
+                return None
+            pipeline = self.pipeline if how == AS_PLANNED else self.with_values(values, how == EXACT)
+            plan = make_plan(pipeline, self.registry, expected=True)
+        except EtendueError as error:
+            self.refusal = str(error).splitlines()[0]
             return None
+        made = {(stage, name): getattr(plan.of(stage)[0].stage, name) for stage, own in values.items() for name in own}
+        return plan if all(made[stage, name] == own[name] for stage, own in values.items() for name in own) else None
 
     def noisy(self, plan: Plan) -> list[StageVariable]:
         """Return the wanted numbers that depend on noise drawn anew."""
@@ -128,7 +141,12 @@ class Point:
 
 
 def _written(pipeline: PipelineFile, stage: str, values: Mapping[str, Any]) -> PipelineFile:
-    """Return the pipeline with values of a stage, also where an axis sets them."""
+    """Return the pipeline, narrowed to one point, with values of a stage, also where an axis sets them or the stage."""
+    use = pipeline.sweep.get(f"{stage}.use")
+    if isinstance(use, list | tuple) and len(use) == 1:
+        table = {"use": use[0]} if isinstance(use[0], str) else dict(use[0])
+        swapped = {**table, **values, "label": table.get("label", table["use"])}
+        return replace(pipeline, sweep={**pipeline.sweep, f"{stage}.use": [swapped]})
     swept = {f"{stage}.{name}": [value] for name, value in values.items() if f"{stage}.{name}" in pipeline.sweep}
     own = {name: value for name, value in values.items() if f"{stage}.{name}" not in swept}
     return replace(with_values(pipeline, stage, own), sweep={**pipeline.sweep, **swept})

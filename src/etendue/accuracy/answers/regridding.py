@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
 NEAR = 1e-6  # of a step: positions closer than this are equal
-MIDPOINT = (-1 / 16, 9 / 16, 9 / 16, -1 / 16)  # cubic interpolation half way between samples: error of fourth order
 
 
 def on_grid(array: Array, dims: tuple[str, ...], own: Grid, other: Grid) -> Array | None:
-    """Return an array at the coordinates of another grid; None if that is not defined: the grid must be twice as fine
-    along a line, have bands that divide those of the other, or be wider at the same step.
+    """Return an array at the coordinates of another grid: bands and cells as means, samples by cubic interpolation.
+
+    None if that is not defined: other units or labels, or the grid does not reach so far.
     """
     found: Array | None = np.asarray(array, np.float64)
     for axis, dim in enumerate(dims):
@@ -36,26 +36,39 @@ def on_grid(array: Array, dims: tuple[str, ...], own: Grid, other: Grid) -> Arra
 def _weights(own: Coordinate, other: Coordinate) -> Array | None:
     """Return the matrix (other, own) that brings values from one coordinate to another."""
     if isinstance(own, Bands) and isinstance(other, Bands):
-        low, high = np.array(own.edges[:-1]), np.array(own.edges[1:])
-        shares = [np.clip(np.minimum(high, b) - np.maximum(low, a), 0, None) / (b - a) for a, b in _pairs(other)]
-        weights = np.array(shares)
-        return weights if np.allclose(weights.sum(axis=1), 1, atol=1e-9) else None
+        return _overlaps(np.array(own.edges), np.array(other.edges))
     if not (isinstance(own, Line) and isinstance(other, Line)) or own.units != other.units:
         return None
-    weights, ratio = np.zeros((other.size, own.size)), other.step / own.step
-    first = (other.start - own.start) / own.step  # position of the first value among those of the own line
-    if abs(ratio - 1) < NEAR and abs(first - round(first)) < NEAR:
-        numbers = round(first) + np.arange(other.size)
-        spread: tuple[float, ...] = (1.0,)
-    elif abs(ratio - 2) < NEAR and abs(first % 1 - 0.5) < NEAR:
-        spread = (0.5, 0.5) if own.cells else MIDPOINT
-        numbers = round(first - 0.5) - (len(spread) // 2 - 1) + 2 * np.arange(other.size)
-    else:
+    if own.cells:
+        return _overlaps(_edges(own), _edges(other))
+    places = (np.array(other.values()) - own.start) / own.step  # positions among the samples of the own line
+    first = np.floor(places + NEAR).astype(int)
+    return _lagrange(first, places - first, own.size)
+
+
+def _overlaps(own: Array, other: Array) -> Array | None:
+    """Return the share of each interval of ``other`` that each of ``own`` covers; None if some are not covered."""
+    low, high = np.maximum(own[:-1], other[:-1, None]), np.minimum(own[1:], other[1:, None])
+    weights = np.clip(high - low, 0, None) / np.diff(other)[:, None]
+    covered = weights.sum(axis=1, keepdims=True)
+    return weights / covered if covered.min() > 0.5 else None
+
+
+def _edges(line: Line) -> Array:
+    return line.start + line.step * (np.arange(line.size + 1) - 0.5)
+
+
+def _lagrange(first: Array, offset: Array, size: int) -> Array | None:
+    """Return weights of cubic interpolation between four samples; at the ends the outermost are repeated."""
+    if first.min() < -1 or first.max() > size:
         return None
+    weights, t = np.zeros((first.size, size)), offset
+    spread = (
+        -t * (t - 1) * (t - 2) / 6,
+        (t + 1) * (t - 1) * (t - 2) / 2,
+        -(t + 1) * t * (t - 2) / 2,
+        (t + 1) * t * (t - 1) / 6,
+    )
     for place, share in enumerate(spread):
-        np.add.at(weights, (np.arange(other.size), np.clip(numbers + place, 0, own.size - 1)), share)
+        np.add.at(weights, (np.arange(first.size), np.clip(first + place - 1, 0, size - 1)), share)
     return weights
-
-
-def _pairs(bands: Bands) -> list[tuple[float, float]]:
-    return list(zip(bands.edges[:-1], bands.edges[1:], strict=True))

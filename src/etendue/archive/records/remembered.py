@@ -44,6 +44,14 @@ def whole(folder: Path) -> bool:
     return not (path.exists() or path.is_symlink()) or (found is not None and (not found or bool(documents(folder))))
 
 
+def forget(folder: Path, kind: str) -> None:
+    """Drop every document of a kind."""
+    known = documents(folder)
+    kept = {key: one for key, one in known.items() if one.get("kind") != kind}
+    if len(kept) < len(known):
+        disk.write(folder, NAME, json.dumps({**kept, SUM: _sum(kept)}, indent=1).encode())
+
+
 def remember(folder: Path, key: str, document: DocumentView) -> None:
     """Store a document of plain values under its key."""
     known = {k: v for k, v in documents(folder).items() if k != key}

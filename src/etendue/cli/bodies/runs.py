@@ -12,10 +12,11 @@ import click
 
 from etendue.accuracy.answers.recalled import AT_LEAST, SHARE, answer_errors
 from etendue.archive import places
+from etendue.archive.records.remembered import ANSWER, forget
 from etendue.archive.records.rerun import recorded
 from etendue.cli.bodies.plans import pipeline_of, planned
 from etendue.cli.options import Given, Way, from_here, installed, progress
-from etendue.cli.saying import say, show, tell
+from etendue.cli.saying import say, show
 from etendue.present.terminal.answers import print_answers
 from etendue.present.terminal.terminal import outcome_document, print_outcome
 from etendue.run.schedulers import far
@@ -51,8 +52,7 @@ def run(
         measured = global_errors.measured(measurement, folder, made) if measurement and not held else None
         if held:
             measured = global_errors.kept(held, folder, made)
-        if errors:
-            outcome.answers = _answers(outcome, folder, watched, measure)
+        outcome.answers = _answers(outcome, folder, watched, measure, errors)
         if held and measured and outcome.answers:
             measured["hold"]["beyond"] = global_errors.beyond(held, outcome.answers)
     _tell_run(places.placed(outcome, folder, place), measured, way)
@@ -74,9 +74,12 @@ def _tell_run(outcome: Outcome, measured: Document | None, way: Way) -> None:
         show(print_global_error, measured)
 
 
-def _answers(outcome: Outcome, folder: Path, watched: Any, measure: bool) -> Document | None:
-    """Return the errors of what was asked for; None if cells failed."""
-    if outcome.failed:
+def _answers(outcome: Outcome, folder: Path, watched: Any, measure: bool, errors: bool = True) -> Document | None:
+    """Return the errors of what was asked for; None if they are not wanted, or cells failed. Then the archive has none
+    either: those of an earlier run are of other values.
+    """
+    if outcome.failed or not errors:
+        forget(folder, ANSWER)
         return None
     budget = math.inf if measure else max(AT_LEAST, SHARE * outcome.seconds)
     return answer_errors(outcome.plan, installed(), outcome.reports, budget, folder, watched).document()
@@ -90,8 +93,8 @@ def rerun(place: Path | str, way: Way, **how: Any) -> None:
         made = planned(Given(folder), way.silent, recorded(folder).pipeline(options.most_cells))
         _warn(made, way)
         outcome = execute(made, folder, options, watched(made) if watched else None)
-    outcome = places.placed(outcome, folder, place)
-    tell(way.as_json, outcome_document(outcome), lambda _: print_outcome(outcome))
+        outcome.answers = _answers(outcome, folder, watched, measure=False)
+    _tell_run(places.placed(outcome, folder, place), None, way)
     sys.exit(3 if outcome.failed else 0)
 
 

@@ -19,7 +19,7 @@ from etendue.archive.records.remembered import ANSWER, documents, latest
 from etendue.archive.sharding.unfolding import check_group
 from etendue.present.page.opened import Opened
 from etendue.present.plots.summary.cells import each_of, largest, total
-from etendue.present.terminal.answer_texts import notes, number, parts_text, plus_minus, says_enough
+from etendue.present.terminal.answer_texts import is_sound, notes, number, parts_text, plus_minus, says_enough
 from etendue.types.documents import Document, DocumentView
 
 if TYPE_CHECKING:
@@ -155,18 +155,15 @@ def _shown(value: Any) -> Scalar:
 def answer(opened: Opened) -> Document | None:
     """Return what is known of the errors of an archive's metrics and pictures."""
     stored = latest(opened.folder, ANSWER)
-    if stored is None:
+    if stored is None or not is_sound(stored):  # none, or edited
         return None
-    try:
-        return {
-            "at": {axis.dim: axis.places.get(stored["at"].get(axis.dim), -1) for axis in opened.axes},  # -1: not there
-            "here": _texts(stored["shown"]),
-            "sweep": _texts(stored["errors"]),
-            "pictures": _pictures(stored["errors"]),
-            "notes": notes(stored),
-        }
-    except (KeyError, TypeError, ValueError, AttributeError):  # written by another version, or damaged
-        return None
+    return {
+        "at": {axis.dim: axis.places.get(stored["at"].get(axis.dim), -1) for axis in opened.axes},  # -1: not there
+        "here": _texts(stored["shown"]),
+        "sweep": _texts(stored["errors"]),
+        "pictures": _pictures(stored["errors"]),
+        "notes": notes(stored),
+    }
 
 
 def _texts(errors: DocumentView) -> Document:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from etendue.present.terminal.answer_texts import plus_minus, says_enough
+from etendue.present.terminal.answer_texts import is_sound, plus_minus, says_enough
 from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def stated(tree: xarray.DataTree, answers: DocumentView | None) -> xarray.DataTree:
     """Write errors into the attributes of a tree's variables, where they were measured."""
-    for error in (answers or {}).get("errors", {}).values():
+    for error in answers["errors"].values() if answers is not None and is_sound(answers) else ():
         for group in (
             tree[error["stage"]].subtree if says_enough(error, True) and error["stage"] in tree.children else ()
         ):

@@ -15,11 +15,47 @@ from etendue.types.documents import DocumentView
 MATTERS = 0.02  # of the total: smaller parts are not listed
 
 
+LONGEST = 300  # characters of a text in a stored document
+TEXTS, NUMBERS = ("stage", "variable", "unit"), ("rms", "max")
+
+
+def is_sound(document: Any) -> bool:
+    """Return whether a stored document has the form of ``AnswerErrors.document()``: it may have been edited."""
+    if not isinstance(document, dict) or not isinstance(document.get("at"), dict):
+        return False
+    numbers = [document.get(name) for name in ("points", "seconds", "dear", "budget")]
+    errors, shown = document.get("errors"), document.get("shown")
+    if not all(_is_number(one) for one in numbers) or not isinstance(errors, dict) or not isinstance(shown, dict):
+        return False
+    return all(_is_sound_error(one) for own in (errors, shown) for one in own.values())
+
+
+def _is_sound_error(error: Any) -> bool:
+    if not isinstance(error, dict) or not all(isinstance(error.get(n), dict) for n in ("parts", "fixed", "open")):
+        return False
+    texts = [error.get(name) for name in TEXTS] + [*error["parts"]]
+    texts += [text for own in (error["fixed"], error["open"]) for pair in own.items() for text in pair]
+    parts = error["parts"].values()
+    if not all(isinstance(part, dict) and isinstance(part.get("basis"), str) for part in parts):
+        return False
+    numbers = [part.get(name) for part in (*parts, error) for name in NUMBERS] + [error.get("noise")]
+    return all(isinstance(text, str) and len(text) <= LONGEST for text in texts) and (
+        all(one is None or _is_number(one) for one in numbers)
+        and all(_is_number(error.get(name)) for name in ("points", "scaled"))
+    )
+
+
+def _is_number(value: Any) -> bool:
+    return (isinstance(value, int | float) and not isinstance(value, bool)) or value in ("inf", "-inf")
+
+
 def parts_text(error: DocumentView) -> str:
     """Return the parts of an error that matter, largest first, as ``bins 0.02, spacing 0.01``."""
     total = number(error["rms"])
     own = sorted(((number(part["rms"]), name) for name, part in error["parts"].items()), reverse=True)
-    return ", ".join(f"{name} {value:.1g}" for value, name in own if value > MATTERS * total)
+    known = ", ".join(f"{name} {value:.1g}" for value, name in own if value > MATTERS * total)
+    more = ", ".join(error["open"])
+    return "; ".join(text for text in (known, f"{more} not measured" if more else "") if text)
 
 
 def says_enough(error: DocumentView, complete: bool = False) -> bool:
@@ -37,8 +73,7 @@ def plus_minus(error: DocumentView | None, unit: str = "") -> str:
     """
     if error is None or not says_enough(error):
         return ""
-    parts, more = parts_text(error), ", ".join(error["open"])
-    inside = "; ".join(text for text in (parts, f"{more} not measured" if more else "") if text)
+    inside = parts_text(error)
     noise = f" \u00b1{number(error['noise']):.1g} (noise)" if error.get("noise") else ""
     shown = f"\u00b1{number(error['rms']):.2g} {unit if unit != '1' else ''}".rstrip()
     return f"{shown}{f' ({inside})' if inside else ''}{noise}"
@@ -51,20 +86,31 @@ def number(value: Any) -> float:
 
 def notes(document: DocumentView) -> list[str]:
     """Return what was measured where, and what was not, with what it would take."""
-    errors = document["errors"].values()
-    points = document["points"]
-    factor = max((one["scaled"] for one in errors), default=1.0)
+    if document.get("why"):
+        return [f"error of the answer not measured: {document['why']}"]
+    errors, points = document["errors"].values(), document["points"]
+    factor = max((number(one["scaled"]) for one in errors), default=1.0)
     where = "" if points == 1 and factor == 1 else f" at {points} point{'s' if points > 1 else ''} of the sweep"
     spread = f"; errors are {factor:g} times the largest of these, for the points between" if factor > 1 else ""
     when = "by an earlier run" if document["remembered"] else f"in {human_seconds(document['seconds'])}"
-    said = [f"measured{where} without noise, {when}{spread}"] if any(one["parts"] for one in errors) else []
+    said = [f"measured{where} without noise, {when}{spread}"] if any(says_enough(one) for one in errors) else []
     fixed = {f"{name}: {why}" for one in errors for name, why in one["fixed"].items()}
     said += [f"not refined: {text}" for text in sorted(fixed)]
-    costly = dict.fromkeys(
-        name for one in errors for name, why in one["open"].items() if "costs" in why or "memory" in why
-    )
+    costly: dict[str, None] = {}
+    others: dict[str, list[str]] = {}
+    for one in errors:
+        for name, why in one["open"].items():
+            if "costs about" in why:
+                costly[name] = None
+            else:
+                others.setdefault(f"{name}: {why}", []).append(one["variable"])
     if costly:
         said.append(
             f"not measured: {', '.join(costly)}, which costs about {human_seconds(document['dear'])}: --measure"
         )
+    said += [f"not measured: {text} ({_few(names)})" for text, names in others.items()]
     return said
+
+
+def _few(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

@@ -31,6 +31,18 @@ def _linear_photograph(path: str, rows: int, columns: int) -> Any:
     return _read_photograph(path, rows, columns, (state.st_mtime_ns, state.st_size))
 
 
+def _pixels(path: str) -> tuple[int, int]:
+    """Return the height and width of a picture file."""
+    state = os.stat(path)
+    return _counted(path, (state.st_mtime_ns, state.st_size))
+
+
+@lru_cache(maxsize=16)
+def _counted(path: str, state: tuple[int, int]) -> tuple[int, int]:
+    height, width = read_picture(path).values.shape[:2]
+    return height, width
+
+
 @lru_cache(maxsize=4)
 def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int]) -> Any:
     """Return linear sRGB (3, rows, columns) from the largest centred crop of the right shape, area-averaged in linear
@@ -67,6 +79,13 @@ class Photograph(Scene):
 
     def band_limit(self) -> float:
         return 0.5 / self.spacing
+
+    def discretisations(self) -> dict[str, str]:
+        """Return bins, spacing and margin; samples finer than the pixels of the file add nothing."""
+        rows, columns = self.size()
+        height, width = _pixels(self.file)
+        finer = min(height / rows, width / columns) < 2
+        return {**super().discretisations(), **({"spacing": "that of the file"} if finer else {})}
 
     def rendered(self) -> None:
         """Return None: the processing by camera and file format is unknown."""
