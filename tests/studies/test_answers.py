@@ -212,7 +212,7 @@ def test_texts_say_what_is_missing_and_nothing_where_too_little_is_known() -> No
     document["noise"] = 0.4
     assert plus_minus(document, "dB") == "\u00b10.03 dB (bins 0.02, spacing 0.01) \u00b10.4 (noise)"
     document |= {"open": {"margin": "costs about 40 s"}, "noise": None}
-    assert plus_minus(document, "dB") == "\u00b10.03 dB (bins 0.02, spacing 0.01; margin not measured)"
+    assert plus_minus(document, "dB") == "at least \u00b10.03 dB (bins 0.02, spacing 0.01; margin not measured)"
     bound = {"omissions": {"rms": 1e-5, "basis": "bound"}}
     assert plus_minus({**document, "parts": bound}, "dB") == ""  # says nothing of what is larger
     assert plus_minus({**document, "parts": {}}) == ""
@@ -366,3 +366,25 @@ def test_the_report_never_shows_the_errors_of_another_run(tmp_path: Any, monkeyp
     assert none is None
     assert fine != coarse
     assert run() == coarse  # recalled, and stored last
+
+
+def test_a_finished_run_that_is_interrupted_in_its_pilot_still_tells_its_results(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("etendue.cli.bodies.runs.answer_errors", interrupted)
+    (tmp_path / "answer.toml").write_text(dumps(pipeline()))
+    words = ["run", str(tmp_path / "answer.toml"), "--archive", str(tmp_path / "a"), "--quiet"]
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 0
+    assert "not measured: interrupted" in " ".join(done.stdout.split())
+    assert "mean_snr" in done.stdout
+
+
+def test_what_would_make_the_answer_better_is_said() -> None:
+    found = stated(pipeline())
+    assert found.remedies["bins"] == "scene.bin_width = 25"
+    assert found.remedies["spacing"] == "scene.spacing = 1"
+    assert any(text.startswith("finer: ") for text in notes(found.document()))

@@ -103,6 +103,7 @@ class AnswerErrors:
     budget: float = 0.0  # seconds that it was allowed to take
     remembered: bool = False
     why: str = ""  # nothing could be measured, and why
+    remedies: Mapping[str, str] = field(default_factory=dict)  # by discretisation, the parameters that refine it by two
 
     def document(self) -> Document:
         """Return the document that is stored and printed by ``--json``."""
@@ -116,6 +117,7 @@ class AnswerErrors:
             "budget": self.budget,
             "remembered": self.remembered,
             "why": self.why,
+            "remedies": dict(self.remedies),
         }
 
 
@@ -123,8 +125,11 @@ def answers_of(document: DocumentView) -> AnswerErrors | None:
     """Return what was stored; None if it has another form."""
     try:
         errors, shown = ({n: error_of(one) for n, one in document[name].items()} for name in ("errors", "shown"))
+        remedies = {str(name): str(text) for name, text in document.get("remedies", {}).items()}
         seconds, dear, budget = (_number(document[name]) for name in ("seconds", "dear", "budget"))
-        return AnswerErrors(errors, shown, document["at"], int(document["points"]), seconds, dear, budget, True)
+        return AnswerErrors(
+            errors, shown, document["at"], int(document["points"]), seconds, dear, budget, True, "", remedies
+        )
     except (KeyError, TypeError, ValueError, AttributeError):
         return None
 

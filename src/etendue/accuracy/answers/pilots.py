@@ -78,7 +78,8 @@ def state_errors(
     errors = {name: worst(one[name] for one in found) for name in found[0]}
     if len(found) < math.prod(len(axis.values) for axis in plan.axes):
         errors = scaled(errors, ELSEWHERE)
-    return AnswerErrors(errors, found[0], at, len(found), time.process_time() - began, dear, budget)
+    remedies = Point(plan, registry, at, plan.wanted).remedies()
+    return AnswerErrors(errors, found[0], at, len(found), time.process_time() - began, dear, budget, remedies=remedies)
 
 
 def _rate(plan: Plan, reports: Reports | None) -> float:
@@ -98,23 +99,7 @@ def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerErr
     parts: Parts = {one: {} for one in plan.wanted}
     missing: Texts = {one: {} for one in plan.wanted}
     fixed, dear = dict(point.fixed()), 0.0
-    order = [*SAFETY, *point.names()]
-    for name in sorted(point.names(), key=order.index):
-        affected = point.affected(plan, name)
-        for one in plan.wanted:
-            if one not in affected:
-                parts[one][name] = Part(0.0, 0.0, "not affected")
-        try:
-            pair = _refined(evaluations, name) if affected else None
-        except TooDear as error:
-            dear += error.seconds
-            for one in affected:
-                missing[one][name] = str(error)
-            continue
-        if pair:
-            _compare(parts, missing, pair, name, affected)
-        elif affected:
-            fixed[name] = f"the stages accept no finer one{f' ({point.refusal})' if point.refusal else ''}"
+    dear += _refine_all(plan, evaluations, parts, missing, fixed)
     try:
         pair = _omitted(evaluations)
         if pair:
@@ -141,6 +126,29 @@ def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerErr
         )
         errors[name if names.count(name) == 1 else f"{stage}.{name}"] = own
     return errors, dear
+
+
+def _refine_all(plan: Plan, evaluations: Evaluations, parts: Parts, missing: Texts, fixed: dict[str, str]) -> float:
+    """Add what one refinement of each discretisation changes; return the seconds of what was too costly."""
+    point, dear = evaluations.point, 0.0
+    order = [*SAFETY, *point.names()]
+    for name in sorted(point.names(), key=order.index):
+        affected = point.affected(plan, name)
+        for one in plan.wanted:
+            if one not in affected:
+                parts[one][name] = Part(0.0, 0.0, "not affected")
+        try:
+            pair = _refined(evaluations, name) if affected else None
+        except TooDear as error:
+            dear += error.seconds
+            for one in affected:
+                missing[one][name] = str(error)
+            continue
+        if pair:
+            _compare(parts, missing, pair, name, affected)
+        elif affected:
+            fixed[name] = f"the stages accept no finer one{f' ({point.refusal})' if point.refusal else ''}"
+    return dear
 
 
 def _omitted(evaluations: Evaluations) -> list[Evaluated] | None:

@@ -63,6 +63,15 @@ class Point:
         """Return the discretisations that can be refined."""
         return list(dict.fromkeys(name for _, name, why in self._discretisations() if not why))
 
+    def remedies(self) -> dict[str, str]:
+        """Return, for each discretisation, the parameters that refine it by two, as in the file."""
+        found = {}
+        for name in self.names():
+            values = self.values_of({name: 2}) or {}
+            own = [f"{stage}.{key} = {value:.4g}" for stage, some in values.items() for key, value in some.items()]
+            found[name] = ", ".join(own)
+        return found
+
     def affected(self, plan: Plan, name: str) -> list[StageVariable]:
         """Return the wanted variables that a discretisation can change."""
         stages = {stage for stage, own, why in self._discretisations() if own == name and not why}

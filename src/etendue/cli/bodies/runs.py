@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from etendue.accuracy.answers.error import AnswerErrors
 from etendue.accuracy.answers.recalled import AT_LEAST, SHARE, answer_errors
 from etendue.archive import places
 from etendue.archive.records.remembered import ANSWER, forget
@@ -82,7 +83,10 @@ def _answers(outcome: Outcome, folder: Path, watched: Any, measure: bool, errors
         forget(folder, ANSWER)
         return None
     budget = math.inf if measure else max(AT_LEAST, SHARE * outcome.seconds)
-    return answer_errors(outcome.plan, installed(), outcome.reports, budget, folder, watched).document()
+    try:
+        return answer_errors(outcome.plan, installed(), outcome.reports, budget, folder, watched).document()
+    except KeyboardInterrupt:  # the run is complete: only the error of its answer is not
+        return AnswerErrors({}, {}, {}, why="interrupted").document()
 
 
 def rerun(place: Path | str, way: Way, **how: Any) -> None:

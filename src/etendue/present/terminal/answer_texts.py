@@ -24,10 +24,17 @@ def is_sound(document: Any) -> bool:
     if not isinstance(document, dict) or not isinstance(document.get("at"), dict):
         return False
     numbers = [document.get(name) for name in ("points", "seconds", "dear", "budget")]
+    texts = [text for pair in _items(document.get("remedies")) for text in pair]
+    if not all(isinstance(text, str) and len(text) <= LONGEST for text in texts):
+        return False
     errors, shown = document.get("errors"), document.get("shown")
     if not all(_is_number(one) for one in numbers) or not isinstance(errors, dict) or not isinstance(shown, dict):
         return False
     return all(_is_sound_error(one) for own in (errors, shown) for one in own.values())
+
+
+def _items(found: Any) -> list[tuple[Any, Any]]:
+    return list(found.items()) if isinstance(found, dict) else []
 
 
 def _is_sound_error(error: Any) -> bool:
@@ -46,15 +53,17 @@ def _is_sound_error(error: Any) -> bool:
 
 
 def _is_number(value: Any) -> bool:
-    return (isinstance(value, int | float) and not isinstance(value, bool)) or value in ("inf", "-inf")
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return value in ("inf", "-inf")
+    return isinstance(value, float) or abs(value) < 1e15
 
 
-def parts_text(error: DocumentView) -> str:
-    """Return the parts of an error that matter, largest first, as ``bins 0.02, spacing 0.01``."""
+def parts_text(error: DocumentView, missing: bool = True) -> str:
+    """Return the parts of an error that matter, largest first, as ``bins 0.02, spacing 0.01``, and those missing."""
     total = number(error["rms"])
     own = sorted(((number(part["rms"]), name) for name, part in error["parts"].items()), reverse=True)
     known = ", ".join(f"{name} {value:.1g}" for value, name in own if value > MATTERS * total)
-    more = ", ".join(error["open"])
+    more = ", ".join(error["open"]) if missing else ""
     return "; ".join(text for text in (known, f"{more} not measured" if more else "") if text)
 
 
@@ -75,7 +84,8 @@ def plus_minus(error: DocumentView | None, unit: str = "") -> str:
         return ""
     inside = parts_text(error)
     noise = f" \u00b1{number(error['noise']):.1g} (noise)" if error.get("noise") else ""
-    shown = f"\u00b1{number(error['rms']):.2g} {unit if unit != '1' else ''}".rstrip()
+    least = "at least " if error["open"] else ""  # parts are missing
+    shown = f"{least}\u00b1{number(error['rms']):.2g} {unit if unit != '1' else ''}".rstrip()
     return f"{shown}{f' ({inside})' if inside else ''}{noise}"
 
 
@@ -96,20 +106,25 @@ def notes(document: DocumentView) -> list[str]:
     said = [f"measured{where} without noise, {when}{spread}"] if any(says_enough(one) for one in errors) else []
     fixed = {f"{name}: {why}" for one in errors for name, why in one["fixed"].items()}
     said += [f"not refined: {text}" for text in sorted(fixed)]
+    remedies = [f"{name}: {text}" for name, text in document.get("remedies", {}).items()]
+    if remedies and said:
+        said.append(f"finer: {', '.join(remedies)}")
+    return said + _missing(document)
+
+
+def _missing(document: DocumentView) -> list[str]:
+    """Return which parts were not measured: too costly, or for another reason."""
     costly: dict[str, None] = {}
     others: dict[str, list[str]] = {}
-    for one in errors:
+    for one in document["errors"].values():
         for name, why in one["open"].items():
             if "costs about" in why:
                 costly[name] = None
             else:
                 others.setdefault(f"{name}: {why}", []).append(one["variable"])
-    if costly:
-        said.append(
-            f"not measured: {', '.join(costly)}, which costs about {human_seconds(document['dear'])}: --measure"
-        )
-    said += [f"not measured: {text} ({_few(names)})" for text, names in others.items()]
-    return said
+    seconds = human_seconds(document["dear"])
+    said = [f"not measured: {', '.join(costly)}, which costs about {seconds}: --measure"] if costly else []
+    return said + [f"not measured: {text} ({_few(names)})" for text, names in others.items()]
 
 
 def _few(names: list[str]) -> str:

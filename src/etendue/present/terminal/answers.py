@@ -25,7 +25,9 @@ def print_answers(document: DocumentView | None) -> None:
         return
     errors = [(name, one) for name, one in document["errors"].items() if says_enough(one)]
     errors.sort(key=lambda item: (item[1]["unit"] != "", -number(item[1]["rms"])))
-    rows: list[Document] = [{**one, "name": name, "mostly": parts_text(one)} for name, one in errors[:SHOWN]]
+    rows: list[Document] = [
+        {**one, "name": name, "mostly": parts_text(one, missing=False)} for name, one in errors[:SHOWN]
+    ]
     if rows:
         out.print("")
         out.print(
@@ -51,7 +53,7 @@ def _value(row: DocumentView, name: str) -> str:
         return "unknown"
     unit = row["unit"] if row["unit"] != "1" else ""
     sign = "\u00b1" if row["unit"] else ""
-    return f"{sign}{value:.2g} {unit}".rstrip()
+    return f"{'at least ' if row['open'] else ''}{sign}{value:.2g} {unit}".rstrip()
 
 
 def print_plan_with_errors(document: Document) -> None:

@@ -362,5 +362,6 @@ def _print_figures(console: Console, outcome: Any) -> None:
     for own in figures:
         without = f"  without {', '.join(own.without)}" if own.without else ""
         error = plus_minus(outcome.error_of(own.stage, own.variable), own.unit)
-        shown = f"{own.value:.5g} {error or (own.unit if own.unit != '1' else '')}".rstrip()
+        plain = f"{own.unit if own.unit != '1' else ''}{' (error not measured)' if outcome.answers else ''}".strip()
+        shown = f"{own.value:.5g} {error or plain}".rstrip()
         console.print(f"{own.name:32s} {shown}{escape(without)}")
