@@ -159,7 +159,7 @@ def test_a_run_ends_with_three_where_a_cell_failed_also_when_it_is_run_again(com
         "planned": lambda *_: made,
         "recorded": lambda folder: SimpleNamespace(pipeline=lambda most: made),
         "execute": lambda *_: SimpleNamespace(failed=failed, answers=None),
-        "_answers": lambda *_: None,
+        "_answers": lambda *_, **__: None,
         "outcome_document": lambda outcome: {},
     }.items():
         monkeypatch.setattr(runs, name, does)
