@@ -47,7 +47,7 @@ class _Held(click.ParamType):  # type: ignore[type-arg]
         try:
             error = float(text)
         except ValueError:
-            self.fail(f"{value!r} is neither a number nor METRIC=NUMBER, such as mean_snr=0.1", param, ctx)
+            self.fail(f"{value!r} is neither a number nor METRIC=NUMBER, such as contrast=0.1", param, ctx)
         if not 0 < error <= (math.inf if metric else 1.0):
             self.fail(f"{error:g} must be above 0{'' if metric else ' and at most 1'}", param, ctx)
         return metric.strip(), error
