@@ -330,6 +330,9 @@ def test_a_stage_that_fails_when_refined_does_not_fail_the_run(monkeypatch: pyte
 
 EDITED: list[Any] = [
     [],
+    {"at": {"f_number": [[2]]}},
+    {"at": {}, "remedies": ["bins"]},
+    {"at": {}, "why": 3},
     {"errors": {}},
     {"at": {}, "points": "1"},
     *({"part": {"rms": wrong, "max": 0.0, "basis": "refined"}} for wrong in ("much", [], {}, True)),
@@ -365,7 +368,10 @@ def test_the_report_never_shows_the_errors_of_another_run(tmp_path: Any, monkeyp
     coarse, none, fine = run("--measure"), run("--no-errors", *finer), run("--measure", *finer)
     assert none is None
     assert fine != coarse
-    assert run() == coarse  # recalled, and stored last
+    assert run() == coarse  # recalled, and the only one
+    before = (tmp_path / "a" / "measured.json").stat().st_mtime_ns
+    run()
+    assert (tmp_path / "a" / "measured.json").stat().st_mtime_ns == before  # nothing new, nothing written
 
 
 def test_a_finished_run_that_is_interrupted_in_its_pilot_still_tells_its_results(

@@ -130,7 +130,7 @@ def answers_of(document: DocumentView) -> AnswerErrors | None:
         return AnswerErrors(
             errors, shown, document["at"], int(document["points"]), seconds, dear, budget, True, "", remedies
         )
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         return None
 
 

@@ -15,6 +15,7 @@ from etendue.accuracy.answers.refinement import Factors, Point
 from etendue.contract.ports import Progress
 from etendue.errors import MachineError
 from etendue.plan.model import Plan, StageVariable
+from etendue.present.terminal.answer_texts import shortened
 from etendue.run.machine import check_machine
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ class Evaluations:
                 try:
                     check_machine(replace(plan, kept=frozenset(plan.wanted)), None, pictures=False)
                 except MachineError as error:
-                    raise TooDear(seconds, f"needs more memory: {str(error).splitlines()[0]}") from None
+                    raise TooDear(seconds, f"needs more memory: {shortened(str(error))}") from None
         if seconds > self.left:
             raise TooDear(seconds)
         return [self._of(one, plan) for one, plan in zip(which, plans, strict=True)]

@@ -49,7 +49,8 @@ def answer_errors(
         except Exception as error:
             return AnswerErrors({}, {}, {}, why=f"{where(error)}{plain(str(error) or type(error).__name__)}")
         cache.write(KIND, answer_key(plan), json.dumps(finite(found.document())).encode())
-    if folder is not None:  # the last one stored is that of the last run
+    stored = _read(documents(folder).get(answer_key(plan))) if folder is not None else None
+    if folder is not None and (stored is None or stored.dear > found.dear):  # a run that adds nothing writes nothing
         remember(folder, answer_key(plan), finite({**found.document(), "kind": ANSWER}))
     return found
 

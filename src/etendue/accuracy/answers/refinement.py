@@ -24,6 +24,7 @@ from etendue.plan.ancestry import ancestry, behind, in_front
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.planner import make_plan
+from etendue.present.terminal.answer_texts import shortened
 from etendue.session import Options, collect
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ class Point:
             pipeline = self.pipeline if how == AS_PLANNED else self.with_values(values, how == EXACT)
             plan = make_plan(pipeline, self.registry, expected=True)
         except EtendueError as error:
-            self.refusal = str(error).splitlines()[0]
+            self.refusal = shortened(str(error))
             return None
         made = {(stage, name): getattr(plan.of(stage)[0].stage, name) for stage, own in values.items() for name in own}
         return plan if all(made[stage, name] == own[name] for stage, own in values.items() for name in own) else None

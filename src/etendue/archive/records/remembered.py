@@ -26,8 +26,8 @@ def recall(folder: Path, key: str) -> Document | None:
 
 
 def latest(folder: Path, kind: str) -> Document | None:
-    """Return the document stored last of those whose ``kind`` is this, or None."""
-    return next((one for one in reversed(documents(folder).values()) if one.get("kind") == kind), None)
+    """Return the document of a kind, or None."""
+    return next((one for one in documents(folder).values() if one.get("kind") == kind), None)
 
 
 def documents(folder: Path) -> Document:
@@ -49,13 +49,17 @@ def forget(folder: Path, kind: str) -> None:
     known = documents(folder)
     kept = {key: one for key, one in known.items() if one.get("kind") != kind}
     if len(kept) < len(known):
-        disk.write(folder, NAME, json.dumps({**kept, SUM: _sum(kept)}, indent=1).encode())
+        _write(folder, kept)
 
 
 def remember(folder: Path, key: str, document: DocumentView) -> None:
-    """Store a document of plain values under its key."""
-    known = {k: v for k, v in documents(folder).items() if k != key}
-    kept = dict(list(known.items())[-(MOST - 1) :]) | {key: dict(document)}
+    """Store a document of plain values under its key. Of documents that name a ``kind`` only the last one stays."""
+    kind = document.get("kind")
+    known = {k: v for k, v in documents(folder).items() if k != key and (kind is None or v.get("kind") != kind)}
+    _write(folder, dict(list(known.items())[-(MOST - 1) :]) | {key: dict(document)})
+
+
+def _write(folder: Path, kept: DocumentView) -> None:
     disk.write(folder, NAME, json.dumps({**kept, SUM: _sum(kept)}, indent=1).encode())
 
 

@@ -157,8 +157,9 @@ def answer(opened: Opened) -> Document | None:
     stored = latest(opened.folder, ANSWER)
     if stored is None or not is_sound(stored):  # none, or edited
         return None
+    at = {dim: tuple(value) if isinstance(value, list) else value for dim, value in stored["at"].items()}
     return {
-        "at": {axis.dim: axis.places.get(stored["at"].get(axis.dim), -1) for axis in opened.axes},  # -1: not there
+        "at": {axis.dim: axis.places.get(at.get(axis.dim), -1) for axis in opened.axes},  # -1: not there
         "here": _texts(stored["shown"]),
         "sweep": _texts(stored["errors"]),
         "pictures": _pictures(stored["errors"]),

@@ -13,18 +13,25 @@ from etendue.telling import human_seconds
 from etendue.types.documents import DocumentView
 
 MATTERS = 0.02  # of the total: smaller parts are not listed
-
-
 LONGEST = 300  # characters of a text in a stored document
 TEXTS, NUMBERS = ("stage", "variable", "unit"), ("rms", "max")
+
+
+def shortened(text: str) -> str:
+    """Return the first line of a message, short enough to be stored."""
+    line = text.partition("\n")[0]
+    return line if len(line) <= LONGEST // 2 else f"{line[: LONGEST // 2]}..."
 
 
 def is_sound(document: Any) -> bool:
     """Return whether a stored document has the form of ``AnswerErrors.document()``: it may have been edited."""
     if not isinstance(document, dict) or not isinstance(document.get("at"), dict):
         return False
+    remedies, why = document.get("remedies", {}), document.get("why", "")
+    if not isinstance(remedies, dict) or not isinstance(why, str) or not all(map(_is_place, document["at"].values())):
+        return False
     numbers = [document.get(name) for name in ("points", "seconds", "dear", "budget")]
-    texts = [text for pair in _items(document.get("remedies")) for text in pair]
+    texts = [text for pair in remedies.items() for text in pair]
     if not all(isinstance(text, str) and len(text) <= LONGEST for text in texts):
         return False
     errors, shown = document.get("errors"), document.get("shown")
@@ -33,8 +40,9 @@ def is_sound(document: Any) -> bool:
     return all(_is_sound_error(one) for own in (errors, shown) for one in own.values())
 
 
-def _items(found: Any) -> list[tuple[Any, Any]]:
-    return list(found.items()) if isinstance(found, dict) else []
+def _is_place(value: Any) -> bool:
+    """Return whether an axis may have this value: a scalar, or a list of scalars."""
+    return not any(isinstance(one, list | dict) for one in (value if isinstance(value, list) else [value]))
 
 
 def _is_sound_error(error: Any) -> bool:
@@ -102,7 +110,7 @@ def notes(document: DocumentView) -> list[str]:
     factor = max((number(one["scaled"]) for one in errors), default=1.0)
     where = "" if points == 1 and factor == 1 else f" at {points} point{'s' if points > 1 else ''} of the sweep"
     spread = f"; errors are {factor:g} times the largest of these, for the points between" if factor > 1 else ""
-    when = "by an earlier run" if document["remembered"] else f"in {human_seconds(document['seconds'])}"
+    when = "by an earlier run" if document["remembered"] else f"in {human_seconds(number(document['seconds']))}"
     said = [f"measured{where} without noise, {when}{spread}"] if any(says_enough(one) for one in errors) else []
     fixed = {f"{name}: {why}" for one in errors for name, why in one["fixed"].items()}
     said += [f"not refined: {text}" for text in sorted(fixed)]
@@ -122,7 +130,7 @@ def _missing(document: DocumentView) -> list[str]:
                 costly[name] = None
             else:
                 others.setdefault(f"{name}: {why}", []).append(one["variable"])
-    seconds = human_seconds(document["dear"])
+    seconds = human_seconds(number(document["dear"]))
     said = [f"not measured: {', '.join(costly)}, which costs about {seconds}: --measure"] if costly else []
     return said + [f"not measured: {text} ({_few(names)})" for text, names in others.items()]
 
