@@ -394,3 +394,12 @@ def test_what_would_make_the_answer_better_is_said() -> None:
     assert found.remedies["bins"] == "scene.bin_width = 25"
     assert found.remedies["spacing"] == "scene.spacing = 1"
     assert any(text.startswith("finer: ") for text in notes(found.document()))
+    assert "margin" not in stated(pipeline(use="colorchecker")).remedies
+
+
+def test_what_the_stages_refuse_is_no_remedy_and_the_stage_says_why() -> None:
+    made = pipeline(spacing=4.0)
+    made["stages"][3] |= {"sampling": "paper"}
+    found = stated(made)
+    assert "spacing" not in found.remedies
+    assert "sampling = 'paper'" in found.errors["photon_rate"].fixed["spacing"]

@@ -78,7 +78,9 @@ def state_errors(
     errors = {name: worst(one[name] for one in found) for name in found[0]}
     if len(found) < math.prod(len(axis.values) for axis in plan.axes):
         errors = scaled(errors, ELSEWHERE)
-    remedies = Point(plan, registry, at, plan.wanted).remedies()
+    refused = {name for one in errors.values() for name in one.fixed}
+    finer = Point(plan, registry, at, plan.wanted).remedies()
+    remedies = {name: text for name, text in finer.items() if name not in refused}
     return AnswerErrors(errors, found[0], at, len(found), time.process_time() - began, dear, budget, remedies=remedies)
 
 

@@ -17,7 +17,7 @@ from etendue.contract.capabilities import Source
 from etendue.contract.discretised import Discretised
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
-from etendue.errors import EtendueError
+from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.derived import wanting, with_values
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import ancestry, behind, in_front
@@ -26,6 +26,7 @@ from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.planner import make_plan
 from etendue.present.terminal.answer_texts import shortened
 from etendue.session import Options, collect
+from etendue.telling import plain
 
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
@@ -118,7 +119,8 @@ class Point:
             pipeline = self.pipeline if how == AS_PLANNED else self.with_values(values, how == EXACT)
             plan = make_plan(pipeline, self.registry, expected=True)
         except EtendueError as error:
-            self.refusal = shortened(str(error))
+            faults = error.faults if isinstance(error, RequestError) else ()
+            self.refusal = shortened(faults[0].message if faults else plain(str(error)))
             return None
         made = {(stage, name): getattr(plan.of(stage)[0].stage, name) for stage, own in values.items() for name in own}
         return plan if all(made[stage, name] == own[name] for stage, own in values.items() for name in own) else None
