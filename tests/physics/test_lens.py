@@ -104,7 +104,7 @@ def test_faulty_tables_are_refused():
     for radius, psf, message in (
         (good + 1.0, good, "start at 0"),
         (good[::-1] - 2.0, good, "start at 0 um and grow"),
-        (good, good[:2], "equally"),
+        (good, good[:2], "equal length"),
         (good, np.array([1.0, np.nan, 0.0]), "finite"),
         (good, -good, "total energy"),
         (good[:1], good[:1], "at least two"),
