@@ -11,13 +11,14 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from etendue import interrupts
 from etendue.archive import places
 from etendue.archive.records.provenance import platform_record
 from etendue.compute.jobs import make_jobs
-from etendue.contract.ports import CellReport, Keeper, Progress
+from etendue.contract.ports import CellReport, Keeper, Progress, WrittenChunk
 from etendue.errors import RequestError
 from etendue.pipeline.file import (
     PipelineFile,
@@ -131,6 +132,25 @@ class Collected:
     reports: dict[CellRef, CellReport] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class HeldArrays:
+    """The arrays of a cell that was computed earlier, as a ``Target`` that is only read."""
+
+    arrays: Mapping[str, Array]
+
+    def write(self, arrays: Mapping[str, Any]) -> tuple[WrittenChunk, ...]:
+        return ()  # never called: the cell is not computed again
+
+    def read(self, variable: str) -> Array:
+        return self.arrays[variable]
+
+    def read_band(self, variable: str, band: int) -> Array:
+        found: Array = self.arrays[variable][band]
+        return found
+
+    def settle(self) -> None: ...
+
+
 class _Silent:
     """Progress that is not shown."""
 
@@ -233,8 +253,11 @@ def collect(
     wanted: Mapping[CellRef, Iterable[str]],
     options: Options | None = None,
     progress: Progress | None = None,
+    known: Mapping[CellRef, Mapping[str, Array]] = MappingProxyType({}),
 ) -> Collected:
     """Compute some variables of some cells of a plan, and what they need, in memory; store nothing.
+
+    ``known``: arrays of cells that need not be computed again.
 
     Raises
     ------
@@ -259,7 +282,9 @@ def collect(
 
     with interrupts.held(), SELDOM_COLLECTING:
         alone = replace(plan, kept=frozenset())
-        jobs = make_jobs(alone, ancestry(alone, chosen), lambda cell: None, show=frozenset(chosen))
+        held = {ref: HeldArrays(own) for ref, own in known.items()}
+        todo = ancestry(alone, chosen, known.keys()) - known.keys()
+        jobs = make_jobs(alone, todo, lambda cell: held.get(cell.ref), show=frozenset(chosen))
         progress.begin(len(jobs))
         try:
             interrupts.check()

@@ -6,14 +6,14 @@ Out: these cells and all that they depend on, directly or indirectly.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from etendue.contract.stage import looks_at_stages
 from etendue.plan.model import CellRef, Node, Plan
 
 
-def ancestry(plan: Plan, refs: Iterable[CellRef]) -> set[CellRef]:
-    """Return the cells and every cell whose result they need."""
+def ancestry(plan: Plan, refs: Iterable[CellRef], known: Collection[CellRef] = ()) -> set[CellRef]:
+    """Return the cells and every cell whose result they need; what ``known`` cells need is not."""
     nodes = {node.name: node for node in plan.nodes}
     found: set[CellRef] = set()
     open_ = list(refs)
@@ -21,7 +21,7 @@ def ancestry(plan: Plan, refs: Iterable[CellRef]) -> set[CellRef]:
         ref = open_.pop()
         if ref not in found:
             found.add(ref)
-            open_ += _needed_by(plan, nodes, ref)
+            open_ += () if ref in known else _needed_by(plan, nodes, ref)
     return found
 
 

@@ -45,14 +45,14 @@ def without_collecting() -> Iterator[None]:
 
 
 @contextmanager
-def _asked() -> Iterator[None]:
+def asked_of_stages() -> Iterator[None]:
     """Guard the calls to stages, some of which belong to other distributions."""
     with Guest("a stage, when it was planned,"):
         yield
 
 
 @without_collecting()
-@_asked()
+@asked_of_stages()
 def make_plan(
     pipeline: PipelineFile,
     registry: Registry,

@@ -27,6 +27,7 @@ class Choice:
     # library versions for the keys, instead of the installed ones
     versions: Mapping[str, str] = field(default_factory=dict)
     computed: frozenset[str] = frozenset()  # stages that are not left out, whatever their bound
+    keys: bool = True  # whether cells have keys; without, nothing can be stored or found again
 
 
 class Request:

@@ -6,15 +6,19 @@ Out: plans and values; ``TooDear`` before one that would exceed the budget.
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from etendue.accuracy.answers.refinement import Factors, Point
-from etendue.contract.ports import Progress
+from etendue.accuracy.answers.refinement import AS_PLANNED, DRAWN, Factors, Point
+from etendue.contract.ports import CellReport, Progress
 from etendue.errors import MachineError
-from etendue.plan.model import Plan, StageVariable
+from etendue.plan.cost import cell_seconds
+from etendue.plan.model import CellRef, Plan, StageVariable
+from etendue.plan.reports import Reports
+from etendue.plan.shown import shown_cells
 from etendue.present.terminal.answer_texts import shortened
 from etendue.run.machine import check_machine
 
@@ -23,7 +27,8 @@ if TYPE_CHECKING:
 
 Evaluated = tuple[Plan, dict[StageVariable, "Array"]]
 Shown = Callable[[Plan], Progress] | None
-PLANNING = 0.02  # seconds of a plan of one point, until one was made
+PLANNING = 0.01  # seconds of a plan of one point, until one was made
+ENGINE = 3e-4  # seconds that the engine adds for a cell
 
 
 class TooDear(Exception):
@@ -34,22 +39,53 @@ class TooDear(Exception):
         super().__init__(why or f"costs about {seconds:.2g} s")
 
 
+class Rates:
+    """Measured over predicted seconds of the stages of a pipeline, and what the engine adds for every cell.
+
+    Parameters
+    ----------
+    plan, reports : of a run whose seconds are known already
+    """
+
+    def __init__(self, plan: Plan, reports: Reports | None) -> None:
+        self.of: dict[str, float] = {}
+        for ref in shown_cells(plan).values():
+            report = None if reports is None else reports.get(ref)
+            if report is not None:
+                self.learn(plan, report)
+
+    def learn(self, plan: Plan, report: CellReport) -> None:
+        if report.status == "done":
+            ref = report.stage, report.index
+            predicted = cell_seconds(plan.node(report.stage), plan.cells[ref], plan.precision)
+            self.of[report.stage] = report.seconds / predicted
+
+    def seconds(self, plan: Plan, refs: Iterable[CellRef]) -> float:
+        """Return the expected seconds of some cells."""
+        cells = [plan.cells[ref] for ref in refs]
+        return math.fsum(
+            ENGINE + self.of.get(cell.node, 1.0) * cell_seconds(plan.node(cell.node), cell, plan.precision)
+            for cell in cells
+        )
+
+
 class Evaluations:
     """Evaluations of one point.
 
     Parameters
     ----------
     point : what is evaluated
-    rate : measured over predicted seconds
+    rates : of its stages
     until : ``time.process_time()`` at which the budget ends
     shown : returns the progress to show of a plan, or None
     """
 
-    def __init__(self, point: Point, rate: float, until: float, shown: Shown = None) -> None:
-        self.point, self.rate, self.until, self.shown = point, rate, until, shown
+    def __init__(self, point: Point, rates: Rates, until: float, shown: Shown = None) -> None:
+        self.point, self.rates, self.until, self.shown = point, rates, until, shown
         self.planning = PLANNING
         self._plans: dict[tuple[object, ...], Plan | None] = {}
         self._values: dict[tuple[object, ...], Evaluated] = {}
+        self._before_noise: Mapping[CellRef, Mapping[str, Array]] = {}
 
     @property
     def left(self) -> float:
@@ -81,7 +117,7 @@ class Evaluations:
                 return None
             plans.append(plan)
             if _key(*one) not in self._values:
-                seconds += self.rate * self.point.seconds(plan)
+                seconds += self._seconds(plan, one[1])
                 try:
                     check_machine(replace(plan, kept=frozenset(plan.wanted)), None, pictures=False)
                 except MachineError as error:
@@ -90,14 +126,22 @@ class Evaluations:
             raise TooDear(seconds)
         return [self._of(one, plan) for one, plan in zip(which, plans, strict=True)]
 
+    def _seconds(self, plan: Plan, how: str) -> float:
+        known = self.point.before_noise.keys() if how == DRAWN else ()
+        return self.rates.seconds(plan, self.point.needed(plan, known))
+
     def _of(self, which: tuple[Factors, str], plan: Plan) -> Evaluated:
-        key = _key(*which)
+        key, how = _key(*which), which[1]
         if key not in self._values:
-            began = time.process_time()
-            progress = self.shown(plan) if self.shown and self.rate * self.point.seconds(plan) > 1 else None
-            self._values[key] = plan, self.point.values(plan, progress)
-            took = time.process_time() - began
-            self.rate = max(self.rate, 0.5 * took / max(self.point.seconds(plan), 1e-9))
+            progress = self.shown(plan) if self.shown and self._seconds(plan, how) > 1 else None
+            known = self._before_noise if how == DRAWN else {}
+            more = self.point.before_noise if how == AS_PLANNED else {}
+            found = self.point.computed(plan, progress, known, more)
+            for report in found.reports.values():
+                self.rates.learn(plan, report)
+            if how == AS_PLANNED:
+                self._before_noise = {ref: found.arrays[ref] for ref in more if ref in found.arrays}
+            self._values[key] = plan, self.point.values(plan, found)
         return self._values[key]
 
 

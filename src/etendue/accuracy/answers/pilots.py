@@ -26,15 +26,14 @@ from etendue.accuracy.answers.error import (
     scaled,
     worst,
 )
-from etendue.accuracy.answers.evaluations import Evaluated, Evaluations, Shown, TooDear
+from etendue.accuracy.answers.evaluations import Evaluated, Evaluations, Rates, Shown, TooDear
 from etendue.accuracy.answers.refinement import AS_PLANNED, DRAWN, EXACT, Point
 from etendue.accuracy.answers.regridding import on_grid
 from etendue.accuracy.pilot import chosen_places
 from etendue.contract.registry import Registry
-from etendue.plan.cost import cell_seconds
-from etendue.plan.model import Plan, StageVariable
+from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.reports import Reports
-from etendue.plan.shown import shown_cells, shown_place
+from etendue.plan.shown import shown_place
 
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
@@ -65,16 +64,16 @@ def state_errors(
     places : largest number of points of a sweep
     """
     began, at = time.process_time(), shown_place(plan)
-    rate, dear, longest = _rate(plan, reports), 0.0, 0.0
+    rates, dear, longest = Rates(plan, reports), 0.0, 0.0
     found: list[dict[str, AnswerError]] = []
     for place in (at, *(place for place in chosen_places(plan.axes, places) if place != at)):
         since = time.process_time()
         if found and (dear or began + budget - since < longest):
             break
-        evaluations = Evaluations(Point(plan, registry, place, plan.wanted), rate, began + budget, shown)
+        evaluations = Evaluations(Point(plan, registry, place, plan.wanted), rates, began + budget, shown)
         own, dear = _at_point(plan, evaluations)
         found.append(own)
-        rate, longest = evaluations.rate, max(longest, time.process_time() - since)
+        longest = max(longest, time.process_time() - since)
     errors = {name: worst(one[name] for one in found) for name in found[0]}
     if len(found) < math.prod(len(axis.values) for axis in plan.axes):
         errors = scaled(errors, ELSEWHERE)
@@ -82,17 +81,6 @@ def state_errors(
     finer = Point(plan, registry, at, plan.wanted).remedies()
     remedies = {name: text for name, text in finer.items() if name not in refused}
     return AnswerErrors(errors, found[0], at, len(found), time.process_time() - began, dear, budget, remedies=remedies)
-
-
-def _rate(plan: Plan, reports: Reports | None) -> float:
-    """Return the measured seconds of this run over the predicted ones, at the shown point."""
-    predicted = took = 0.0
-    for ref in shown_cells(plan).values():
-        report = None if reports is None else reports.get(ref)
-        if report is not None and report.status == "done":
-            predicted += cell_seconds(plan.node(ref[0]), plan.cells[ref], plan.precision)
-            took += report.seconds
-    return took / predicted if predicted else 1.0
 
 
 def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerError], float]:
@@ -111,7 +99,7 @@ def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerErr
         dear, why = dear + error.seconds, str(error)
     for one in plan.wanted if why else ():
         missing[one][OMISSIONS] = why
-    noisy = point.noisy(plan)
+    noisy = point.noisy
     try:
         noise = _noise(evaluations, noisy, parts, missing)
     except TooDear as error:
@@ -156,14 +144,15 @@ def _refine_all(plan: Plan, evaluations: Evaluations, parts: Parts, missing: Tex
 def _omitted(evaluations: Evaluations) -> list[Evaluated] | None:
     """Return the evaluations as planned and of the reference; the first twice if both have the same cells."""
     own, exact = evaluations.plan({}, AS_PLANNED), evaluations.plan({}, EXACT)
-    if (
-        own
-        and exact
-        and all(own.cells[ref].key == exact.cells[ref].key for ref in evaluations.point.refs(own).values())
-    ):
+    if own and exact and own.precision == exact.precision and _same(own, exact, evaluations.point.needed(own)):
         found = evaluations.all_of(({}, AS_PLANNED))
         return found and found * 2
     return evaluations.all_of(({}, AS_PLANNED), ({}, EXACT))
+
+
+def _same(own: Plan, exact: Plan, refs: Iterable[CellRef]) -> bool:
+    """Return whether cells are computed alike in two plans of a point."""
+    return all(own.cells[ref].left_out is None and own.cells[ref].stage == exact.cells[ref].stage for ref in refs)
 
 
 def _noise(

@@ -6,26 +6,28 @@ Out: expected values of the wanted variables there, and what computing them cost
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
+from functools import cached_property
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from etendue.accuracy.answers.error import is_number
 from etendue.accuracy.pilot import narrowed
 from etendue.accuracy.reference import reference_of
-from etendue.contract.capabilities import Source
+from etendue.contract.capabilities import Sampled, Source
 from etendue.contract.discretised import Discretised
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
+from etendue.contract.stage import looks_at_stages
 from etendue.errors import EtendueError, RequestError
-from etendue.pipeline.derived import wanting, with_values
-from etendue.pipeline.file import PipelineFile
+from etendue.pipeline.derived import wanting
 from etendue.plan.ancestry import ancestry, behind, in_front
-from etendue.plan.cost import cell_seconds
 from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.planner import make_plan
+from etendue.plan.variants import variant
 from etendue.present.terminal.answer_texts import shortened
-from etendue.session import Options, collect
+from etendue.session import Collected, Options, collect
 from etendue.telling import plain
 
 if TYPE_CHECKING:
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from etendue.types.documents import AxisValues
 
 AS_PLANNED, EXACT, DRAWN = "as planned", "exact", "drawn"
+NOTHING: Mapping[Any, Any] = MappingProxyType({})
 Factors = Mapping[str, int]  # by discretisation: n times as fine, or -n: n times as coarse
 
 
@@ -98,26 +101,19 @@ class Point:
                 found.setdefault(stage, {}).update(values)
         return dict(found)
 
-    def with_values(self, values: Mapping[str, Mapping[str, Any]], exact: bool) -> PipelineFile:
-        """Return the pipeline with parameters of stages, nothing left out; ``exact``: its reference."""
-        pipeline = self.pipeline
-        for stage, own in values.items():
-            pipeline = _written(pipeline, stage, own)
-        return reference_of(pipeline, self.registry).pipeline if exact else replace(pipeline, leave_out=False)
-
     def planned(self, factors: Factors, how: str = "") -> Plan | None:
         """Return the plan with these discretisations; None if it is refused. ``how``: '' with nothing left out,
         ``AS_PLANNED`` with everything as in the run, ``EXACT`` for the reference, ``DRAWN`` for one more draw.
         """
         try:
+            if how == AS_PLANNED:
+                return self.base
             if how == DRAWN:
-                drawn = replace(self.pipeline, seed=self.pipeline.seed + factors["draw"])
-                return make_plan(drawn, self.registry)
+                return variant(self.base, {}, True, expected=False, draw=factors["draw"])
             values = self.values_of(factors)
             if values is None:
                 return None
-            pipeline = self.pipeline if how == AS_PLANNED else self.with_values(values, how == EXACT)
-            plan = make_plan(pipeline, self.registry, expected=True)
+            plan = variant(self.base, values) if how != EXACT else variant(self.base, self.best, precision="float64")
         except EtendueError as error:
             faults = error.faults if isinstance(error, RequestError) else ()
             self.refusal = shortened(faults[0].message if faults else plain(str(error)))
@@ -125,40 +121,68 @@ class Point:
         made = {(stage, name): getattr(plan.of(stage)[0].stage, name) for stage, own in values.items() for name in own}
         return plan if all(made[stage, name] == own[name] for stage, own in values.items() for name in own) else None
 
-    def noisy(self, plan: Plan) -> list[StageVariable]:
-        """Return the wanted numbers that depend on noise drawn anew."""
-        drawn = behind(plan, (node.name for node in plan.nodes if node.draws_anew))
-        return [one for one in self.wanted if one[0] in drawn and is_number(plan.node(one[0]).writes[one[1]])]
+    @cached_property
+    def base(self) -> Plan:
+        """The plan of the point, with everything as in the run but without noise."""
+        return make_plan(self.pipeline, self.registry, expected=True)
+
+    @cached_property
+    def best(self) -> dict[str, dict[str, Any]]:
+        """By stage, the settings of its knobs in the reference."""
+        used = {node.name: node.alternatives[0].use for node in self.base.nodes}
+        found: dict[str, dict[str, Any]] = {}
+        for knob in reference_of(self.pipeline, self.registry).knobs:
+            if knob.settings and used.get(knob.stage) == knob.use:
+                found.setdefault(knob.stage, {})[knob.name] = knob.reference
+        return found
+
+    @cached_property
+    def noisy(self) -> list[StageVariable]:
+        """The wanted numbers that depend on noise drawn anew."""
+        nodes = self.base.nodes
+        drawn = behind(self.base, (node.name for node in nodes if node.draws_anew))
+        return [one for one in self.wanted if one[0] in drawn and is_number(self.base.node(one[0]).writes[one[1]])]
+
+    @cached_property
+    def before_noise(self) -> Mapping[CellRef, set[str]]:
+        """The variables that every draw of the noise begins from: what does not depend on it."""
+        nodes = {node.name: node for node in self.base.nodes}
+        averaged = (name for name, one in nodes.items() if any(issubclass(a.kind, Sampled) for a in one.alternatives))
+        drawn = behind(self.base, [*(name for name, one in nodes.items() if one.draws_anew), *averaged])
+        found: dict[CellRef, set[str]] = {}
+        for cell in self.base.cells.values() if self.noisy else ():
+            if cell.node in drawn:
+                what = {port: of for port, of, _ in nodes[cell.node].looks_at if not looks_at_stages(of)}
+                seen = [(ref, what[port]) for port, refs in cell.looks_at if port in what for ref in refs]
+                read = [(ref, name) for _, ref, name in cell.inputs] + [(w.ref, w.variable) for w in cell.open_words]
+                for ref, name in (*read, *seen):
+                    if ref[0] not in drawn:
+                        found.setdefault(ref, set()).add(name)
+        return found
 
     def refs(self, plan: Plan) -> dict[StageVariable, CellRef]:
-        return {(stage, name): plan.of(stage)[0].ref for stage, name in self.wanted}
+        """Return the cells of what an evaluation is for: of draws, the noisy numbers; else, all wanted variables."""
+        asked = self.wanted if plan.expected else self.noisy
+        return {(stage, name): plan.of(stage)[0].ref for stage, name in asked}
 
-    def seconds(self, plan: Plan) -> float:
-        """Return the predicted seconds of a plan of this point."""
-        needed = ancestry(plan, set(self.refs(plan).values()))
-        return sum(cell_seconds(plan.node(ref[0]), plan.cells[ref], plan.precision) for ref in needed)
+    def needed(self, plan: Plan, known: Collection[CellRef] = ()) -> set[CellRef]:
+        """Return the cells that an evaluation computes if the arrays of ``known`` cells are given."""
+        return ancestry(plan, set(self.refs(plan).values()), known) - set(known)
 
-    def values(self, plan: Plan, progress: Progress | None = None) -> dict[StageVariable, Array]:
-        """Return the values of the wanted variables; those whose cells fail are missing."""
-        refs = self.refs(plan)
-        asked: dict[CellRef, set[str]] = {}
-        for (_, name), ref in refs.items():
+    def computed(
+        self,
+        plan: Plan,
+        progress: Progress | None = None,
+        known: Mapping[CellRef, Mapping[str, Array]] = NOTHING,
+        more: Mapping[CellRef, Collection[str]] = NOTHING,
+    ) -> Collected:
+        """Compute what an evaluation is for, and ``more``, from arrays of ``known`` cells."""
+        asked = {ref: set(names) for ref, names in more.items()}
+        for (_, name), ref in self.refs(plan).items():
             asked.setdefault(ref, set()).add(name)
-        found = collect(plan, asked, Options("serial"), progress)
-        return {
-            one: found.arrays[ref][one[1]]
-            for one, ref in refs.items()
-            if ref in found.arrays and one[1] in found.arrays[ref]
-        }
+        return collect(plan, asked, Options("serial"), progress, known)
 
-
-def _written(pipeline: PipelineFile, stage: str, values: Mapping[str, Any]) -> PipelineFile:
-    """Return the pipeline, narrowed to one point, with values of a stage, also where an axis sets them or the stage."""
-    use = pipeline.sweep.get(f"{stage}.use")
-    if isinstance(use, list | tuple) and len(use) == 1:
-        table = {"use": use[0]} if isinstance(use[0], str) else dict(use[0])
-        swapped = {**table, **values, "label": table.get("label", table["use"])}
-        return replace(pipeline, sweep={**pipeline.sweep, f"{stage}.use": [swapped]})
-    swept = {f"{stage}.{name}": [value] for name, value in values.items() if f"{stage}.{name}" in pipeline.sweep}
-    own = {name: value for name, value in values.items() if f"{stage}.{name}" not in swept}
-    return replace(with_values(pipeline, stage, own), sweep={**pipeline.sweep, **swept})
+    def values(self, plan: Plan, found: Collected | None = None) -> dict[StageVariable, Array]:
+        """Return the values of an evaluation; those of cells that fail are missing."""
+        arrays = (found or self.computed(plan)).arrays
+        return {one: arrays[ref][one[1]] for one, ref in self.refs(plan).items() if one[1] in arrays.get(ref, ())}

@@ -66,7 +66,7 @@ class _Expansion:
         # Decisions by stage and form, shared by cells whose inputs have no known facts: nothing else can differ there.
         self.decisions: Once[Decisions] = Once()
         self.grids: dict[Grid, Grid] = {}
-        self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions)
+        self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions, choice.keys)
         self.faults: dict[str, Fault] = {}
         self.looked = 0.0  # seconds spent analysing scenes that were never seen before
 

@@ -30,7 +30,7 @@ AS_TEXT = json.JSONEncoder(sort_keys=True).encode
 
 class Recipes:
     """Makes keys and seeds. ``cells`` are those planned so far; ``expected``: means instead of draws and rounding;
-    ``versions``: library versions to use instead of the installed ones."""
+    ``versions``: library versions to use instead of the installed ones; without ``keys``, those of cells are empty."""
 
     def __init__(
         self,
@@ -39,9 +39,10 @@ class Recipes:
         seed: int,
         expected: bool,
         versions: Mapping[str, str],
+        keys: bool,
     ) -> None:
         self.cells, self.nodes, self.pipeline_seed, self.expected = cells, nodes, seed, expected
-        self.stated = versions
+        self.stated, self.keys = versions, keys
         self.words: Once[tuple[str, ...]] = Once()
         self.digests: Once[str] = Once()  # of parameters
         self.heads: Once[Head] = Once()
@@ -71,6 +72,8 @@ class Recipes:
             main = next(iter(node.writes))
             source = next(ref for _, ref, v in inputs if v == main)
             return NONE, self.cells[source].key
+        if not self.keys:
+            return NONE, ""
         head, versions, draws = self.head(draft, precision)
         lines = [head, self.text_of_form(draft.form), *(f"{port} {self.cells[ref].key}" for port, ref, _ in inputs)]
         if node.segment:
