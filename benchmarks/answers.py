@@ -6,8 +6,8 @@ Every pipeline is a scene of one of ten kinds with a lens, a sensor, processing 
 in four sweeps two parameters of the camera. The truth is one run of the same camera written independently: a third of
 the bins and of the spacing, twice the width and height where the chart allows it, nothing left out, 64 bits; of a
 sweep, the largest difference over its points. Errors are stated twice: within the budget of a run on the command line
-(the larger of a tenth of the run and 0.2 s), and without one, as by ``--measure``. Printed for both and for each kind of
-scene: how many stated errors are at least the true one, how many are below ten times it, and how many are incomplete
+(the larger of a tenth of the run and 0.2 s), and without one, as by ``--measure``. Printed for both and for each kind
+of scene: how many stated errors are at least the true one, how many are below ten times it, and how many are incomplete
 ("at least"), which are left out of the two. True errors below 1e-7 of full scale count as held, and not in the ten
 times. Exit code 1 below 95 and 80 %, or above 20 % incomplete within the budget.
 """

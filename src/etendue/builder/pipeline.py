@@ -284,7 +284,7 @@ class Pipeline(Extended, PipelineSource):
         leave_out: bool = True,
         progress: bool = True,
         durable: bool = False,
-        errors: bool = True,
+        errors: bool | float = True,
     ) -> Outcome:
         """Compute what is not finished yet, with a progress bar in terminals and notebooks.
 
@@ -292,7 +292,8 @@ class Pipeline(Extended, PipelineSource):
         ----------
         archive : folder to keep results in and resume from; None to stay in memory
         want : variable or variables, instead of those of the pipeline
-        errors : whether to measure the errors of the wanted variables, in at most 10 % of the run's time
+        errors : whether to measure the errors of the wanted variables, in at most 10 % of the run's time; a number is
+            the seconds that it may take, ``math.inf`` any
 
         Returns
         -------
@@ -308,8 +309,7 @@ class Pipeline(Extended, PipelineSource):
             Options(check_scheduler(scheduler), workers, durable),
             TerminalProgress(made) if progress else None,
         )
-        if errors:
-            with_errors(outcome)
+        with_errors(outcome, errors)
         if archive is not None or outcome.answers:
             outcome.tree = opened(outcome, archive)
         return outcome

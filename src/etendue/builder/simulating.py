@@ -35,7 +35,7 @@ def simulate(
     scheduler: str = "threads",
     workers: int = 0,
     leave_out: bool = True,
-    errors: bool = True,
+    errors: bool | float = True,
     **parameters: Any,
 ) -> Any:
     """Run a pipeline and return its ``xarray.DataTree``.
@@ -47,8 +47,9 @@ def simulate(
     want : variable or variables to compute, instead of the file's ``wanted``
     scheduler, workers : as for ``--scheduler`` (``etendue run --help``); number of threads or processes
     leave_out : whether stages that the scene does not need may be left out
-    errors : whether to measure the errors of the wanted variables, in at most 10 % of the run's time; they are the
-        attributes ``error`` (in the variable's unit, or relative to full scale) and ``error_parts``
+    errors : whether to measure the errors of the wanted variables, in at most 10 % of the run's time; a number is the
+        seconds that it may take, ``math.inf`` any. They are the attributes ``error`` (in the variable's unit, or
+        relative to full scale) and ``error_parts``
     **parameters : shared quantities by name, ``stage__parameter`` for others, ``seed``, ...; a list makes a sweep axis
 
     Raises
@@ -87,15 +88,17 @@ def simulate(
             f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: "
             f"{first.message}"
         )
-    if errors:
-        with_errors(outcome)
+    with_errors(outcome, errors)
     return opened(outcome, archive)
 
 
-def with_errors(outcome: Outcome) -> None:
-    """Measure the errors of a run's wanted variables, if 10 % of its time suffices for anything."""
-    budget, folder = SHARE * outcome.seconds, outcome.archive if isinstance(outcome.archive, Path) else None
-    if outcome.failed or (budget < 5 * PLANNING and recalled(outcome.plan, folder) is None):
+def with_errors(outcome: Outcome, errors: bool | float = True) -> None:
+    """Measure the errors of a run's wanted variables, if the time suffices for anything. ``errors``: whether to, within
+    10 % of the run's time, or the seconds that it may take.
+    """
+    budget = SHARE * outcome.seconds if isinstance(errors, bool) else errors
+    folder = outcome.archive if isinstance(outcome.archive, Path) else None
+    if not errors or outcome.failed or (budget < 5 * PLANNING and recalled(outcome.plan, folder) is None):
         return
     found = answer_errors(outcome.plan, installed_stages(), outcome.reports, budget, folder)
     outcome.answers = found.document()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from etendue.plan.model import CellRef, Plan
+from etendue.contract.arrays.variables import Declaration, variable
+from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.types.documents import AxisValues
 
 
@@ -42,3 +43,15 @@ def where_shown(plan: Plan, shown: Mapping[str, CellRef] | None = None) -> str:
             said = f"{value:.4g}" if isinstance(value, float) else str(value)
             texts.append(f"{axis.key} {said}{f' {axis.units}' if axis.units not in ('', '1') else ''}")
     return f" at {', '.join(texts)}" if texts else ""
+
+
+def is_headline(name: str, declaration: Declaration) -> bool:
+    """Return whether a variable may be a headline metric: one number, or one per stage, that is not only a count."""
+    about = variable(name)
+    return declaration.dims in ((), ("stage",)) and not about.quiet and not about.counted
+
+
+def answers(plan: Plan) -> tuple[StageVariable, ...]:
+    """Return what a run tells its user: the wanted variables, and the metrics that are computed on the way to them."""
+    found = [(node.name, v) for node in plan.nodes for v, declared in node.writes.items() if is_headline(v, declared)]
+    return (*plan.wanted, *(one for one in found if one not in plan.wanted))

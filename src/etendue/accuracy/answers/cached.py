@@ -11,12 +11,12 @@ import json
 from etendue import cache
 from etendue.plan.identity.keys import digest
 from etendue.plan.model import Plan
-from etendue.plan.shown import shown_place
+from etendue.plan.shown import answers, shown_place
 from etendue.present.terminal.answer_texts import is_sound
 from etendue.types.documents import Document
 
 KIND = "answer"
-FORM = 1  # version of the stored documents and of how errors are measured: increase it to discard earlier ones
+FORM = 2  # version of the stored documents and of how errors are measured: increase it to discard earlier ones
 
 
 def cached(plan: Plan) -> Document | None:
@@ -29,10 +29,10 @@ def cached(plan: Plan) -> Document | None:
 
 
 def answer_key(plan: Plan) -> str:
-    """Return the key of the errors of a plan: it depends on the keys of all cells that are wanted, on the point that is
-    shown, and on the parameters that the file writes, because those are not refined.
+    """Return the key of the errors of a plan: it depends on the keys of all cells whose values are told, on the point
+    that is shown, and on the parameters that the file writes, because those are not refined.
     """
-    cells = [[stage, name, [cell.key for cell in plan.of(stage)]] for stage, name in plan.wanted]
+    cells = [[stage, name, [cell.key for cell in plan.of(stage)]] for stage, name in answers(plan)]
     written = [[node.name, *(sorted(one.written) for one in node.alternatives)] for node in plan.nodes]
     place = sorted((dim, str(value)) for dim, value in shown_place(plan).items())
     return digest(json.dumps([KIND, FORM, cells, written, place]).encode())

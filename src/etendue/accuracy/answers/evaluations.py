@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Evaluated = tuple[Plan, dict[StageVariable, "Array"]]
 Shown = Callable[[Plan], Progress] | None
 PLANNING = 0.01  # seconds of a plan of one point, until one was made
-ENGINE = 3e-4  # seconds that the engine adds for a cell
+ENGINE = 2e-4  # seconds that the engine adds for a cell
 
 
 class TooDear(Exception):
@@ -44,7 +44,8 @@ class Rates:
 
     Parameters
     ----------
-    plan, reports : of a run whose seconds are known already
+    plan, reports : of a run. Its seconds contain what a stage does only once in a process, imports and tables: they
+        count only where they are below those predicted.
     """
 
     def __init__(self, plan: Plan, reports: Reports | None) -> None:
@@ -52,7 +53,8 @@ class Rates:
         for ref in shown_cells(plan).values():
             report = None if reports is None else reports.get(ref)
             if report is not None:
-                self.learn(plan, report)
+                predicted = cell_seconds(plan.node(ref[0]), plan.cells[ref], plan.precision)
+                self.learn(plan, replace(report, seconds=min(report.seconds, predicted)))
 
     def learn(self, plan: Plan, report: CellReport) -> None:
         if report.status == "done":
@@ -108,23 +110,33 @@ class Evaluations:
         Raises
         ------
         TooDear
-            Before the first, if they do not fit into what is left.
+            Before the first that does not fit into what is left, as far as the seconds are known by then.
         """
-        seconds, plans = 0.0, []
+        plans = []
         for one in which:
             plan = self.plan(*one)
             if plan is None:
                 return None
             plans.append(plan)
+        found: list[Evaluated] = []
+        for number, (one, plan) in enumerate(zip(which, plans, strict=True)):
+            if _key(*one) not in self._values:
+                self._refuse(list(zip(which[number:], plans[number:], strict=True)))
+            found.append(self._of(one, plan))
+        return found
+
+    def _refuse(self, ahead: list[tuple[tuple[Factors, str], Plan]]) -> None:
+        """Raise ``TooDear`` if evaluations exceed the memory, or together what is left of the budget."""
+        seconds = 0.0
+        for one, plan in ahead:
             if _key(*one) not in self._values:
                 seconds += self._seconds(plan, one[1])
                 try:
-                    check_machine(replace(plan, kept=frozenset(plan.wanted)), None, pictures=False)
+                    check_machine(replace(plan, kept=frozenset(self.point.wanted)), None, pictures=False)
                 except MachineError as error:
                     raise TooDear(seconds, f"needs more memory: {shortened(str(error))}") from None
         if seconds > self.left:
             raise TooDear(seconds)
-        return [self._of(one, plan) for one, plan in zip(which, plans, strict=True)]
 
     def _seconds(self, plan: Plan, how: str) -> float:
         known = self.point.before_noise.keys() if how == DRAWN else ()

@@ -33,7 +33,7 @@ from etendue.accuracy.pilot import chosen_places
 from etendue.contract.registry import Registry
 from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.reports import Reports
-from etendue.plan.shown import shown_place
+from etendue.plan.shown import answers, shown_place
 
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
@@ -54,7 +54,7 @@ Texts = dict[StageVariable, dict[str, str]]
 def state_errors(
     plan: Plan, registry: Registry, reports: Reports | None, budget: float, shown: Shown = None, places: int = PLACES
 ) -> AnswerErrors:
-    """Return the error of every wanted variable.
+    """Return the error of every wanted variable and headline metric.
 
     Parameters
     ----------
@@ -63,14 +63,14 @@ def state_errors(
     shown : returns the progress to show of a plan
     places : largest number of points of a sweep
     """
-    began, at = time.process_time(), shown_place(plan)
+    began, at, wanted = time.process_time(), shown_place(plan), answers(plan)
     rates, dear, longest = Rates(plan, reports), 0.0, 0.0
     found: list[dict[str, AnswerError]] = []
     for place in (at, *(place for place in chosen_places(plan.axes, places) if place != at)):
         since = time.process_time()
         if found and (dear or began + budget - since < longest):
             break
-        evaluations = Evaluations(Point(plan, registry, place, plan.wanted), rates, began + budget, shown)
+        evaluations = Evaluations(Point(plan, registry, place, wanted), rates, began + budget, shown)
         own, dear = _at_point(plan, evaluations)
         found.append(own)
         longest = max(longest, time.process_time() - since)
@@ -78,7 +78,7 @@ def state_errors(
     if len(found) < math.prod(len(axis.values) for axis in plan.axes):
         errors = scaled(errors, ELSEWHERE)
     refused = {name for one in errors.values() for name in one.fixed}
-    finer = Point(plan, registry, at, plan.wanted).remedies()
+    finer = Point(plan, registry, at, wanted).remedies()
     remedies = {name: text for name, text in finer.items() if name not in refused}
     return AnswerErrors(errors, found[0], at, len(found), time.process_time() - began, dear, budget, remedies=remedies)
 
@@ -86,18 +86,18 @@ def state_errors(
 def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerError], float]:
     """Return the errors at one point, and the seconds of what was too costly."""
     point = evaluations.point
-    parts: Parts = {one: {} for one in plan.wanted}
-    missing: Texts = {one: {} for one in plan.wanted}
+    parts: Parts = {one: {} for one in point.wanted}
+    missing: Texts = {one: {} for one in point.wanted}
     fixed, dear = dict(point.fixed()), 0.0
     dear += _refine_all(plan, evaluations, parts, missing, fixed)
     try:
         pair = _omitted(evaluations)
         if pair:
-            _compare(parts, missing, pair, OMISSIONS, plan.wanted)
+            _compare(parts, missing, pair, OMISSIONS, point.wanted)
         why = "" if pair else f"the reference is refused{f' ({point.refusal})' if point.refusal else ''}"
     except TooDear as error:
         dear, why = dear + error.seconds, str(error)
-    for one in plan.wanted if why else ():
+    for one in point.wanted if why else ():
         missing[one][OMISSIONS] = why
     noisy = point.noisy
     try:
@@ -106,9 +106,9 @@ def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerErr
         dear, noise = dear + error.seconds, {}
         for one in noisy:
             missing[one]["noise"] = str(error)
-    names = [name for _, name in plan.wanted]
+    names = [name for _, name in point.wanted]
     errors = {}
-    for stage, name in plan.wanted:
+    for stage, name in point.wanted:
         declared = plan.node(stage).writes[name]
         unit = declared.unit if is_number(declared) else ""
         own = AnswerError(
@@ -124,7 +124,7 @@ def _refine_all(plan: Plan, evaluations: Evaluations, parts: Parts, missing: Tex
     order = [*SAFETY, *point.names()]
     for name in sorted(point.names(), key=order.index):
         affected = point.affected(plan, name)
-        for one in plan.wanted:
+        for one in point.wanted:
             if one not in affected:
                 parts[one][name] = Part(0.0, 0.0, "not affected")
         try:

@@ -31,6 +31,9 @@ def print_answers(document: DocumentView | None) -> None:
     if rows:
         out.print("")
         out.print(
+            "The errors above are those of single stages; those below are of what was asked for, with discretisation."
+        )
+        out.print(
             _table(
                 "error of the answer: against the same with everything refined",
                 ("variable", "left", "name"),

@@ -19,6 +19,7 @@ from etendue.plan.identity.once import Once
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, Cell, CellRef, Plan
 from etendue.plan.reports import DONE, FAILED, LEFT_OUT, NOTHING, REUSED, SKIPPED, STATUSES, Reports
+from etendue.plan.shown import is_headline
 from etendue.types.arrays import Array
 from etendue.types.documents import Document
 
@@ -217,12 +218,7 @@ def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Array]]) -> list
         node = plan.node(ref[0])
         for name, array in values.items():
             declaration = node.writes[name]
-            if (
-                declaration.dims in ((), ("stage",))
-                and np.size(array)
-                and not variable(name).quiet
-                and not variable(name).counted
-            ):
+            if is_headline(name, declaration) and np.size(array):
                 value = float(np.ravel(array)[-1])
                 at = ""
                 if declaration.dims:

@@ -178,7 +178,7 @@ class Resolution(Probe):
         (*writes.keys() - {"nyquist", "nyquist_lp_mm", "frequency_lp_mm", "factor_mtf"},), (CROSSTALK, *PROCESSING)
     )
     creates: ClassVar = {"factor": Labels(FACTORS), "frequency": curves.FREQUENCY}
-    nanoseconds: ClassVar = 2.3e5
+    nanoseconds: ClassVar = 5e4
 
     pixel_pitch: float = quantity("pixel_pitch")
     angle: float = param(

@@ -98,7 +98,7 @@ function errorPart(doc) {
   const measured = doc.measured.length
     ? card(el('h3', {}, 'Measured against the reference settings'), el('p', { class: 'note' }, `The whole ${doc.words.whole} recomputed with every knob at its reference, on sample cells; relative to full scale.`), tableOf(['variable', 'rms', 'max', 'basis'], doc.measured.slice(0, 20).map((m) => [named(m.variable), say(m.rms, 2), say(m.max, 2), m.how]), 1))
     : el('p', { class: 'note' }, `The error of the whole ${doc.words.whole} was not measured: run etendue run … --measure to add it to this page.`);
-  return section('error', 'Error against run time', 'Run time of each stage and its error from its own exact result, relative to full scale. Basis of the error: a proven bound, a fitted law, or a measurement.',
+  return section('error', 'Error against run time', 'Run time of each stage and its error from its own exact result, relative to full scale. The error of the answer is at the top of the page: it follows these errors to the end of the chain and includes discretisation. Basis of the error: a proven bound, a fitted law, or a measurement.',
     card(dots.length > 1 ? host : null, tableOf(['stage', 'cells', 'run time', 'share', 'stated error', 'basis', 'omission bound'], rows, 1), el('p', { class: 'note' }, doc.ended ? 'Run time is thread time, summed over cells.' : 'Errors are in the ledger, which is written when the run has finished.', csvButton('stages as CSV', 'stages', () => stageTable(doc)))),
     measured, blamePart(doc));
 }
