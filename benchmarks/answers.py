@@ -69,8 +69,8 @@ def document(kind: str, seed: int) -> dict[str, Any]:
 
     pitch = log(1.5, 6)
     rows, columns = 2 * int(rng.integers(9, 15)), 2 * int(rng.integers(9, 16))
-    spacing = round(pitch / float(rng.choice([2, 2.5, 3, 4])), 4)
-    larger = float(rng.uniform(1.1, 1.8))
+    spacing = round(pitch / float(rng.choice([2, 2.5, 3])), 4)
+    larger = float(rng.uniform(1.1, 1.6))
     height, width = (round(math.ceil(n * pitch * larger / spacing) * spacing, 6) for n in (rows, columns))
     scene: dict[str, Any] = {
         "use": kind,

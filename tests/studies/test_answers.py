@@ -22,6 +22,7 @@ from etendue.contract.discretised import Discretised
 from etendue.contract.registry import installed_stages
 from etendue.pipeline.toml import dumps
 from etendue.plan.planner import make_plan
+from etendue.plan.shown import answers
 from etendue.present.terminal.answer_texts import is_sound, notes, plus_minus
 from etendue.session import load
 
@@ -63,7 +64,7 @@ def values(document: dict[str, Any], exact: bool) -> dict[str, Any]:
     """Noise-free values of the wanted variables; exact: nothing left out, 64 bits."""
     document = document | ({"precision": "float64", "leave_out": False} if exact else {})
     plan = make_plan(load(document), installed_stages(), expected=True)
-    found = Point(plan, installed_stages(), {}, plan.wanted).values(plan)
+    found = Point(plan, installed_stages(), {}, answers(plan)).values(plan)
     return {
         name: (array, plan.node(stage).writes[name], plan.of(stage)[0].stage) for (stage, name), array in found.items()
     }
@@ -90,7 +91,9 @@ def test_stated_error_covers_a_run_with_everything_three_times_as_fine(scene: di
     for name, error in errors.items():
         array, declared, stage = exact[error.variable]
         true = part_between(own[error.variable][0], array, declared, stage)
-        assert not isinstance(true, str)
+        if isinstance(true, str):  # nothing to compare, and so nothing that is stated
+            assert not error.parts or error.open, name
+            continue
         floor = 1e-7 * max(float(np.max(np.abs(array))), 1.0)
         assert error.rms + floor >= true.rms, name
         assert error.rms <= 10 * max(true.rms, floor), name
