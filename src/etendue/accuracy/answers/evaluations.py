@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from etendue.accuracy.answers.refinement import AS_PLANNED, DRAWN, Factors, Point
 from etendue.contract.ports import CellReport, Progress
 from etendue.errors import MachineError
+from etendue.plan.ancestry import ancestry
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.reports import Reports
@@ -25,6 +26,8 @@ from etendue.run.machine import check_machine
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
+Which = tuple[Factors, str]
+Asked = frozenset[StageVariable] | None  # None: all wanted variables
 Evaluated = tuple[Plan, dict[StageVariable, "Array"]]
 Shown = Callable[[Plan], Progress] | None
 PLANNING = 0.01  # seconds of a plan of one point, until one was made
@@ -104,8 +107,8 @@ class Evaluations:
             self.planning = time.process_time() - began
         return self._plans[key]
 
-    def all_of(self, *which: tuple[Factors, str]) -> list[Evaluated] | None:
-        """Return some evaluations; None if the stages refuse one.
+    def all_of(self, *which: Which, asked: Asked = None) -> list[Evaluated] | None:
+        """Return some evaluations, of all wanted variables or of those ``asked``; None if the stages refuse one.
 
         Raises
         ------
@@ -117,44 +120,65 @@ class Evaluations:
             plan = self.plan(*one)
             if plan is None:
                 return None
-            plans.append(plan)
+            plans.append((one, plan))
         found: list[Evaluated] = []
-        for number, (one, plan) in enumerate(zip(which, plans, strict=True)):
-            if _key(*one) not in self._values:
-                self._refuse(list(zip(which[number:], plans[number:], strict=True)))
-            found.append(self._of(one, plan))
+        for number, (one, plan) in enumerate(plans):
+            known = self._known(one, asked)
+            if known is None:
+                self._refuse(plans[number:], asked)
+                known = self._evaluated(one, plan, asked)
+            found.append(known)
         return found
 
-    def _refuse(self, ahead: list[tuple[tuple[Factors, str], Plan]]) -> None:
+    def affordable(self, *which: Which) -> frozenset[StageVariable]:
+        """Return the variables whose evaluations fit into what is left, the cheapest first."""
+        plans = [(one, self.plan(*one)) for one in which if self._known(one, None) is None]
+        made = [(one, plan) for one, plan in plans if plan is not None]
+        every: dict[str, list[StageVariable]] = {one[0]: [] for one in self.point.wanted}
+        for variable in self.point.wanted:
+            every[variable[0]].append(variable)
+        costs = [(sum(self._seconds(one, plan, own) for one, plan in made), own) for own in every.values()]
+        chosen: list[StageVariable] = []
+        for _, own in sorted(costs):
+            if sum(self._seconds(one, plan, [*chosen, *own]) for one, plan in made) > self.left:
+                break
+            chosen += own
+        return frozenset(chosen)
+
+    def _known(self, which: Which, asked: Asked) -> Evaluated | None:
+        return self._values.get(_key(*which)) or (self._values.get((*_key(*which), asked)) if asked else None)
+
+    def _refuse(self, ahead: list[tuple[Which, Plan]], asked: Asked) -> None:
         """Raise ``TooDear`` if evaluations exceed the memory, or together what is left of the budget."""
         seconds = 0.0
         for one, plan in ahead:
-            if _key(*one) not in self._values:
-                seconds += self._seconds(plan, one[1])
+            if self._known(one, asked) is None:
+                seconds += self._seconds(one, plan, asked)
                 try:
-                    check_machine(replace(plan, kept=frozenset(self.point.wanted)), None, pictures=False)
+                    check_machine(replace(plan, kept=frozenset(asked or self.point.wanted)), None, pictures=False)
                 except MachineError as error:
                     raise TooDear(seconds, f"needs more memory: {shortened(str(error))}") from None
         if seconds > self.left:
             raise TooDear(seconds)
 
-    def _seconds(self, plan: Plan, how: str) -> float:
-        known = self.point.before_noise.keys() if how == DRAWN else ()
-        return self.rates.seconds(plan, self.point.needed(plan, known))
+    def _seconds(self, which: Which, plan: Plan, asked: Collection[StageVariable] | None) -> float:
+        known = self.point.before_noise.keys() if which[1] == DRAWN and asked is None else ()
+        cells = ancestry(plan, set(self.point.refs(plan, asked).values()), known)
+        return self.rates.seconds(plan, cells - set(known))
 
-    def _of(self, which: tuple[Factors, str], plan: Plan) -> Evaluated:
-        key, how = _key(*which), which[1]
-        if key not in self._values:
-            progress = self.shown(plan) if self.shown and self._seconds(plan, how) > 1 else None
-            known = self._before_noise if how == DRAWN else {}
-            more = self.point.before_noise if how == AS_PLANNED else {}
-            found = self.point.computed(plan, progress, known, more)
-            for report in found.reports.values():
-                self.rates.learn(plan, report)
-            if how == AS_PLANNED:
-                self._before_noise = {ref: found.arrays[ref] for ref in more if ref in found.arrays}
-            self._values[key] = plan, self.point.values(plan, found)
-        return self._values[key]
+    def _evaluated(self, which: Which, plan: Plan, asked: Asked) -> Evaluated:
+        whole = asked is None
+        progress = self.shown(plan) if self.shown and self._seconds(which, plan, asked) > 1 else None
+        known = self._before_noise if which[1] == DRAWN and whole else {}
+        more = self.point.before_noise if which[1] == AS_PLANNED and whole else {}
+        found = self.point.computed(plan, progress, known, more, asked)
+        for report in found.reports.values():
+            self.rates.learn(plan, report)
+        if more:
+            self._before_noise = {ref: found.arrays[ref] for ref in more if ref in found.arrays}
+        made = plan, self.point.values(plan, found)
+        self._values[_key(*which) if whole else (*_key(*which), asked)] = made
+        return made
 
 
 def _key(factors: Factors, how: str) -> tuple[object, ...]:

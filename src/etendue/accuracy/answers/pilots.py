@@ -26,12 +26,12 @@ from etendue.accuracy.answers.error import (
     scaled,
     worst,
 )
-from etendue.accuracy.answers.evaluations import Evaluated, Evaluations, Rates, Shown, TooDear
+from etendue.accuracy.answers.evaluations import Evaluated, Evaluations, Rates, Shown, TooDear, Which
 from etendue.accuracy.answers.refinement import AS_PLANNED, DRAWN, EXACT, Point
 from etendue.accuracy.answers.regridding import on_grid
 from etendue.accuracy.pilot import chosen_places
 from etendue.contract.registry import Registry
-from etendue.plan.model import CellRef, Plan, StageVariable
+from etendue.plan.model import Plan, StageVariable
 from etendue.plan.reports import Reports
 from etendue.plan.shown import answers, shown_place
 
@@ -88,24 +88,15 @@ def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerErr
     point = evaluations.point
     parts: Parts = {one: {} for one in point.wanted}
     missing: Texts = {one: {} for one in point.wanted}
-    fixed, dear = dict(point.fixed()), 0.0
-    dear += _refine_all(plan, evaluations, parts, missing, fixed)
-    try:
-        pair = _omitted(evaluations)
-        if pair:
-            _compare(parts, missing, pair, OMISSIONS, point.wanted)
-        why = "" if pair else f"the reference is refused{f' ({point.refusal})' if point.refusal else ''}"
-    except TooDear as error:
-        dear, why = dear + error.seconds, str(error)
-    for one in point.wanted if why else ():
-        missing[one][OMISSIONS] = why
-    noisy = point.noisy
-    try:
-        noise = _noise(evaluations, noisy, parts, missing)
-    except TooDear as error:
-        dear, noise = dear + error.seconds, {}
-        for one in noisy:
-            missing[one]["noise"] = str(error)
+    fixed = dict(point.fixed())
+    dear = _refine_all(plan, evaluations, parts, missing, fixed)
+    pair, seconds = _attempt(evaluations, missing, OMISSIONS, point.wanted, *_omitted(evaluations))
+    if pair is None:
+        refused = f"the reference is refused{f' ({point.refusal})' if point.refusal else ''}"
+        missing = {one: {**own, OMISSIONS: refused} for one, own in missing.items()}
+    elif pair:
+        _compare(parts, missing, [pair[0], pair[-1]], OMISSIONS, point.wanted)
+    noise, more = _noise(evaluations, parts, missing)
     names = [name for _, name in point.wanted]
     errors = {}
     for stage, name in point.wanted:
@@ -115,7 +106,28 @@ def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerErr
             stage, name, unit, parts[stage, name], fixed, missing[stage, name], noise=noise.get((stage, name))
         )
         errors[name if names.count(name) == 1 else f"{stage}.{name}"] = own
-    return errors, dear
+    return errors, dear + seconds + more
+
+
+def _attempt(
+    evaluations: Evaluations, missing: Texts, name: str, wanted: Iterable[StageVariable], *which: Which
+) -> tuple[list[Evaluated] | None, float]:
+    """Return some evaluations of as many variables as the budget allows, the cheapest first, and the seconds of all if
+    those are too many; note what is missing. None: the stages refuse one. Empty: nothing fits.
+    """
+    try:
+        return evaluations.all_of(*which), 0.0
+    except TooDear as error:
+        seconds, why, found, some = error.seconds, str(error), list[Evaluated](), frozenset[StageVariable]()
+    try:
+        some = evaluations.affordable(*which)
+        found = (evaluations.all_of(*which, asked=some) or []) if some else []
+    except TooDear:
+        some = frozenset()
+    for one in wanted:
+        if one not in some:
+            missing[one][name] = why
+    return found, seconds
 
 
 def _refine_all(plan: Plan, evaluations: Evaluations, parts: Parts, missing: Texts, fixed: dict[str, str]) -> float:
@@ -127,61 +139,69 @@ def _refine_all(plan: Plan, evaluations: Evaluations, parts: Parts, missing: Tex
         for one in point.wanted:
             if one not in affected:
                 parts[one][name] = Part(0.0, 0.0, "not affected")
-        try:
-            pair = _refined(evaluations, name) if affected else None
-        except TooDear as error:
-            dear += error.seconds
-            for one in affected:
-                missing[one][name] = str(error)
+        if not affected:
             continue
-        if pair:
-            _compare(parts, missing, pair, name, affected)
-        elif affected:
+        pair, seconds = _refined(evaluations, missing, name, affected)
+        dear += seconds
+        if pair is None:
             fixed[name] = f"the stages accept no finer one{f' ({point.refusal})' if point.refusal else ''}"
+        elif pair:
+            _compare(parts, missing, pair, name, affected)
     return dear
 
 
-def _omitted(evaluations: Evaluations) -> list[Evaluated] | None:
-    """Return the evaluations as planned and of the reference; the first twice if both have the same cells."""
-    own, exact = evaluations.plan({}, AS_PLANNED), evaluations.plan({}, EXACT)
-    if own and exact and own.precision == exact.precision and _same(own, exact, evaluations.point.needed(own)):
-        found = evaluations.all_of(({}, AS_PLANNED))
-        return found and found * 2
-    return evaluations.all_of(({}, AS_PLANNED), ({}, EXACT))
+def _refined(
+    evaluations: Evaluations, missing: Texts, name: str, affected: list[StageVariable]
+) -> tuple[list[Evaluated] | None, float]:
+    """Return two evaluations that differ by one refinement, coarse in all else if the stages accept that, and the
+    seconds of what was too costly.
+    """
+    for base in (COARSE if name == "bins" else FEW_BANDS, {}):
+        pair, seconds = _attempt(evaluations, missing, name, affected, (base, ""), ({**base, name: 2}, ""))
+        if pair is not None:
+            return pair, seconds
+    return None, 0.0
 
 
-def _same(own: Plan, exact: Plan, refs: Iterable[CellRef]) -> bool:
-    """Return whether cells are computed alike in two plans of a point."""
-    return all(own.cells[ref].left_out is None and own.cells[ref].stage == exact.cells[ref].stage for ref in refs)
+def _omitted(evaluations: Evaluations) -> tuple[Which, ...]:
+    """Return the evaluations as planned and of the reference; the first alone if both have the same cells."""
+    own, exact = evaluations.point.base, None
+    try:
+        exact = evaluations.plan({}, EXACT)
+    except TooDear:
+        pass
+    if exact and own.precision == exact.precision and _same(own, exact):
+        return (({}, AS_PLANNED),)
+    return ({}, AS_PLANNED), ({}, EXACT)
 
 
-def _noise(
-    evaluations: Evaluations, noisy: list[StageVariable], parts: Parts, missing: Texts
-) -> dict[StageVariable, float]:
-    """Return the 95 % interval about one draw of the noise, half its width, of the numbers that depend on noise.
+def _same(own: Plan, exact: Plan) -> bool:
+    """Return whether all cells are computed alike in two plans of a point."""
+    return all(cell.left_out is None and cell.stage == exact.cells[ref].stage for ref, cell in own.cells.items())
+
+
+def _noise(evaluations: Evaluations, parts: Parts, missing: Texts) -> tuple[dict[StageVariable, float], float]:
+    """Return the 95 % interval about one draw of the noise, half its width, of the numbers that depend on noise; and
+    the seconds of what was too costly.
 
     The error of a number that noise moves far more than it scatters, such as the noise itself, is not that of the
     noise-free path: it counts as not measured.
     """
-    draws = evaluations.all_of(({}, AS_PLANNED), *(({"draw": n}, DRAWN) for n in range(DRAWS))) if noisy else None
+    noisy = evaluations.point.noisy
+    if not noisy:
+        return {}, 0.0
+    draws: list[Which] = [({"draw": n}, DRAWN) for n in range(DRAWS)]
+    every, seconds = _attempt(evaluations, missing, "noise", noisy, ({}, AS_PLANNED), *draws)
     found = {}
-    for one in noisy if draws else ():
-        values = [float(np.ravel(own[one])[-1]) for _, own in draws or () if one in own]
+    for one in noisy if every else ():
+        values = [float(np.ravel(own[one])[-1]) for _, own in every or () if one in own]
         if len(values) == DRAWS + 1 and all(map(math.isfinite, values)):
             mean, spread = math.fsum(values[1:]) / DRAWS, float(np.std(values[1:], ddof=1))
             found[one] = INTERVAL * spread
             if abs(values[0] - mean) > 3 * INTERVAL * spread / math.sqrt(DRAWS) + 0.3 * abs(mean):
                 parts[one].clear()
                 missing[one]["noise-free path"] = "noise changes this metric: it has no noise-free value"
-    return found
-
-
-def _refined(evaluations: Evaluations, name: str) -> list[Evaluated] | None:
-    """Return two evaluations that differ by one refinement, coarse in all else if the stages accept that."""
-    for base in (COARSE if name == "bins" else FEW_BANDS, {}):
-        if pair := evaluations.all_of((base, ""), ({**base, name: 2}, "")):
-            return pair
-    return None
+    return found, seconds
 
 
 def _compare(parts: Parts, missing: Texts, pair: list[Evaluated], name: str, wanted: Iterable[StageVariable]) -> None:
@@ -189,6 +209,8 @@ def _compare(parts: Parts, missing: Texts, pair: list[Evaluated], name: str, wan
     (plan, values), (other, reference) = pair
     for stage, variable in wanted:
         one = stage, variable
+        if name in missing[one]:
+            continue
         if one not in values or one not in reference:
             missing[one][name] = f"{stage} fails without noise, or when refined"
             continue

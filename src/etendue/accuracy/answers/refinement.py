@@ -22,7 +22,7 @@ from etendue.contract.registry import Registry
 from etendue.contract.stage import looks_at_stages
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.derived import wanting
-from etendue.plan.ancestry import ancestry, behind, in_front
+from etendue.plan.ancestry import behind, in_front
 from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.planner import make_plan
 from etendue.plan.variants import variant
@@ -160,14 +160,12 @@ class Point:
                         found.setdefault(ref, set()).add(name)
         return found
 
-    def refs(self, plan: Plan) -> dict[StageVariable, CellRef]:
-        """Return the cells of what an evaluation is for: of draws, the noisy numbers; else, all wanted variables."""
-        asked = self.wanted if plan.expected else self.noisy
-        return {(stage, name): plan.of(stage)[0].ref for stage, name in asked}
-
-    def needed(self, plan: Plan, known: Collection[CellRef] = ()) -> set[CellRef]:
-        """Return the cells that an evaluation computes if the arrays of ``known`` cells are given."""
-        return ancestry(plan, set(self.refs(plan).values()), known) - set(known)
+    def refs(self, plan: Plan, asked: Collection[StageVariable] | None = None) -> dict[StageVariable, CellRef]:
+        """Return the cells of what an evaluation is for: of draws, the noisy numbers; else, all wanted variables.
+        ``asked``: only these.
+        """
+        wanted = self.wanted if plan.expected else self.noisy
+        return {one: plan.of(one[0])[0].ref for one in wanted if asked is None or one in asked}
 
     def computed(
         self,
@@ -175,12 +173,13 @@ class Point:
         progress: Progress | None = None,
         known: Mapping[CellRef, Mapping[str, Array]] = NOTHING,
         more: Mapping[CellRef, Collection[str]] = NOTHING,
+        asked: Collection[StageVariable] | None = None,
     ) -> Collected:
         """Compute what an evaluation is for, and ``more``, from arrays of ``known`` cells."""
-        asked = {ref: set(names) for ref, names in more.items()}
-        for (_, name), ref in self.refs(plan).items():
-            asked.setdefault(ref, set()).add(name)
-        return collect(plan, asked, Options("serial"), progress, known)
+        needed = {ref: set(names) for ref, names in more.items()}
+        for (_, name), ref in self.refs(plan, asked).items():
+            needed.setdefault(ref, set()).add(name)
+        return collect(plan, needed, Options("serial"), progress, known)
 
     def values(self, plan: Plan, found: Collected | None = None) -> dict[StageVariable, Array]:
         """Return the values of an evaluation; those of cells that fail are missing."""
