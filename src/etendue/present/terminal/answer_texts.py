@@ -123,15 +123,17 @@ def notes(document: DocumentView) -> list[str]:
 def _missing(document: DocumentView) -> list[str]:
     """Return which parts were not measured: too costly, or for another reason."""
     costly: dict[str, None] = {}
+    whose: dict[str, None] = {}
     others: dict[str, list[str]] = {}
     for one in document["errors"].values():
         for name, why in one["open"].items():
             if "costs about" in why:
-                costly[name] = None
+                costly[name], whose[one["variable"]] = None, None
             else:
                 others.setdefault(f"{name}: {why}", []).append(one["variable"])
     seconds = human_seconds(number(document["dear"]))
-    said = [f"not measured: {', '.join(costly)}, which costs about {seconds}: --measure"] if costly else []
+    of = f" ({_few(list(whose))})" if len(whose) < len(document["errors"]) else ""
+    said = [f"not measured: {', '.join(costly)}{of}, which costs about {seconds}: --measure"] if costly else []
     return said + [f"not measured: {text} ({_few(names)})" for text, names in others.items()]
 
 

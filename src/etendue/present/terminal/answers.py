@@ -12,6 +12,7 @@ from etendue.present.terminal.answer_texts import notes, number, parts_text, say
 from etendue.present.terminal.terminal import _out, _table, escape, print_plan
 from etendue.types.documents import Document, DocumentView
 
+PLUS_MINUS = "\u00b1"
 SHOWN = 8  # rows; smaller errors are summarised in one line
 
 
@@ -24,7 +25,7 @@ def print_answers(document: DocumentView | None) -> None:
         out.print("error of the answer: known after a run")
         return
     errors = [(name, one) for name, one in document["errors"].items() if says_enough(one)]
-    errors.sort(key=lambda item: (item[1]["unit"] != "", -number(item[1]["rms"])))
+    errors.sort(key=lambda item: number(item[1]["rms"]) == 0)  # wanted variables come first, errors of 0 last
     rows: list[Document] = [
         {**one, "name": name, "mostly": parts_text(one, missing=False)} for name, one in errors[:SHOWN]
     ]
@@ -37,8 +38,8 @@ def print_answers(document: DocumentView | None) -> None:
             _table(
                 "error of the answer: against the same with everything refined",
                 ("variable", "left", "name"),
-                ("rms", "right", lambda row: _value(row, "rms")),
-                ("max", "right", lambda row: _value(row, "max")),
+                ("error", "right", _error),
+                ("max", "right", _largest),
                 ("parts", "left", "mostly"),
                 rows=rows,
                 wrap=("parts",),
@@ -50,13 +51,19 @@ def print_answers(document: DocumentView | None) -> None:
         out.print(escape(text))
 
 
-def _value(row: DocumentView, name: str) -> str:
-    value = number(row[name])
+def _error(row: DocumentView) -> str:
+    """Return the error: of pictures and curves the rms, relative to full scale; of numbers in their unit."""
+    value = number(row["rms"])
     if math.isnan(value):
         return "unknown"
     unit = row["unit"] if row["unit"] != "1" else ""
-    sign = "\u00b1" if row["unit"] else ""
-    return f"{'at least ' if row['open'] else ''}{sign}{value:.2g} {unit}".rstrip()
+    return f"{'at least ' if row['open'] else ''}{PLUS_MINUS if row['unit'] else ''}{value:.2g} {unit}".rstrip()
+
+
+def _largest(row: DocumentView) -> str:
+    """Return the largest error within a picture, a curve, or a row of numbers; '' if there is only one."""
+    value = number(row["max"])
+    return "" if math.isnan(value) or (row["unit"] and value == number(row["rms"])) else f"{value:.2g}"
 
 
 def print_plan_with_errors(document: Document) -> None:
