@@ -215,7 +215,7 @@ def test_texts_say_what_is_missing_and_nothing_where_too_little_is_known() -> No
     document["noise"] = 0.4
     assert plus_minus(document, "dB") == "\u00b10.03 dB (bins 0.02, spacing 0.01) \u00b10.4 (noise)"
     document |= {"open": {"margin": "costs about 40 s"}, "noise": None}
-    assert plus_minus(document, "dB") == "at least \u00b10.03 dB (bins 0.02, spacing 0.01; margin not measured)"
+    assert plus_minus(document, "dB") == "(error not known in full: bins 0.02, spacing 0.01; margin not measured)"
     bound = {"omissions": {"rms": 1e-5, "basis": "bound"}}
     assert plus_minus({**document, "parts": bound}, "dB") == ""  # says nothing of what is larger
     assert plus_minus({**document, "parts": {}}) == ""
@@ -396,7 +396,7 @@ def test_what_would_make_the_answer_better_is_said() -> None:
     found = stated(pipeline())
     assert found.remedies["bins"] == "scene.bin_width = 25"
     assert found.remedies["spacing"] == "scene.spacing = 1"
-    assert any(text.startswith("finer: ") for text in notes(found.document()))
+    assert any(text.startswith("to reduce them: ") and "--set " in text for text in notes(found.document()))
     assert "margin" not in stated(pipeline(use="colorchecker")).remedies
 
 

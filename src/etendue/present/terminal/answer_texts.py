@@ -92,8 +92,11 @@ def plus_minus(error: DocumentView | None, unit: str = "") -> str:
         return ""
     inside = parts_text(error)
     noise = f" \u00b1{number(error['noise']):.1g} (noise)" if error.get("noise") else ""
-    least = "at least " if error["open"] else ""  # parts are missing
-    shown = f"{least}\u00b1{number(error['rms']):.2g} {unit if unit != '1' else ''}".rstrip()
+    if error["open"]:
+        return f"(error not known in full: {inside}){noise}"
+    if not number(error["rms"]):
+        return f"(exact){noise}"
+    shown = f"\u00b1{number(error['rms']):.2g} {unit if unit != '1' else ''}".rstrip()
     return f"{shown}{f' ({inside})' if inside else ''}{noise}"
 
 
@@ -109,15 +112,20 @@ def notes(document: DocumentView) -> list[str]:
     errors, points = document["errors"].values(), document["points"]
     factor = max((number(one["scaled"]) for one in errors), default=1.0)
     where = "" if points == 1 and factor == 1 else f" at {points} point{'s' if points > 1 else ''} of the sweep"
-    spread = f"; errors are {factor:g} times the largest of these, for the points between" if factor > 1 else ""
+    spread = f"; those of the sweep are {factor:g} times as large, for the points between" if factor > 1 else ""
     when = "by an earlier run" if document["remembered"] else f"in {human_seconds(number(document['seconds']))}"
-    said = [f"measured{where} without noise, {when}{spread}"] if any(says_enough(one) for one in errors) else []
+    said = [f"errors measured{where} without noise, {when}{spread}"] if any(says_enough(one) for one in errors) else []
     fixed = {f"{name}: {why}" for one in errors for name, why in one["fixed"].items()}
     said += [f"not refined: {text}" for text in sorted(fixed)]
-    remedies = [f"{name}: {text}" for name, text in document.get("remedies", {}).items()]
+    remedies = [f"{name}: {_as_options(text)}" for name, text in document.get("remedies", {}).items()]
     if remedies and said:
-        said.append(f"finer: {', '.join(remedies)}")
+        said.append(f"to reduce them: {'; '.join(remedies)}")
     return said + _missing(document)
+
+
+def _as_options(text: str) -> str:
+    """Return parameters, written as ``stage.name = value, ...``, as options of the command line."""
+    return " ".join(f"--set {one.replace(' = ', '=')}" for one in text.split(", "))
 
 
 def _missing(document: DocumentView) -> list[str]:
@@ -132,8 +140,8 @@ def _missing(document: DocumentView) -> list[str]:
             else:
                 others.setdefault(f"{name}: {why}", []).append(one["variable"])
     seconds = human_seconds(number(document["dear"]))
-    of = f" ({_few(list(whose))})" if len(whose) < len(document["errors"]) else ""
-    said = [f"not measured: {', '.join(costly)}{of}, which costs about {seconds}: --measure"] if costly else []
+    of = f" of {_few(list(whose))}" if len(whose) < len(document["errors"]) else ""
+    said = [f"not measured: {', '.join(costly)}{of}; --measure does, in about {seconds}"] if costly else []
     return said + [f"not measured: {text} ({_few(names)})" for text, names in others.items()]
 
 

@@ -36,7 +36,7 @@ def print_answers(document: DocumentView | None) -> None:
         )
         out.print(
             _table(
-                "error of the answer: against the same with everything refined",
+                "error of the answer: its change if everything is refined",
                 ("variable", "left", "name"),
                 ("error", "right", _error),
                 ("max", "right", _largest),
@@ -46,7 +46,7 @@ def print_answers(document: DocumentView | None) -> None:
             )
         )
     if len(errors) > SHOWN:
-        out.print(f"{len(errors) - SHOWN} more variables")
+        out.print(f"{len(errors) - SHOWN} more variables: --json")
     for text in notes(document):
         out.print(escape(text))
 
