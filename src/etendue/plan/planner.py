@@ -23,7 +23,7 @@ from etendue.plan.expansion.cells import Told, expand
 from etendue.plan.expansion.fields import notes_on_the_scene
 from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.plan.request import Choice
-from etendue.plan.wiring.graph import build_graph, resolve_keep
+from etendue.plan.wiring.graph import build_graph, named_in_keep, resolve_keep
 from etendue.plan.wiring.swapped import fitted_to_overrides
 from etendue.plugins.guests import Guest
 from etendue.telling import plain
@@ -105,6 +105,7 @@ def make_plan(
         cells=cells,
         wanted=graph.wanted,
         kept=kept,
+        copied=named_in_keep(graph.nodes, graph.keep),
         precision=precision,
         shared=graph.shared,
         leaves_out=leave_out_allowed,

@@ -272,10 +272,10 @@ class _Run:
 
     def cell(self, job: Job) -> float:
         """Return the bytes added while a cell is computed and stored; note what its result holds."""
-        if job.segment is not None:
-            own, working = segment_bytes(self, job)
-        elif job.left_out:
+        if job.left_out:
             own, working = self._left_out(job), 0.0
+        elif job.segment is not None:
+            own, working = segment_bytes(self, job)
         elif job.by_band:
             own = {(job.ref, v): self.bytes(job, v) for v in job.writes if v not in job.by_band}
             working = self.bands_made(job) * self.plane(job) if job.store else 0.0
@@ -289,13 +289,20 @@ class _Run:
         return made + max(working, 0.0 if self.in_memory else max(packed, default=0.0))
 
     def _left_out(self, job: Job) -> dict[Piece, float]:
-        """Return the result of a cell that is left out: its input."""
-        return {
+        """Return the result of a cell that is left out: its input, and the transform of the stage before."""
+        found = {
             piece: size
             for _, ref, variable in job.inputs
             for piece, size in self.pieces.get(ref, {}).items()
-            if piece[1] == variable and variable in job.writes
+            if piece[1] == variable and variable in job.passes
         }
+        if job.segment is not None and job.segment.previous is not None:
+            before = self.pieces.get(job.segment.previous, {})
+            found |= {piece: size for piece, size in before.items() if not piece[1]}
+        elif job.segment is not None:  # made by the first stage that needs it
+            grid = job.input_grids[job.inputs[0][0]]
+            found[job.ref, ""] = grid.bands().size * self.padded(job)
+        return found
 
     def working(self, job: Job) -> float:
         """Return the memory a stage works with: its stated multiple of the larger of input and output, plus copies."""

@@ -101,7 +101,10 @@ class MemoryKeeper(Passing):
             return {}
         group = self.layout.groups[path]
         index = group.cells[ref]
-        return {name: self.whole[path, name][index] for name in group.variables if not self.missing[path, name][index]}
+        found = {name: self.whole[path, name][index] for name in group.variables if not self.missing[path, name][index]}
+        for name in group.same_as if self.status[self.number(ref)] == STATUS.index("left_out") + 1 else ():
+            found |= {name: array for v, array in self.placed(self.plan.stored(ref, name)).items() if v == name}
+        return found
 
     def _put(self, ref: CellRef, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Copy a cell into its place; return its arrays as views there (variables that are not kept: unchanged)."""
@@ -128,6 +131,7 @@ class MemoryKeeper(Passing):
             if missing.any():
                 whole[missing] = np.nan if whole.dtype.kind == "f" else 0
             data[variable.name] = ((*variable.axes, *variable.dims), whole, variable.attrs)
+        data |= {name: self._shared(layout, name, place) for name, place in layout.same_as.items()}
         flags = np.full(sizes, STATUS.index("not_computed"), np.uint8)
         for ref, index in layout.cells.items():
             if status := self.status[self.number(ref)]:
@@ -141,6 +145,32 @@ class MemoryKeeper(Passing):
         beside = {name for variable in layout.variables.values() for name in coordinates_of(layout, variable)}
         found |= {name: data.pop(name) for name in beside}
         return xarray.Dataset(data, coordinates.of(found), layout.attrs)
+
+    def _shared(self, layout: GroupLayout, name: str, place: str) -> _Column:
+        """Return a variable that is left out everywhere: a read-only view of the array that has its values, repeated
+        along the axes that only this stage has.
+        """
+        path = place[1:].rpartition("/")[0]
+        source, whole = self.layout.groups[path].variables[name], self.whole[path, name]
+        missing = self.missing[path, name]
+        if missing.any():
+            whole[missing] = np.nan if whole.dtype.kind == "f" else 0
+        order = [list(layout.axes).index(axis) for axis in source.axes]
+        view = whole.transpose(*np.argsort(order), *range(len(order), whole.ndim))
+        taken: list[Any] = []
+        for number, (axis, values) in enumerate(layout.axes.items()):
+            if axis not in source.axes:
+                view = np.expand_dims(view, number)
+                continue
+            own = {value: at for at, value in enumerate(self.layout.groups[path].axes[axis])}
+            places = [own[value] for value in values]
+            if places != list(range(len(own))):
+                taken.append((number, places))
+        for number, places in taken:  # a group of one shape that has only some of the values
+            view = np.take(view, places, number)
+        sizes = tuple(len(values) for values in layout.axes.values())
+        shared = np.broadcast_to(view, (*sizes, *source.shape))
+        return (*layout.axes, *source.dims), shared, source.attrs
 
     def _tree(self, tables: Mapping[str, Mapping[str, Any]]) -> xarray.DataTree:
         """Return the groups by stage, with ledger, summary and frames beside them."""

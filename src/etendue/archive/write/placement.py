@@ -70,6 +70,7 @@ class Laid:
             path for path, places in self.places.items() if all(own == list(range(len(own))) for own in places)
         }
         self.blocks = cut(plan, self.layout, self.axes, blocks)
+        self.same = {path: group.same_as for path, group in self.layout.groups.items() if group.same_as}
         self.nodes = _nodes(self.layout)
         self.whereabouts = {
             path: [
