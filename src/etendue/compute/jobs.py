@@ -76,8 +76,9 @@ class Jobs(Mapping[CellRef, Job]):
         self.plan, self.todo, self.target, self.deliver_all = plan, todo, target, deliver_all
         self.show, self.looks = show, looks
         self.nodes = {node.name: node for node in plan.nodes}
-        stored = plan.kept - plan.same_as.keys()
-        self.kept = {node.name: tuple(v for v in node.writes if (node.name, v) in stored) for node in plan.nodes}
+        self.kept = {
+            node.name: tuple(v for v in node.writes if (node.name, v) in plan.with_arrays) for node in plan.nodes
+        }
         self.finding = {node.name for node in plan.nodes if node.found}
         self.number = plan.numbers.of
         self.direct: dict[CellRef, Direct] = {}
@@ -103,7 +104,7 @@ class Jobs(Mapping[CellRef, Job]):
             return
         self.included[number] = True
         if cell.left_out is not None:
-            self._note_passed(ref, cell, computed, read, transform)
+            self._note_passed(ref, cell, computed, read, bool(transform))
             return
         if not (computed or transform):
             return  # stored: its result is only read back

@@ -325,6 +325,11 @@ class Plan:
         """The kept variables without an array of their own, and the stage that has their values (``plan.same_as``)."""
         return same_as(self.nodes, self._grouped, self.cells, self.kept, self.copied)
 
+    @cached_property
+    def with_arrays(self) -> frozenset[StageVariable]:
+        """The kept variables that have an array of their own."""
+        return self.kept - self.same_as.keys()
+
     def stored(self, ref: CellRef, variable: str) -> CellRef:
         """Return the cell that has the values of a kept variable: the cell itself, or one before it."""
         holder = self.same_as.get((ref[0], variable))

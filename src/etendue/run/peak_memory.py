@@ -76,7 +76,7 @@ def peak_memory(plan: Plan, workers: int = 1, in_memory: bool = False, pictures:
 
 def kept_bytes(plan: Plan) -> int:
     """Return the bytes of everything that is kept."""
-    kept = {node.name: [v for v in node.writes if (node.name, v) in plan.kept] for node in plan.nodes}
+    kept = {node.name: [v for v in node.writes if (node.name, v) in plan.with_arrays] for node in plan.nodes}
     return sum(
         count * cost.cell_bytes(node, cell, plan.precision, kept[node.name])
         for node in plan.nodes
@@ -103,7 +103,7 @@ def _jobs(plan: Plan, workers: int, in_memory: bool, pictures: bool) -> Mapping[
     todo = ancestry(plan, refs) if len(refs) < len(plan.cells) else set(refs)
     show = frozenset(ref for ref in shown_cells(plan).values() if pictures and ref in todo)
     looks: dict[CellRef, Any] = dict.fromkeys(show, _LOOK)
-    place = (lambda ref, variable: True if (ref[0], variable) in plan.kept else None) if in_memory else None
+    place = (lambda ref, variable: True if (ref[0], variable) in plan.with_arrays else None) if in_memory else None
     return make_jobs(plan, todo, lambda cell: None, deliver_all=in_memory, show=show, place=place, looks=looks)
 
 

@@ -5,9 +5,10 @@ with the wanted key, and its chunks lie where the lines say, with the recorded s
 itself; lines that fail it, and an incomplete last line, count as absent. That a file exists proves nothing. A ``done``
 line says to which part of a shard each chunk was appended; a ``shard`` line says which bytes of which parts a shard
 holds. The journal also holds the axis values of each group (a coordinate array damaged by a kill is rewritten from
-them), the arrays created in each group, how each is split into shards, the variables without an array and the arrays they
-equal, the record of each run, and how many cells it has to compute. ``closed`` says that a run has ended in order: what precedes it need not be read back. ``outdated``
-names the cells that a run is about to replace: their chunks remain until it does, but readers do not see them.
+them), the arrays created in each group, how each is split into shards, the variables without an array and the arrays
+they equal, the record of each run, and how many cells it has to compute. ``closed`` says that a run has ended in order:
+what precedes it need not be read back. ``outdated`` names the cells that a run is about to replace: their chunks remain
+until it does, but readers do not see them.
 """
 
 from __future__ import annotations

@@ -151,7 +151,19 @@ class StoredArchive:
     @cached_property
     def held(self) -> Mapping[str, StoredCell]:
         done = {name: self.journal.entries[name] for name in self.journal.said.done()}
-        return {name: StoredCell(name, entry, tuple(map(self.chunk, entry.files))) for name, entry in done.items()}
+        return {name: StoredCell(name, entry, tuple(map(self.chunk, self._own(entry)))) for name, entry in done.items()}
+
+    def _own(self, entry: Entry) -> Iterable[WrittenChunk]:
+        """Return the chunks of a cell without copies that an earlier run has written and the last one has removed."""
+        same = self.journal.same
+        if not same:
+            return entry.files
+
+        def given_up(path: str) -> bool:
+            group, variable, _ = path.removeprefix(f"{DATA}/").rsplit("/", 2)
+            return variable in same.get(group, ())
+
+        return [file for file in entry.files if not given_up(file.path)]
 
     @cached_property
     def followed(self) -> list[Followed]:

@@ -295,7 +295,8 @@ class VouchedStore(WrapperStore[LocalStore]):
             document = None if why else disk.read_document(self.folder / DATA / one.path[1:] / ROOT)
             if document is None:
                 raise ArchiveError(
-                    f"{self.folder / DATA / node} should equal {one.path}, but {why or 'its metadata is not readable'}. "
+                    f"{self.folder / DATA / node} should equal {one.path}, but "
+                    f"{why or 'its metadata is not readable'}. "
                     f"Find changes with: etendue verify {self.folder}"
                 )
             axes, there = self.archive.journal.axes[one.group], self.archive.journal.axes[one.source]

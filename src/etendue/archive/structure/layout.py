@@ -118,10 +118,10 @@ def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
             own_cells = [cell for cell in cells if home[cell.ref] == path]
             groups[path].cells = _places(plan, node, groups[path], own_cells)
             _fill(plan, node, groups[path], own_cells, kept, own_cells)
-    found = Layout(groups, parents, Homes(plan, homes), moves)
+    layout = Layout(groups, parents, Homes(plan, homes), moves)
     for group in groups.values():
-        _share(plan, found, group)
-    return found
+        _share(plan, layout, group)
+    return layout
 
 
 def _share(plan: Plan, layout: Layout, group: GroupLayout) -> None:

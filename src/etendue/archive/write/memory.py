@@ -103,7 +103,8 @@ class MemoryKeeper(Passing):
         index = group.cells[ref]
         found = {name: self.whole[path, name][index] for name in group.variables if not self.missing[path, name][index]}
         for name in group.same_as if self.status[self.number(ref)] == STATUS.index("left_out") + 1 else ():
-            found |= {name: array for v, array in self.placed(self.plan.stored(ref, name)).items() if v == name}
+            if (array := self.placed(self.plan.stored(ref, name)).get(name)) is not None:
+                found[name] = array
         return found
 
     def _put(self, ref: CellRef, arrays: Mapping[str, Array]) -> dict[str, Array]:
