@@ -25,6 +25,7 @@ from etendue.archive.read.stored import Stored
 from etendue.archive.records import manifest
 from etendue.archive.write.compact import compact
 from etendue.archive.write.in_place import compact_in_place
+from etendue.archive.write.keeper import ArchiveKeeper
 from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError
 from etendue.pipeline.file import parse_pipeline
@@ -270,6 +271,59 @@ def test_an_axis_that_only_a_stage_left_out_has_repeats_its_source(tmp_path):
     assert verify(tmp_path / "axes").whole
     after = etendue.open_archive(tmp_path / "axes")["diffusion"]["irradiance"]
     xarray.testing.assert_equal(after.sortby(["f_number", "diffusion_depth"]), before)
+
+
+def test_a_run_that_dies_after_any_batch_is_read_so_far_and_finished_by_the_next(whole, plan, tmp_path, monkeypatch):
+    """Also in a copy of it in another folder."""
+    real, arrays = ArchiveKeeper.finished, etendue.open_archive(whole)
+    for ends in range(1, 9):
+
+        def finished(self, reports, found, left=iter(range(ends)), real=real):
+            if next(left, None) is None:
+                raise RuntimeError("dies here")
+            return real(self, reports, found)
+
+        folder = tmp_path / f"dies{ends}"
+        with monkeypatch.context() as patch:
+            patch.setattr(ArchiveKeeper, "finished", finished)
+            with pytest.raises(RuntimeError):
+                run(plan, folder, batch_seconds=0.0)
+        try:
+            tree = etendue.open_archive(folder)
+        except ArchiveError:  # nothing to be read yet
+            tree = xarray.DataTree()
+        for stage in CHAIN:
+            if stage in tree.children and tree[stage]["status"] == 1:
+                assert np.array_equal(tree[stage]["irradiance"].values, arrays[stage]["irradiance"].values)
+        shutil.copytree(folder, tmp_path / f"elsewhere{ends}")
+        for place in (folder, tmp_path / f"elsewhere{ends}"):
+            run(plan, place)
+            assert store_of(place) == store_of(whole)
+            assert verify(place).whole
+            assert run(plan, place).computed == 0
+
+
+def test_schedulers_leave_the_same_archive(whole, plan, tmp_path):
+    for scheduler in ("threads", "processes"):
+        run(plan, tmp_path / scheduler, scheduler=scheduler, workers=2)
+        assert store_of(tmp_path / scheduler) == store_of(whole)
+
+
+def test_an_object_store_has_the_same(whole, plan, tmp_path, monkeypatch):
+    pytest.importorskip("obstore", reason="object stores need obstore: pip install 'etendue[objects]'")
+    from etendue.archive import places
+    from etendue.archive.remote import objects
+
+    monkeypatch.setenv("ETENDUE_WORK", str(tmp_path / "work"))
+    monkeypatch.setattr(objects, "_memory", {})
+    url = "memory:///chain"
+    run(plan, url)
+    with places.reading(url, exact=True) as folder:
+        assert verify(folder).whole
+        assert all(one.equal for one in differences(whole, folder))
+    tree, there = etendue.open_archive(url), etendue.open_archive(whole)
+    for stage in (*CHAIN, "full_well"):
+        xarray.testing.assert_identical(tree[stage].to_dataset().compute(), there[stage].to_dataset().compute())
 
 
 def test_a_damaged_source_is_repaired_for_all_that_follow_it(copy, whole):

@@ -70,8 +70,8 @@ def overwrite(array):
 
 
 def test_what_is_changed_in_place_in_one_group_is_changed_in_no_other():
-    """Groups whose axes are equal share what nobody can change, and nothing else; but what is left out everywhere is the
-    array of another group, and only changes with that.
+    """Groups whose axes are equal share what nobody can change, and nothing else; but what is left out everywhere is
+    the array of another group, and only changes with that.
     """
     tree = run(plan_of({"sweep.f_number": [2, 5.6]})).tree
     nodes = {node.path: node for node in tree.subtree}
