@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import shutil
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -207,6 +208,20 @@ def test_keep_writes_the_copy_that_it_names_and_the_two_forms_do_not_differ(whol
     assert store_of(tmp_path / "named") == store_of(whole)
 
 
+def test_an_archive_of_an_earlier_version_has_copies_and_is_read_reproduced_and_continued(whole, plan, tmp_path):
+    run(replace(plan, copied=plan.kept), tmp_path / "before")
+    assert arrays_on_disk(tmp_path / "before") == {"irradiance", *CHAIN}
+    assert verify(tmp_path / "before").whole
+    assert reproduce(tmp_path / "before", Options("serial")).reproduced
+    assert all(stage.equal for stage in differences(tmp_path / "before", whole))
+    assert run(plan, tmp_path / "before").computed == 0
+    assert arrays_on_disk(tmp_path / "before") == {"irradiance"}
+    assert verify(tmp_path / "before").whole
+    read = etendue.open_archive(tmp_path / "before")
+    for stage in CHAIN:
+        xarray.testing.assert_identical(read[stage]["irradiance"], read["irradiance"]["irradiance"])
+
+
 def test_without_its_source_the_first_that_is_kept_has_the_copy(tmp_path):
     run(plan_of({**LOOSE, "keep": ["diffraction", "diffusion", "falloff", "pixel"]}), tmp_path / "some")
     assert arrays_on_disk(tmp_path / "some") == {"diffraction"}
@@ -278,7 +293,7 @@ def test_a_run_that_dies_after_any_batch_is_read_so_far_and_finished_by_the_next
     real, arrays = ArchiveKeeper.finished, etendue.open_archive(whole)
     for ends in range(1, 9):
 
-        def finished(self, reports, found, left=iter(range(ends)), real=real):
+        def finished(self, reports, found, left=iter(range(ends))):  # noqa: B008  # one for each run
             if next(left, None) is None:
                 raise RuntimeError("dies here")
             return real(self, reports, found)
@@ -324,6 +339,41 @@ def test_an_object_store_has_the_same(whole, plan, tmp_path, monkeypatch):
     tree, there = etendue.open_archive(url), etendue.open_archive(whole)
     for stage in (*CHAIN, "full_well"):
         xarray.testing.assert_identical(tree[stage].to_dataset().compute(), there[stage].to_dataset().compute())
+
+
+def test_each_shape_of_a_stage_names_the_array_of_its_shape_also_when_a_second_one_comes(tmp_path):
+    run(plan_of({**LOOSE, "sweep.pixel.rows": [8]}), tmp_path / "grown")
+    both = plan_of({**LOOSE, "sweep.pixel.rows": [8, 6]})
+    run(both, tmp_path / "grown")
+    run(both, tmp_path / "fresh")
+    memory = run(both).tree
+    for archive in ("grown", "fresh"):
+        tree = etendue.open_archive(tmp_path / archive)
+        for shape in ("8x8", "6x8"):
+            assert tree["full_well"][shape].attrs["same_as"] == f"/shot_noise/{shape}/charge"
+            own, source = tree["full_well"][shape]["charge"], tree["shot_noise"][shape]["charge"]
+            xarray.testing.assert_identical(own, source)
+            assert np.array_equal(own.values, memory["full_well"][shape]["charge"].values)
+        assert verify(tmp_path / archive).whole
+    assert reproduce(tmp_path / "fresh", Options("serial")).reproduced
+    assert {cell.found for cell in reproduce(tmp_path / "grown", Options("serial")).cells} == {"same"}
+    assert run(both, tmp_path / "grown").computed == 0
+
+
+def test_what_follows_a_failed_cell_is_skipped(tmp_path, monkeypatch):
+    from etendue_camera.electronics.stages.exposure import ShotNoise
+
+    def fails(self, *arguments, **named):
+        raise ValueError("no photons today")
+
+    plan = plan_of(LOOSE)
+    monkeypatch.setattr(ShotNoise, "run", fails)
+    for archive in (tmp_path / "failed", None):
+        outcome = execute(plan, archive, Options("serial"))
+        tree = etendue.open_archive(archive) if archive else outcome.tree
+        assert int(tree["full_well"]["status"]) == 3
+        assert np.isnan(tree["full_well"]["charge"].values).all()
+    assert verify(tmp_path / "failed").whole
 
 
 def test_a_damaged_source_is_repaired_for_all_that_follow_it(copy, whole):
