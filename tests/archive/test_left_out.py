@@ -157,6 +157,16 @@ def test_in_memory_it_is_the_array_of_its_input_and_the_tree_is_that_of_the_arch
                 assert np.array_equal(tree[path][name].values, read[path][name].values)
 
 
+def test_a_named_copy_is_none_in_memory_and_a_known_cell_is_taken_as_it_is(plan):
+    named = plan_of({**LOOSE, "keep": ["diffusion.irradiance", "irradiance.irradiance", *NAMES]})
+    tree = run(named).tree
+    assert np.shares_memory(tree["diffusion"]["irradiance"].values, tree["irradiance"]["irradiance"].values)
+    known = np.ones(collect(plan, {("diffusion", ()): ["irradiance"]}).arrays["diffusion", ()]["irradiance"].shape)
+    given = {("diffusion", ()): {"irradiance": known.astype(np.float32)}}
+    found = collect(plan, {("falloff", ()): ["irradiance"]}, known=given).arrays
+    assert (found["falloff", ()]["irradiance"] == 1).all()
+
+
 def test_nothing_is_computed_drawn_or_told_for_it(whole, plan):
     tree = etendue.open_archive(whole)
     ledger, frames = tree["ledger"].to_dataset(), tree["frames"].to_dataset()

@@ -128,9 +128,7 @@ class Jobs(Mapping[CellRef, Job]):
                 self._reads(word.ref, word.variable)
             self._note_looks(cell, node)
         for variable in self._passed(node, wanted, computed):
-            source = source_of(cell, variable)
-            assert source is not None
-            self._reads(source, variable)
+            self._reads(self._source(cell, variable, computed), variable)
         if transform and len(node.segment) > 1:
             self.transforms[self.number(cell.inputs[0][1])] = True
         elif transform:
@@ -142,9 +140,16 @@ class Jobs(Mapping[CellRef, Job]):
         return tuple(dict.fromkeys((*read, *(self.kept[node.name] if computed else ()), *(given if computed else ()))))
 
     def _passed(self, node: Node, wanted: tuple[str, ...], computed: bool) -> tuple[str, ...]:
-        """Return those that a cell that is left out has from its input, and not from the store."""
-        own = () if computed else self.kept[node.name]
-        return tuple(v for v in wanted if v not in own and not node.writes[v].optional)
+        """Return those that a cell that is left out has from another cell, and not from the store."""
+        if not computed:
+            return tuple(v for v in wanted if (node.name, v) in self.plan.same_as)
+        return tuple(v for v in wanted if not node.writes[v].optional)
+
+    def _source(self, cell: Cell, variable: str, computed: bool) -> CellRef:
+        """Return the cell whose array a cell that is left out passes on: its input; if it is stored, what is stored."""
+        source = source_of(cell, variable) if computed else self.plan.stored(cell.ref, variable)
+        assert source is not None
+        return source
 
     def _note_inputs(self, cell: Cell, joined: bool, direct: Direct | None) -> None:
         """Note what a cell reads through its ports; ``joined``: it continues from the transform of the stage before."""
@@ -255,9 +260,12 @@ class Jobs(Mapping[CellRef, Job]):
         ``begins``: it passes on the input of a segment, whose transform others need.
         """
         first = [one for one in inputs if source_of(cell, one[2]) == one[1] and one[2] in cell.grids]
-        own = [one for one in first if one[2] in passes or begins]
-        rest = (one for one in first if one not in own and computed and self.included[self.number(one[1])])
-        return (*own, *rest)
+        light = first[:1] if begins else []
+        if not computed:
+            return (*light, *((v, self._source(cell, v, computed), v) for v in passes))
+        own = [one for one in first if one[2] in passes and one not in light]
+        rest = (one for one in first if one not in own and one not in light and self.included[self.number(one[1])])
+        return (*light, *own, *rest)
 
     # -- queries that need no job -------------------------------------------------------------------------------------
 

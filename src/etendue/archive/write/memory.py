@@ -7,6 +7,7 @@ Out: the tree that ``xarray.open_datatree`` gives for the archive of the same pl
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,9 @@ class MemoryKeeper(Passing):
 
     def begin(self, asked: Plan) -> Work:
         """Allocate the arrays of everything that is kept."""
+        # In memory nothing is copied, also where ``keep`` names it.
+        shared = replace(asked, copied=frozenset()) if asked.copied else asked
+        asked = shared if shared.same_as else asked
         self.plan, self.layout, self.number = asked, layout_of(asked), asked.numbers.of
         self.status = bytearray(asked.numbers.count)  # by cell: 0, or its status + 1 once it has ended
         for path, group in self.layout.groups.items():
