@@ -53,7 +53,7 @@ class Running:
     def compute(self, options: Options, cut: Cut) -> None:
         """Compute all that is left to do, in batches. If interrupted, finished results stay in the store."""
         work, keeper = self.work, self.keeper
-        show = frozenset(ref for ref in self.shown.values() if keeper.draws and ref in work.todo)
+        show = frozenset(ref for ref in self.shown.values() if ref in self.looks and ref in work.todo)
         jobs = make_jobs(
             self.plan,
             work.todo,
@@ -116,7 +116,8 @@ class Running:
         if keeper.draws and (self.arrays or keeper.lacks_pictures(self.shown.values())):
             for one in self.there:
                 self.small |= {
-                    ref: thumbnails.only(self.looks[ref](found)) for ref, found in keeper.stored([one]).items()
+                    ref: thumbnails.only(self.looks[ref](found))
+                    for ref, found in (keeper.stored([one]) if one in self.looks else {}).items()
                 }
             return pictures.sheet(self.plan, self.shown, self.small, at, self._maps)
         mapped = (ref for one in small_maps.small_maps(self.plan) for ref in one.cells) if keeper.folder else ()

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etendue.compute.job import Job
-from etendue.compute.joined.segments import Result
+from etendue.compute.joined.segments import Light, Result
 from etendue.contract.arrays.grid import Grid
 from etendue.contract.arrays.variables import parse_declaration
 from etendue.contract.stage import Stage
@@ -203,6 +203,6 @@ def test_siblings_behind_the_same_two_batches_share_a_batch():
 
 def test_what_a_batch_reads_from_another_is_read_only():
     """A trip through pickle makes arrays writable again; a stage must not see that."""
-    results = Result({"out": np.zeros(2)}, transform=np.zeros(2, complex)).read_only()
+    results = Result({"out": np.zeros(2)}, light=Light(np.zeros(2, complex))).read_only()
     assert not results.arrays["out"].flags.writeable
-    assert not results.transform.flags.writeable
+    assert not results.light.transform.flags.writeable

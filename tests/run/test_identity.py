@@ -190,12 +190,13 @@ def _lose(archive, damage, chance):
 
 def test_memory_and_archive_hold_the_same_tree(tmp_path):
     import numpy as np
-    import xarray
+
+    import etendue
 
     plan = plan_of({"sweep.f_number": [2, 5.6], "sweep.pixel_pitch": ["2.0 um", "2.6 um"]})
     memory = run(plan).tree
     run(plan, tmp_path / "a")
-    with xarray.open_datatree(tmp_path / "a" / "data.zarr", engine="zarr", chunks=None) as stored:
+    with etendue.open_archive(tmp_path / "a") as stored:
         assert {n.path for n in stored.subtree} == {n.path for n in memory.subtree}
         for node in stored.subtree:
             other = memory[node.path].dataset

@@ -199,6 +199,8 @@ def open_archive(place: str | Path) -> xarray.DataTree:
         return opened(place)
     import xarray
 
-    tree = xarray.open_datatree(zarr_store(str(place)), engine="zarr")
+    from etendue.archive.read.left_out import tree_with_left_out
+
+    tree = tree_with_left_out(xarray.open_datatree(zarr_store(str(place)), engine="zarr"))
     tree.encoding["source"] = f"{str(place).rstrip('/')}/data.zarr"
     return tree

@@ -110,8 +110,4 @@ def opened(outcome: Outcome, archive: str | Path | None) -> Any:
 
     if archive is None:
         return stated(outcome.tree, outcome.answers)
-    if places.is_url(archive):
-        return stated(places.open_archive(archive), outcome.answers)
-    import xarray
-
-    return stated(xarray.open_datatree(Path(archive) / "data.zarr", engine="zarr"), outcome.answers)
+    return stated(places.open_archive(archive), outcome.answers)

@@ -19,7 +19,7 @@ from etendue.compute.form import Output, form_of
 from etendue.compute.found import with_found
 from etendue.compute.given import Clipped, arguments
 from etendue.compute.job import Job
-from etendue.compute.joined.segments import Result, transferred
+from etendue.compute.joined.segments import Result, passed_on, transferred
 from etendue.compute.mapped import one_by_one
 from etendue.compute.ownership import as_array, for_reading, frozen, guests_of, handed, taken, undisturbed
 from etendue.contract.ports import CellReport, WrittenChunk
@@ -121,7 +121,7 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
     try:
         if job.task == "load":
             result, arrays = undisturbed(_load, job, results)
-            result.arrays, result.lowest = arrays, undefined(job, arrays)
+            result.arrays, result.lowest = arrays, result.lowest | undefined(job, arrays)
             return result, CellReport(*job.ref, "loaded")
         with guests_of(job):
             result, arrays = undisturbed(_made, job, results, clipped)
@@ -150,7 +150,8 @@ def kept(
     result.arrays = {v: arrays[v] for v in job.deliver if v in arrays} if arrays else {}
     share, flux = (sum(values) / len(clipped) for values in zip(*clipped, strict=True)) if clipped else (0.0, 0.0)
     status = "left_out" if job.left_out else "done"
-    floored = sum(float(np.nansum(arrays[v])) for v in form_of(job).counted if v in arrays)
+    counted = () if job.left_out else form_of(job).counted
+    floored = sum(float(np.nansum(arrays[v])) for v in counted if v in arrays)
     return result, CellReport(
         *job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux, floored=floored
     )
@@ -177,17 +178,12 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
     if job.mapped and not job.left_out:
         arrays = one_by_one(job, results, clipped, check)
         return Result(lowest=undefined(job, arrays)), arrays
+    if job.left_out:
+        return _passed(job, results, clipped)
     job = with_found(job, results)
     transfer = form_of(job).transfer
     if transfer:
         result, arrays = transferred(job, results)
-    elif job.left_out:
-        sources = {variable: results[ref].arrays[variable] for _, ref, variable in job.inputs}
-        arrays = {name: sources[name] for name, declared in job.writes.items() if not declared.optional}
-        if len(arrays) < len(job.writes):  # the input is passed on, but optional outputs are wanted too
-            found = _made(replace(job, left_out=False), results, clipped)[1]
-            arrays |= {name: array for name, array in found.items() if name not in arrays}
-        return Result(lowest=undefined(job, arrays)), arrays
     elif job.by_band:
         given = {port: for_reading(results[ref].arrays[variable]) for port, ref, variable in job.inputs}
         result, arrays = Result(), made_by_band(job, given)
@@ -201,13 +197,32 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
     return result, arrays
 
 
+def _passed(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tuple[Result, dict[str, Any]]:
+    """Return what a cell that is left out passes on; the stage is run only for optional outputs that are wanted."""
+    result, arrays = passed_on(job, results)
+    # The stage before was allowed undefined values; this one may not be.
+    doubtful = {name: array for name, array in arrays.items() if math.isnan(result.lowest.get(name, 0.0))}
+    undefined(job, doubtful)
+    if any(job.writes[name].optional for name in (*job.store, *job.deliver)):
+        found, other = _made(replace(job, left_out=False), results, clipped)
+        arrays |= {name: array for name, array in other.items() if job.writes[name].optional}
+        result.lowest |= {name: low for name, low in found.lowest.items() if job.writes[name].optional}
+    return result, arrays
+
+
 def _load(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
     """Load a finished cell: read its arrays back, or rebuild its transform from the segment's input."""
-    if job.transform:
+    arrays: dict[str, Any] = {}
+    if job.left_out:
+        result, arrays = passed_on(job, results)
+    elif job.transform:
         result, _ = transferred(with_found(job, results), results)
     else:
         result = Result()
-    assert job.target is not None
+    stored = [v for v in job.deliver if v not in arrays]
+    assert job.target is not None or not stored
     with refused_by_the_machine():
-        arrays = {v: StoredBands(job, v) if v in job.by_band else job.target.read(v) for v in job.deliver}
+        for v in stored:
+            assert job.target is not None
+            arrays[v] = StoredBands(job, v) if v in job.by_band else job.target.read(v)
     return result, {v: array if isinstance(array, BandArray) else frozen(array) for v, array in arrays.items()}

@@ -140,6 +140,7 @@ class Job:
     expected: bool = False  # means instead of draws and rounding
     walk: Walk | None = None
     look: CellObserver | None = None  # the caller's reduction of its arrays, applied where they are computed
+    passes: tuple[str, ...] = ()  # of a cell that is left out: the variables that are arrays of its input
 
     form: StageForm | None = field(init=False, default=None, repr=False)  # set on first use by ``compute.form``
 
@@ -167,11 +168,11 @@ class Job:
     @cached_property
     def needs(self) -> tuple[CellRef, ...]:
         """The cells whose results this job reads."""
-        if self.task == "load" and not self.transform:
+        if self.task == "load" and not (self.transform or self.passes):
             return ()
         refs = [ref for _, ref, _ in self.inputs]
         if self.segment and self.segment.previous is not None:
-            refs[0] = self.segment.previous
+            refs = [self.segment.previous, *refs[1:]]
         refs += self.awaited
         if self.looking:
             refs += [ref for _, what, pairs in self.looking.ports if not looks_at_stages(what) for _, ref in pairs]

@@ -23,6 +23,7 @@ from etendue.contract.stage import looks_at_stages, patterns_of, reads_of
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.identity.once import Once
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of
+from etendue.plan.same_as import source_of
 
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
@@ -75,7 +76,9 @@ class Jobs(Mapping[CellRef, Job]):
         self.plan, self.todo, self.target, self.deliver_all = plan, todo, target, deliver_all
         self.show, self.looks = show, looks
         self.nodes = {node.name: node for node in plan.nodes}
-        self.kept = {node.name: tuple(v for v in node.writes if (node.name, v) in plan.kept) for node in plan.nodes}
+        self.kept = {
+            node.name: tuple(v for v in node.writes if (node.name, v) in plan.with_arrays) for node in plan.nodes
+        }
         self.finding = {node.name for node in plan.nodes if node.found}
         self.number = plan.numbers.of
         self.direct: dict[CellRef, Direct] = {}
@@ -100,6 +103,9 @@ class Jobs(Mapping[CellRef, Job]):
         if not (computed or read or transform):
             return
         self.included[number] = True
+        if cell.left_out is not None:
+            self._note_passed(ref, cell, computed, read, bool(transform))
+            return
         if not (computed or transform):
             return  # stored: its result is only read back
         if node.is_transfer and not (self.kept[node.name] or read or transform or ref in self.show):
@@ -111,6 +117,39 @@ class Jobs(Mapping[CellRef, Job]):
         self._note_looks(cell, node)
         for other in direct[1] if direct is not None else ():
             self._note_found(other)
+
+    def _note_passed(self, ref: CellRef, cell: Cell, computed: bool, read: tuple[str, ...], transform: bool) -> None:
+        """Note what a cell that is left out passes on: arrays that somebody needs, and the transform of its segment."""
+        node = self.nodes[ref[0]]
+        wanted = self._wanted(node, ref, computed, read)
+        if computed and any(node.writes[v].optional for v in wanted):  # which only running the stage gives
+            self._note_inputs(cell, False, None)
+            for word in cell.open_words:
+                self._reads(word.ref, word.variable)
+            self._note_looks(cell, node)
+        for variable in self._passed(node, wanted, computed):
+            self._reads(self._source(cell, variable, computed), variable)
+        if transform and len(node.segment) > 1:
+            self.transforms[self.number(cell.inputs[0][1])] = True
+        elif transform:
+            self._reads(*cell.inputs[0][1:])
+
+    def _wanted(self, node: Node, ref: CellRef, computed: bool, read: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the variables of a cell that are stored, read or given to the caller."""
+        given = tuple(node.writes) if ref in self.show else ()
+        return tuple(dict.fromkeys((*read, *(self.kept[node.name] if computed else ()), *(given if computed else ()))))
+
+    def _passed(self, node: Node, wanted: tuple[str, ...], computed: bool) -> tuple[str, ...]:
+        """Return those that a cell that is left out has from another cell, and not from the store."""
+        if not computed:
+            return tuple(v for v in wanted if (node.name, v) in self.plan.same_as)
+        return tuple(v for v in wanted if not node.writes[v].optional)
+
+    def _source(self, cell: Cell, variable: str, computed: bool) -> CellRef:
+        """Return the cell whose array a cell that is left out passes on: its input; if it is stored, what is stored."""
+        source = source_of(cell, variable) if computed else self.plan.stored(cell.ref, variable)
+        assert source is not None
+        return source
 
     def _note_inputs(self, cell: Cell, joined: bool, direct: Direct | None) -> None:
         """Note what a cell reads through its ports; ``joined``: it continues from the transform of the stage before."""
@@ -167,8 +206,16 @@ class Jobs(Mapping[CellRef, Job]):
         # In what a cell reads, the values that other cells find come last.
         awaited = cell.found if node.name in self.finding else ()
         inputs = cell.inputs[: len(cell.inputs) - len(awaited)]
-        segment = None
-        if ref in self.direct:
+        segment, passes, runs = None, tuple[str, ...](), True
+        if cell.left_out is not None:
+            wanted = self._wanted(node, ref, computed, read)
+            passes = self._passed(node, wanted, computed)
+            runs = computed and any(node.writes[v].optional for v in wanted)
+            if not runs:
+                inputs = self._passing(cell, inputs, passes, computed, transform and len(node.segment) == 1)
+            if transform:
+                segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, transform=True)
+        elif ref in self.direct:
             (source, variable), before = self.direct[ref]
             inputs = ((inputs[0][0], source, variable), *inputs[1:])
             # this keeps all: a segment holds only transfer stages
@@ -198,19 +245,34 @@ class Jobs(Mapping[CellRef, Job]):
             seconds=seconds,
             by_band=bands,
             segment=segment,
-            looking=self._looking(cell) if cell.looks_at else None,
-            waiting=Waiting(awaited, cell.open_words, plan.pipeline.seed) if awaited or cell.open_words else None,
+            looking=self._looking(cell) if cell.looks_at and runs else None,
+            waiting=Waiting(awaited, cell.open_words, plan.pipeline.seed)
+            if (awaited or cell.open_words) and runs
+            else None,
             mapped=Mapped(cell.mapped, _leading(self.nodes, cell)) if cell.mapped else None,
             expected=plan.expected,
             look=self.looks.get(ref),
+            passes=passes,
         )
+
+    def _passing(self, cell: Cell, inputs: Found, passes: tuple[str, ...], computed: bool, begins: bool) -> Found:
+        """Return what a cell that is left out waits for: what it passes on, else only that its input has not failed.
+        ``begins``: it passes on the input of a segment, whose transform others need.
+        """
+        first = [one for one in inputs if source_of(cell, one[2]) == one[1] and one[2] in cell.grids]
+        light = first[:1] if begins else []
+        if not computed:
+            return (*light, *((v, self._source(cell, v, computed), v) for v in passes))
+        own = [one for one in first if one[2] in passes and one not in light]
+        rest = (one for one in first if one not in own and one not in light and self.included[self.number(one[1])])
+        return (*light, *own, *rest)
 
     # -- queries that need no job -------------------------------------------------------------------------------------
 
     def needs(self, ref: CellRef) -> tuple[CellRef, ...]:
         """Return the cells whose results a job reads."""
         cell, node = self.plan.cells[ref], self.nodes[ref[0]]
-        if node.segment or cell.looks_at or cell.open_words or node.name in self.finding:
+        if node.segment or cell.left_out or cell.looks_at or cell.open_words or node.name in self.finding:
             return self._made(ref, None).needs
         if ref not in self.todo:
             return ()

@@ -30,6 +30,7 @@ from etendue.contract.capabilities import (
 )
 from etendue.contract.stage import Stage, per_kind, quantities_of, reads_of, writes_of
 from etendue.pipeline.file import PipelineFile
+from etendue.plan.same_as import of_cell, same_as
 from etendue.types.documents import DocumentView
 
 CellRef = tuple[str, tuple[int, ...]]
@@ -299,6 +300,8 @@ class Plan:
     leaves_out: bool = True  # whether anything may be left out or approximated
     looked: float = 0.0  # seconds spent analysing scenes that were never planned before
     expected: bool = False  # means instead of draws and rounding: integer variables are floats, nothing is stored
+    # kept variables that are stored even if all their cells are left out: those that ``keep`` names
+    copied: frozenset[StageVariable] = frozenset()
 
     def node(self, name: str) -> Node:
         return self._named[name]
@@ -316,6 +319,21 @@ class Plan:
     @cached_property
     def numbers(self) -> Numbers:
         return Numbers(self.nodes, {axis.dim: len(axis.values) for axis in self.axes})
+
+    @cached_property
+    def same_as(self) -> Mapping[StageVariable, str]:
+        """The kept variables without an array of their own, and the stage that has their values (``plan.same_as``)."""
+        return same_as(self.nodes, self._grouped, self.cells, self.kept, self.copied)
+
+    @cached_property
+    def with_arrays(self) -> frozenset[StageVariable]:
+        """The kept variables that have an array of their own."""
+        return self.kept - self.same_as.keys()
+
+    def stored(self, ref: CellRef, variable: str) -> CellRef:
+        """Return the cell that has the values of a kept variable: the cell itself, or one before it."""
+        holder = self.same_as.get((ref[0], variable))
+        return ref if holder is None else of_cell(self.cells, ref, variable, holder)
 
     @cached_property
     def _named(self) -> Mapping[str, Node]:

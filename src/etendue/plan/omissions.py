@@ -7,19 +7,22 @@ Out: documents with the number of cells, the bound and, if known, the seconds sa
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from dataclasses import replace
 
 from etendue.contract.stage import parameters_of
-from etendue.plan.cost import cell_seconds
+from etendue.plan.cost import cell_bytes, cell_seconds
 from etendue.plan.model import Approximated, Cell, Node
+from etendue.telling import human_bytes
 from etendue.types.documents import Document
 
 LEAST_TOLD = 1e-3  # seconds; a smaller saving is not mentioned
 
 
-def left_out(node: Node, cells: Sequence[Cell], precision: str) -> Document | None:
-    """Return the summary of a stage that is left out in some cells; None for other stages."""
+def left_out(node: Node, cells: Sequence[Cell], precision: str, stored: Collection[str] = ()) -> Document | None:
+    """Return the summary of a stage that is left out in some cells; None for other stages. ``stored``: its variables
+    that have an array, of which these cells take a copy.
+    """
     out = [(cell, cell.left_out) for cell in cells if cell.left_out]
     if not out:
         return None
@@ -29,6 +32,7 @@ def left_out(node: Node, cells: Sequence[Cell], precision: str) -> Document | No
         "bound": max(why.bound for _, why in out),
         "why": "; ".join(dict.fromkeys(why.why for _, why in out)),
         "seconds_saved": sum(cell_seconds(node, replace(cell, left_out=None), precision) for cell, _ in out),
+        "copies": sum(cell_bytes(node, cell, precision, stored) for cell, _ in out),
     }
 
 
@@ -85,6 +89,11 @@ def _saving(seconds: float | None) -> str:
     return f"; saves about {seconds:.2g} s" if seconds is not None and seconds >= LEAST_TOLD else ""
 
 
+def _copies(size: int) -> str:
+    """Return the end of a sentence that states what copies of its input take in an archive; '' if there are none."""
+    return f"; their copies take {human_bytes(size)}" if size else ""
+
+
 def _shown(value: Hashable) -> Hashable:
     return "inf" if isinstance(value, float) and math.isinf(value) else value
 
@@ -96,7 +105,7 @@ def told(name: str, left: Document | None, knobs: list[Document] | None) -> list
         wrong = "exactly" if left["bound"] == 0 else f"error at most {left['bound']:.2g}"
         said.append(
             f"left out  {name} in {left['cells']} of {left['of']} cells, {wrong}: "
-            f"{left['why']}{_saving(left['seconds_saved'])}"
+            f"{left['why']}{_saving(left['seconds_saved'])}{_copies(left['copies'])}"
         )
     by_knob: dict[str, list[Document]] = {}
     for one in knobs or ():

@@ -23,7 +23,7 @@ from etendue.plan.expansion.cells import Told, expand
 from etendue.plan.expansion.fields import notes_on_the_scene
 from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.plan.request import Choice
-from etendue.plan.wiring.graph import build_graph, resolve_keep
+from etendue.plan.wiring.graph import build_graph, named_in_keep, resolve_keep
 from etendue.plan.wiring.swapped import fitted_to_overrides
 from etendue.plugins.guests import Guest
 from etendue.telling import plain
@@ -105,6 +105,7 @@ def make_plan(
         cells=cells,
         wanted=graph.wanted,
         kept=kept,
+        copied=named_in_keep(graph.nodes, graph.keep),
         precision=precision,
         shared=graph.shared,
         leaves_out=leave_out_allowed,
@@ -209,6 +210,8 @@ def _stage(plan: Plan, node: Node) -> Document:
     cells, precision = plan.of(node.name), plan.precision
     counted = cost.alike(cells)
     sizes = {v: sum(count * cost.cell_bytes(node, c, precision, [v]) for c, count in counted) for v in node.writes}
+    same_as = {v: f"{plan.same_as[node.name, v]}.{v}" for v in node.writes if (node.name, v) in plan.same_as}
+    sizes |= dict.fromkeys(same_as, 0)
     kept = {v: (node.name, v) in plan.kept for v in node.writes}
     uses = [one.use for one in node.alternatives]
     return {
@@ -219,9 +222,14 @@ def _stage(plan: Plan, node: Node) -> Document:
         "cells": len(cells),
         "found": node.found or None,
         "one_by_one": list(node.mapped) or None,
-        "left_out": omissions.left_out(node, cells, precision),
+        "left_out": omissions.left_out(
+            node, cells, precision, [v for v in node.writes if (node.name, v) in plan.with_arrays]
+        ),
         "approximated": omissions.approximated(node, cells, precision),
         "bytes": sum(size for v, size in sizes.items() if kept[v]),
-        "variables": {v: {"bytes": size, "kept": kept[v]} for v, size in sizes.items()},
+        "variables": {
+            v: {"bytes": size, "kept": kept[v]} | ({"same_as": same_as[v]} if v in same_as else {})
+            for v, size in sizes.items()
+        },
         "seconds": sum(count * cost.cell_seconds(node, c, precision) for c, count in counted),
     }

@@ -148,7 +148,7 @@ def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = 
             continue
         cell, node = plan.cells[ref], nodes[ref[0]]
         for number, (_, source, variable) in enumerate(cell.inputs):
-            if len(node.segment) > 1 and number == 0:
+            if len(node.segment) > 1 and number == 0 and cell.left_out is None:
                 _need_segment(plan, source, todo)
             elif (source[0], variable) not in plan.kept:
                 todo.add(source)

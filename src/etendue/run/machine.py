@@ -84,7 +84,7 @@ def _of_one(plan: Plan) -> int:
     """Return the bytes stored of the largest cell."""
     return max(
         (
-            cell_bytes(n, c, plan.precision, [v for v in n.writes if (n.name, v) in plan.kept])
+            cell_bytes(n, c, plan.precision, [v for v in n.writes if (n.name, v) in plan.with_arrays])
             for n in plan.nodes
             for c, _ in alike(plan.of(n.name))
         ),

@@ -76,7 +76,7 @@ def peak_memory(plan: Plan, workers: int = 1, in_memory: bool = False, pictures:
 
 def kept_bytes(plan: Plan) -> int:
     """Return the bytes of everything that is kept."""
-    kept = {node.name: [v for v in node.writes if (node.name, v) in plan.kept] for node in plan.nodes}
+    kept = {node.name: [v for v in node.writes if (node.name, v) in plan.with_arrays] for node in plan.nodes}
     return sum(
         count * cost.cell_bytes(node, cell, plan.precision, kept[node.name])
         for node in plan.nodes
@@ -103,7 +103,7 @@ def _jobs(plan: Plan, workers: int, in_memory: bool, pictures: bool) -> Mapping[
     todo = ancestry(plan, refs) if len(refs) < len(plan.cells) else set(refs)
     show = frozenset(ref for ref in shown_cells(plan).values() if pictures and ref in todo)
     looks: dict[CellRef, Any] = dict.fromkeys(show, _LOOK)
-    place = (lambda ref, variable: True if (ref[0], variable) in plan.kept else None) if in_memory else None
+    place = (lambda ref, variable: True if (ref[0], variable) in plan.with_arrays else None) if in_memory else None
     return make_jobs(plan, todo, lambda cell: None, deliver_all=in_memory, show=show, place=place, looks=looks)
 
 
@@ -272,10 +272,10 @@ class _Run:
 
     def cell(self, job: Job) -> float:
         """Return the bytes added while a cell is computed and stored; note what its result holds."""
-        if job.segment is not None:
-            own, working = segment_bytes(self, job)
-        elif job.left_out:
+        if job.left_out:
             own, working = self._left_out(job), 0.0
+        elif job.segment is not None:
+            own, working = segment_bytes(self, job)
         elif job.by_band:
             own = {(job.ref, v): self.bytes(job, v) for v in job.writes if v not in job.by_band}
             working = self.bands_made(job) * self.plane(job) if job.store else 0.0
@@ -289,13 +289,20 @@ class _Run:
         return made + max(working, 0.0 if self.in_memory else max(packed, default=0.0))
 
     def _left_out(self, job: Job) -> dict[Piece, float]:
-        """Return the result of a cell that is left out: its input."""
-        return {
+        """Return the result of a cell that is left out: its input, and the transform of the stage before."""
+        found = {
             piece: size
             for _, ref, variable in job.inputs
             for piece, size in self.pieces.get(ref, {}).items()
-            if piece[1] == variable and variable in job.writes
+            if piece[1] == variable and variable in job.passes
         }
+        if job.segment is not None and job.segment.previous is not None:
+            before = self.pieces.get(job.segment.previous, {})
+            found |= {piece: size for piece, size in before.items() if not piece[1]}
+        elif job.segment is not None:  # made by the first stage that needs it
+            grid = job.input_grids[job.inputs[0][0]]
+            found[job.ref, ""] = grid.bands().size * self.padded(job)
+        return found
 
     def working(self, job: Job) -> float:
         """Return the memory a stage works with: its stated multiple of the larger of input and output, plus copies."""

@@ -32,8 +32,6 @@ def segment_bytes(run: Any, job: Job) -> tuple[dict[Any, float], float]:
     begun = transform if segment.previous is None else 0.0  # padded planes
     if isinstance(job.stage, Summed):
         return own, max(begun, 2 * _channels(job) * run.padded(job))
-    if job.left_out:
-        return own | ({(job.ref, ""): transform} if job.transform else {}), begun
     run.tables += 0.5 * transform
     if job.transform:
         own[job.ref, ""] = transform

@@ -126,7 +126,8 @@ def _judged(
     refs = {name: ref for ref, name in again.names.items()}
     for name in asked:
         entry, report = stored.journal.entries[name], again.reports.get(name)
-        if entry.event == "done" and (entry.files or report is None):
+        held = name in stored.archive.cells and stored.archive.chunks_of(stored.archive.cells[name])
+        if entry.event == "done" and (entry.files or held or report is None):
             yield from judged_cell(again.plan, refs[name], name, report, damaged.get(name, ""), elsewhere)
     for name, entry in stored.finished.items():
         if name not in refs and entry.files:
@@ -245,7 +246,9 @@ def _plan_of(plan: Plan, stored: Stored) -> Plan:
     whole = with_stored_values(plan, stored.journal.axes, sweeps)
     there = stored.variables() | _laid_out(whole, stored)
     kept, _, _ = staying(replace(whole, kept=frozenset(there)), stored.journal.said, there)
-    return kept
+    # Archives of earlier versions have copies of what is left out.
+    copies = {(path.split("/")[0], v) for path, own in stored.journal.blocks.items() for v in own}
+    return replace(kept, copied=kept.copied | (kept.same_as.keys() & copies))
 
 
 def _laid_out(plan: Plan, stored: Stored) -> set[tuple[str, str]]:

@@ -85,16 +85,32 @@ def _stages(folder: Path, listing: disk.Listing, journal: Read, order: Iterable[
     counts: dict[str, dict[str, int]] = {}
     for (stage, status), count in journal.said.counts(journal.outdated).items():
         counts.setdefault(stage, {})[status] = count
-    ended = _ended(journal)
+    ended, order = _ended(journal), list(order)
+    by_stage = {name: _variables(folder, listing, name) for name in order}
+    _add_left_out(by_stage, journal)
     return [
         {
             "name": name,
-            "variables": _variables(folder, listing, name),
+            "variables": by_stage[name],
             "cells": dict(sorted(counts.get(name, {}).items())),
             **_progress(journal, ended, [name]),
         }
         for name in order
     ]
+
+
+def _add_left_out(by_stage: Mapping[str, list[Document]], journal: Read) -> None:
+    """Add the variables without an array, with the form of the array that has their values (``same_as``)."""
+    known = {(v["group"], v["variable"]): v for own in by_stage.values() for v in own}
+    for group, own in journal.same.items():
+        for name, path in own.items():
+            source, stage = path[1:].rpartition("/")[0], group.split("/")[0]
+            one = known.get((source, name))
+            if one is None or stage not in by_stage or group not in journal.axes or source not in journal.axes:
+                continue
+            axes = {dim: len(values) for dim, values in journal.axes[group].items()}
+            inner = {dim: size for dim, size in one["dims"].items() if dim not in journal.axes[source]}
+            by_stage[stage].append({**one, "group": group, "dims": axes | inner, "same_as": path})
 
 
 def order_of(root: Path, record: Document) -> list[str]:

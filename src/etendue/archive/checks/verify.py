@@ -14,6 +14,7 @@ from etendue import plain_files
 from etendue.archive.journaling.journal import NAME as JOURNAL
 from etendue.archive.journaling.journal import Read
 from etendue.archive.read.inspection import Damage, Inspection, Told, Verified
+from etendue.archive.read.left_out_inspection import left_out_damage
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA
 from etendue.archive.records.manifest import NAME as MANIFEST
@@ -53,7 +54,7 @@ def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | 
             [Damage("missing", JOURNAL, "missing: the cells it named must be recomputed")] if JOURNAL not in odd else []
         )
     look = Inspection(folder, listing, found, told, set(odd), journal)
-    parts = (look.manifest, look.journal, look.metadata, look.chunks)
+    parts = (look.manifest, look.journal, look.metadata, look.chunks, lambda: left_out_damage(look.stored))
     for part in (*parts, look.inputs, look.records, look.small_files, look.added, look.beside):
         found.damages += [damage for damage in part() if damage.cell or damage.path not in odd]
     found.damages = list(dict.fromkeys(found.damages))

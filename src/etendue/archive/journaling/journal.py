@@ -5,9 +5,10 @@ with the wanted key, and its chunks lie where the lines say, with the recorded s
 itself; lines that fail it, and an incomplete last line, count as absent. That a file exists proves nothing. A ``done``
 line says to which part of a shard each chunk was appended; a ``shard`` line says which bytes of which parts a shard
 holds. The journal also holds the axis values of each group (a coordinate array damaged by a kill is rewritten from
-them), the arrays created in each group, how each is split into shards, the record of each run, and how many cells it
-has to compute. ``closed`` says that a run has ended in order: what precedes it need not be read back. ``outdated``
-names the cells that a run is about to replace: their chunks remain until it does, but readers do not see them.
+them), the arrays created in each group, how each is split into shards, the variables without an array and the arrays
+they equal, the record of each run, and how many cells it has to compute. ``closed`` says that a run has ended in order:
+what precedes it need not be read back. ``outdated`` names the cells that a run is about to replace: their chunks remain
+until it does, but readers do not see them.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from etendue.archive.journaling.line_forms import (
     kept_of,
     leads_out,
     of_kind,
+    same_of,
 )
 from etendue.archive.records import disk
 from etendue.archive.sharding.shards import Shard
@@ -68,6 +70,8 @@ class Read:
     arrays: dict[str, set[str]] = field(default_factory=dict)  # by group: the names of all arrays ever made in it
     # by group and variable: how it is split and encoded
     blocks: dict[str, dict[str, Document]] = field(default_factory=dict)
+    # by group and variable without an array, because it is left out in all cells: the path of the array it equals
+    same: dict[str, dict[str, str]] = field(default_factory=dict)
     shards: dict[str, Shard] = field(
         default_factory=dict
     )  # by path below the archive, as they were put in their places
@@ -103,6 +107,7 @@ class Journal:
             found.records,
             found.outdated,
         )
+        self.same = found.same
         self.damaged, self.torn, self.files_a_cell = found.damaged, found.torn, found.files_a_cell
         self.handle: int | None = None
 
@@ -211,6 +216,14 @@ class Journal:
         }
         self._append({"event": "blocks", "group": group, "blocks": own} for group, own in changed.items())
         self.blocks.update(changed)
+
+    def set_same(self, same: Mapping[str, Mapping[str, str]]) -> None:
+        """Record which variables of each group have no array, and which arrays they equal."""
+        groups = {*self.same, *same}
+        changed = {group: dict(same.get(group, {})) for group in sorted(groups)}
+        changed = {group: own for group, own in changed.items() if self.same.get(group, {}) != own}
+        self._append({"event": "same", "group": group, "same": own} for group, own in changed.items())
+        self.same = {group: own for group, own in {**self.same, **changed}.items() if own}
 
     def put(self, shards: Mapping[str, Shard]) -> None:
         """Record that these shards are in their places."""
@@ -354,6 +367,10 @@ def _take(found: Read, value: DocumentView) -> None:
         found.run = Going(planned, todo)
     elif event == "blocks":
         found.blocks[inside(value["group"])] = {inside(name): block_of(one) for name, one in value["blocks"].items()}
+    elif event == "same":
+        same = same_of(value["same"])
+        found.same.pop(inside(value["group"]), None)
+        found.same |= {value["group"]: same} if same else {}
     elif event == "shard":
         found.shards[inside(value["path"])] = Shard(of_kind(int, value["size"]), kept_of(value["kept"]), True)
     elif event == "record":

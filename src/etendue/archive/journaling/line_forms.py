@@ -24,6 +24,7 @@ FIELDS = {
     "arrays": frozenset({"event", "group", "names"}),
     "run": frozenset({"event", "planned", "todo"}),
     "blocks": frozenset({"event", "group", "blocks"}),
+    "same": frozenset({"event", "group", "same"}),
     "shard": frozenset({"event", "path", "size", "kept"}),
     "closed": frozenset({"event"}),
     "outdated": frozenset({"event", "cells"}),
@@ -90,6 +91,14 @@ def block_of(written: Any) -> Document:
     if min([*block["block"], block["pieces"], *block.get("chunk", ())]) < 1:
         raise ValueError("a block with a size below 1")
     return block
+
+
+def same_of(written: Any) -> dict[str, str]:
+    """Return the variables of a group without an array, and the array of the same name that each of them equals."""
+    found = {inside(name): inside(of_kind(str, path).removeprefix("/")) for name, path in written.items()}
+    if not all(path == f"{path.rpartition('/')[0]}/{name}" and "//" not in path for name, path in found.items()):
+        raise ValueError("a path to another variable")
+    return {name: f"/{path}" for name, path in found.items()}
 
 
 def of_kind(kind: Any, value: Any) -> Any:

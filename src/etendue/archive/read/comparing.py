@@ -7,7 +7,7 @@ Out: a ``Compared`` for every variable of every cell, in the reports of the run;
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,7 +100,9 @@ class ComparingKeeper(Passing):
     def begin(self, asked: Plan) -> Work:
         self.names = {ref: cell_name(asked, ref) for ref in asked.cells}
         wanted = {ref for ref, name in self.names.items() if name in self.asked}
-        return Work(asked, {ref: ref for ref in asked.cells}, select(asked, set(), wanted), shown=self.shown)
+        # Also what has no array is compared: with the array that has its values.
+        whole = replace(asked, copied=asked.kept)
+        return Work(whole, {ref: ref for ref in asked.cells}, select(whole, set(), wanted), shown=self.shown)
 
     def target(self, cell: Cell) -> Comparing | None:
         name = self.names[cell.ref]

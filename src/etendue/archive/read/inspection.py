@@ -173,7 +173,7 @@ class Inspection:
         named: set[str] = set()  # shards whose damage has been reported
         for cell in archive.held.values():
             own = [chunk for chunk in cell.chunks if self.stored.keeps(chunk.group, chunk.variable)]
-            self.found.cells += bool(own)
+            self.found.cells += bool(own or self.stored.archive.chunks_of(cell))
             for chunk in own:
                 self.expected.add(chunk.written.path)
                 shards.setdefault(chunk.written.path, {})[chunk.written.slot] = chunk

@@ -44,6 +44,7 @@ def _laid_out_alike(store: ArchiveWriter) -> bool:
     return (
         journal.axes == laid.axes
         and blocks == laid.blocks
+        and journal.same == laid.same
         and not any(store.listing.has(f"{DATA}/{node}/{ROOT}") for node in others)
     )
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from etendue.archive.journaling.entries import Entry
 from etendue.archive.journaling.journal import NAME, Read, read
+from etendue.archive.read.following import Followed, follow
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA
 from etendue.archive.sharding.chunks import CODEC, decode
@@ -150,7 +151,37 @@ class StoredArchive:
     @cached_property
     def held(self) -> Mapping[str, StoredCell]:
         done = {name: self.journal.entries[name] for name in self.journal.said.done()}
-        return {name: StoredCell(name, entry, tuple(map(self.chunk, entry.files))) for name, entry in done.items()}
+        return {name: StoredCell(name, entry, tuple(map(self.chunk, self._own(entry)))) for name, entry in done.items()}
+
+    def _own(self, entry: Entry) -> Iterable[WrittenChunk]:
+        """Return the chunks of a cell without copies that an earlier run has written and the last one has removed."""
+        same = self.journal.same
+        if not same:
+            return entry.files
+
+        def given_up(path: str) -> bool:
+            group, variable, _ = path.removeprefix(f"{DATA}/").rsplit("/", 2)
+            return variable in same.get(group, ())
+
+        return [file for file in entry.files if not given_up(file.path)]
+
+    @cached_property
+    def followed(self) -> list[Followed]:
+        """The variables without an array, with the chunks that have the values of their cells."""
+        return follow(self.journal, self.cells) if self.journal.same else []
+
+    @cached_property
+    def _elsewhere(self) -> dict[str, tuple[StoredChunk, ...]]:
+        """By name of a cell, the chunks of other cells that have its values."""
+        found: dict[str, tuple[StoredChunk, ...]] = {}
+        for one in self.followed:
+            for cell, chunks in one.cells.values():
+                found[cell.name] = (*found.get(cell.name, ()), *chunks)
+        return found
+
+    def chunks_of(self, cell: StoredCell) -> tuple[StoredChunk, ...]:
+        """Return the chunks of all variables of a cell: its own, and those of other cells that have its values."""
+        return (*cell.chunks, *self._elsewhere.get(cell.name, ())) if self.journal.same else cell.chunks
 
     def place(self, chunk: StoredChunk, fresh: bool = False) -> ChunkPlace | None:
         """Return where the bytes of a chunk lie now; None if they are lost. ``fresh`` reads them and checks their
@@ -172,7 +203,7 @@ class StoredArchive:
         ArchiveError
             It was not kept, or it is damaged.
         """
-        own = [chunk for chunk in cell.chunks if chunk.variable == variable]
+        own = [chunk for chunk in self.chunks_of(cell) if chunk.variable == variable]
         if not own:
             raise ArchiveError(f"{self.folder}: {variable} of {cell.name} was not kept")
         return joined(((chunk.window, self._array(chunk)) for chunk in own), [chunk.window for chunk in own])
@@ -264,7 +295,7 @@ class StoredArchive:
         for path in paths:
             group, _, variable = path.removeprefix(f"{DATA}/").rpartition("/")[0].rpartition("/")
             if variable in self.journal.blocks.get(group, {}):
-                found[path] = self._form(group, variable).slots
+                found[path] = self.form(group, variable).slots
         return found
 
     # -- the form of chunks -------------------------------------------------------------------------------------------
@@ -275,10 +306,10 @@ class StoredArchive:
         known = self._forms.get(folder)
         if known is None:
             group, _, variable = folder.removeprefix(f"{DATA}/").rpartition("/")
-            known = self._forms[folder] = group, variable, self._form(group, variable)
+            known = self._forms[folder] = group, variable, self.form(group, variable)
         return StoredChunk(*known, written)
 
-    def _form(self, group: str, variable: str) -> StoredForm:
+    def form(self, group: str, variable: str) -> StoredForm:
         known = self.journal.blocks.get(group, {}).get(variable)
         if known is None:
             return self._form_of_files(f"{group}/{variable}")

@@ -132,11 +132,12 @@ class Stored:
 
     def variables(self) -> set[tuple[str, str]]:
         """Return the (stage, variable) pairs of which a finished cell is stored."""
-        return {(cell.stage, chunk.variable) for cell in self.archive.cells.values() for chunk in cell.chunks}
+        cells = self.archive.cells.values()
+        return {(cell.stage, chunk.variable) for cell in cells for chunk in self.archive.chunks_of(cell)}
 
     def cell(self, name: str) -> StoredArrays:
         """Return a finished cell, without arrays that were given up since (``keep``)."""
-        chunks = self.archive.cells[name].chunks
+        chunks = self.archive.chunks_of(self.archive.cells[name])
         there = tuple((chunk, self.archive.place(chunk)) for chunk in chunks if self.keeps(chunk.group, chunk.variable))
         return StoredArrays(str(self.folder), there, not self.journal.files_a_cell)
 

@@ -28,6 +28,7 @@ STATUS_ATTRIBUTES = {
     "flag_values": [0, 1, 2, 3, 4],
     "flag_meanings": " ".join(STATUS),
 }
+SAME_AS = "same_as"  # attribute of a group: the arrays that hold the values of its variables that are left out
 BOUNDS = "_bounds"  # suffix to the name of a dim of bands, for their edges
 
 
@@ -64,6 +65,12 @@ class GroupLayout:
     coordinates: dict[str, CoordinateLayout]
     cells: Mapping[CellRef, tuple[int, ...]] = field(default_factory=dict)
     attrs: Document = field(default_factory=dict)
+    same_as: dict[str, str] = field(default_factory=dict)  # variables without an array: the path of the one they equal
+
+    @property
+    def every(self) -> tuple[str, ...]:
+        """All variables that can be read here, in the order of the declaration."""
+        return (*self.variables, *self.same_as)
 
 
 @dataclass
@@ -111,7 +118,26 @@ def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
             own_cells = [cell for cell in cells if home[cell.ref] == path]
             groups[path].cells = _places(plan, node, groups[path], own_cells)
             _fill(plan, node, groups[path], own_cells, kept, own_cells)
-    return Layout(groups, parents, Homes(plan, homes), moves)
+    layout = Layout(groups, parents, Homes(plan, homes), moves)
+    for group in groups.values():
+        _share(plan, layout, group)
+    return layout
+
+
+def _share(plan: Plan, layout: Layout, group: GroupLayout) -> None:
+    """Note which variables of a group have no array because all cells are left out, and where their values are."""
+    node = plan.node(group.node)
+    first = next(iter(group.cells))
+    for name in (v for v in node.writes if (node.name, v) in plan.same_as):
+        group.same_as[name] = f"/{layout.home[plan.stored(first, name)]}/{name}"
+    if group.same_as:
+        group.attrs = {**group.attrs, SAME_AS: same_as_attribute(group.same_as)}
+
+
+def same_as_attribute(found: Mapping[str, str]) -> str | list[str]:
+    """Return the attribute of a group from the paths that its variables without an array equal."""
+    paths = list(found.values())
+    return paths[0] if len(paths) == 1 else paths
 
 
 def _places(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell]) -> dict[CellRef, tuple[int, ...]]:
@@ -133,6 +159,11 @@ def _fill(
         declaration = node.writes[name]
         grid = cells[0].grids[name]
         dims = declaration.dims
+        for dim in dims:
+            if dim not in group.coordinates:
+                _dim_coordinate(node, group, dim, {c.ref: c.grids[name][dim] for c in cells})
+        if (node.name, name) in plan.same_as:
+            continue
         attrs = {"units": declaration.unit, "long_name": variable(name).long_name}
         attrs |= drawing_attributes(plan, node, every, name)
         averaged = [
@@ -149,9 +180,6 @@ def _fill(
         group.variables[name] = VariableLayout(
             name, node.axes, dims, grid.shape(dims), dtype, attrs, variable(name).beside
         )
-        for dim in dims:
-            if dim not in group.coordinates:
-                _dim_coordinate(node, group, dim, {c.ref: c.grids[name][dim] for c in cells})
 
 
 def _flags(name: str, cell: Cell) -> Document:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import unicodedata
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import google_crc32c
 import msgspec
@@ -22,6 +23,7 @@ from etendue.types.documents import Document, DocumentView
 
 CRC = {"name": "crc32c"}
 TEXT = "text"
+T = TypeVar("T")
 
 
 def document(node: DocumentView) -> bytes:
@@ -124,12 +126,18 @@ def texts_of(data: bytes) -> list[str]:
 def consolidated(nodes: Mapping[str, DocumentView]) -> Document:
     """Return the root with the metadata of all nodes, by path; '' is the root itself."""
     found = {}
-    for path in sorted(nodes, key=lambda path: (path.count("/"), unicodedata.normalize("NFKC", path).casefold())):
+    for path, node in in_order(nodes).items():
         if path:
-            found[path] = dict(nodes[path])
+            found[path] = dict(node)
             if found[path]["node_type"] == "group":
                 found[path] = _with(found[path], {})
     return _with(nodes[""], found)
+
+
+def in_order(nodes: Mapping[str, T]) -> dict[str, T]:
+    """Return nodes by path in the order in which zarr writes them."""
+    order = sorted(nodes, key=lambda path: (path.count("/"), unicodedata.normalize("NFKC", path).casefold()))
+    return {path: nodes[path] for path in order}
 
 
 def _with(group: DocumentView, members: DocumentView) -> Document:

@@ -159,12 +159,16 @@ class ArchiveKeeper:
         """Return arrays of finished cells: all kept variables, or plain metrics only; limited to ``named`` if given."""
         found, plan = {}, self.store.plan
         for ref in refs:
-            target, writes = self.store.target(plan.cells[ref]), plan.node(ref[0]).writes
+            writes = plan.node(ref[0]).writes
             chosen = [
                 v for v in writes if (ref[0], v) in plan.kept and not (figures_only and set(writes[v].dims) - {"stage"})
             ]
-            found[ref] = {v: target.read(v) for v in chosen if named is None or v in named}
+            found[ref] = {v: self._target(ref, v).read(v) for v in chosen if named is None or v in named}
         return found
+
+    def _target(self, ref: CellRef, variable: str) -> CellFiles:
+        """Return where a variable of a cell is stored: with the cell, or with the one that has its values."""
+        return self.store.target(self.store.plan.cells[self.store.plan.stored(ref, variable)])
 
     def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
         return others

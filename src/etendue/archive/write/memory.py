@@ -7,6 +7,7 @@ Out: the tree that ``xarray.open_datatree`` gives for the archive of the same pl
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,9 @@ class MemoryKeeper(Passing):
 
     def begin(self, asked: Plan) -> Work:
         """Allocate the arrays of everything that is kept."""
+        # In memory nothing is copied, also where ``keep`` names it.
+        shared = replace(asked, copied=frozenset()) if asked.copied else asked
+        asked = shared if shared.same_as else asked
         self.plan, self.layout, self.number = asked, layout_of(asked), asked.numbers.of
         self.status = bytearray(asked.numbers.count)  # by cell: 0, or its status + 1 once it has ended
         for path, group in self.layout.groups.items():
@@ -101,7 +105,11 @@ class MemoryKeeper(Passing):
             return {}
         group = self.layout.groups[path]
         index = group.cells[ref]
-        return {name: self.whole[path, name][index] for name in group.variables if not self.missing[path, name][index]}
+        found = {name: self.whole[path, name][index] for name in group.variables if not self.missing[path, name][index]}
+        for name in group.same_as if self.status[self.number(ref)] == STATUS.index("left_out") + 1 else ():
+            if (array := self.placed(self.plan.stored(ref, name)).get(name)) is not None:
+                found[name] = array
+        return found
 
     def _put(self, ref: CellRef, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Copy a cell into its place; return its arrays as views there (variables that are not kept: unchanged)."""
@@ -128,6 +136,7 @@ class MemoryKeeper(Passing):
             if missing.any():
                 whole[missing] = np.nan if whole.dtype.kind == "f" else 0
             data[variable.name] = ((*variable.axes, *variable.dims), whole, variable.attrs)
+        data |= {name: self._shared(layout, name, place) for name, place in layout.same_as.items()}
         flags = np.full(sizes, STATUS.index("not_computed"), np.uint8)
         for ref, index in layout.cells.items():
             if status := self.status[self.number(ref)]:
@@ -141,6 +150,32 @@ class MemoryKeeper(Passing):
         beside = {name for variable in layout.variables.values() for name in coordinates_of(layout, variable)}
         found |= {name: data.pop(name) for name in beside}
         return xarray.Dataset(data, coordinates.of(found), layout.attrs)
+
+    def _shared(self, layout: GroupLayout, name: str, place: str) -> _Column:
+        """Return a variable that is left out everywhere: a read-only view of the array that has its values, repeated
+        along the axes that only this stage has.
+        """
+        path = place[1:].rpartition("/")[0]
+        source, whole = self.layout.groups[path].variables[name], self.whole[path, name]
+        missing = self.missing[path, name]
+        if missing.any():
+            whole[missing] = np.nan if whole.dtype.kind == "f" else 0
+        order = [list(layout.axes).index(axis) for axis in source.axes]
+        view = whole.transpose(*np.argsort(order), *range(len(order), whole.ndim))
+        taken: list[Any] = []
+        for number, (axis, values) in enumerate(layout.axes.items()):
+            if axis not in source.axes:
+                view = np.expand_dims(view, number)
+                continue
+            own = {value: at for at, value in enumerate(self.layout.groups[path].axes[axis])}
+            places = [own[value] for value in values]
+            if places != list(range(len(own))):
+                taken.append((number, places))
+        for number, places in taken:  # a group of one shape that has only some of the values
+            view = np.take(view, places, number)
+        sizes = tuple(len(values) for values in layout.axes.values())
+        shared = np.broadcast_to(view, (*sizes, *source.shape))
+        return (*layout.axes, *source.dims), shared, source.attrs
 
     def _tree(self, tables: Mapping[str, Mapping[str, Any]]) -> xarray.DataTree:
         """Return the groups by stage, with ledger, summary and frames beside them."""

@@ -70,6 +70,7 @@ class Laid:
             path for path, places in self.places.items() if all(own == list(range(len(own))) for own in places)
         }
         self.blocks = cut(plan, self.layout, self.axes, blocks)
+        self.same = {path: group.same_as for path, group in self.layout.groups.items() if group.same_as}
         self.nodes = _nodes(self.layout)
         self.whereabouts = {
             path: [
@@ -93,7 +94,7 @@ class Laid:
         for path, node_attrs in self.layout.parents.items():
             tree.put_group(path, node_attrs)
         for path, group in self.layout.groups.items():
-            tree.put_group(path, group.attrs)
+            tree.put_group(path, group.attrs | self._coordinates(group))
             self._lay_out(tree, path, group)
         self.put_status(tree, entries, todo)
         return tree
@@ -138,6 +139,14 @@ class Laid:
                 tree.put_array(path, name, values, coordinate.dims, attrs)
         for variable in layout.variables.values():
             self._lay_out_variable(tree, path, layout, variable, merged)
+
+    @staticmethod
+    def _coordinates(group: GroupLayout) -> Document:
+        """Return the attribute by which xarray knows coordinates that no array of a group names."""
+        if not group.same_as or group.variables:
+            return {}
+        beside = [n for n, c in group.coordinates.items() if c.dims != (n,) and not n.endswith(BOUNDS)]
+        return {"coordinates": " ".join(sorted(beside))} if beside else {}
 
     def _grown_positions(self, path: str, axes: tuple[str, ...], own: Any) -> Any:
         """Return positions along grown axes: those of the plan, and NaN elsewhere."""

@@ -325,6 +325,7 @@ class Anew:
                 words |= {"chunk": list(form.chunk)} if form.pieces > 1 else {}
                 blocks.setdefault(group, {})[name] = {**words, "form": f"{form.dtype} {'x'.join(map(str, form.shape))}"}
             journal.set_blocks(blocks)
+            journal.set_same(before.same)
             journal.put(shards)
             kept: list[tuple[str, Entry]] = [
                 (name, replace(entry, files=tuple(placed.get(name, ()))))

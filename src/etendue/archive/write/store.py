@@ -163,7 +163,8 @@ class ArchiveWriter:
             for node in self.ours
             if node.rpartition("/")[2] in self.listing.folders.get(f"{DATA}/{node}".rpartition("/")[0], ())
         ]
-        return {(node.split("/")[0], node.rpartition("/")[2]) for node in there if "/" in node}
+        found = {(node.split("/")[0], node.rpartition("/")[2]) for node in there if "/" in node}
+        return found | {(group.split("/")[0], name) for group, own in self.journal.same.items() for name in own}
 
     def finished(self, ref: CellRef) -> bool:
         """Return True if a cell needs no computing: the journal has it done with its key, and its files are intact."""
@@ -260,6 +261,7 @@ class ArchiveWriter:
         self.journal.forget_axes([path for path in self.journal.axes if path not in self.layout.groups])
         self.journal.set_axes(self.laid.axes)
         self.journal.set_blocks(self.laid.blocks)
+        self.journal.set_same(self.laid.same)
         self._put(self.tree.files())
         self.blocks.put(self.blocks.unsettled())
 

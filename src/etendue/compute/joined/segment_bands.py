@@ -153,8 +153,7 @@ def from_bands(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array |
     stage = job.stage
     assert isinstance(stage, Transfer)
     if not isinstance(stage, Summed):
-        stages = (*before, *(() if job.left_out else (stage,)))
-        return {name: FilteredBands(light, GridTransfer(stages, grid, job.precision)) if stages else light}
+        return {name: FilteredBands(light, GridTransfer((*before, stage), grid, job.precision))}
     prepared = prepared_of(job.stage, job.input_grids, job.grids)
     weights = weights_of(stage, prepared).astype(float)
     kept = stage.kept()

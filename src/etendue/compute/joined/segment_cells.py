@@ -127,9 +127,7 @@ def from_cells(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array |
     assert isinstance(stage, Transfer)
     if isinstance(stage, Summed):
         return {name: _pixels(job, stage, light, grid, before)}
-    stages = (*before, *(() if job.left_out else (stage,)))
-    if not stages:
-        return {name: light}
+    stages = (*before, stage)
     found = BlurredCells(light, CellTransfer(stages, grid, job.precision))
     return {name: found if name in job.by_band else np.asarray(found)}
 

@@ -26,27 +26,55 @@ from etendue.transfer.products import Product, weights
 from etendue.types.arrays import Array
 
 
+@dataclass(eq=False)
+class Light:
+    """The light at a place in a segment: its transform; where all stages before were left out, the segment's input,
+    which the first stage that needs the transform transforms for all.
+    """
+
+    transform: Any = None
+    untouched: Any = None
+
+    def transformed(self) -> Any:
+        if self.transform is None:
+            self.transform = sampling.transform(self.untouched)
+        return self.transform
+
+
 @dataclass
 class Result:
-    """What later cells read: arrays, the transform inside a segment, and the smallest value of an array once it has
-    been asked for (NaN: it holds undefined values).
-
-    ``untouched`` is the segment's input as long as all stages of the segment were left out: it is then the exact
-    result, without a transform.
+    """What later cells read: arrays, the light inside a segment, and the smallest value of an array once it has been
+    asked for (NaN: it holds undefined values).
     """
 
     arrays: dict[str, Any] = field(default_factory=dict)
     lowest: dict[str, float] = field(default_factory=dict)
-    transform: Any = None
-    untouched: Any = None
+    light: Light | None = None
     failed: str = ""
 
     def read_only(self) -> Result:
         """Make the arrays read-only again: pickling for another process loses the flag."""
-        for array in (*self.arrays.values(), self.transform, self.untouched):
+        light = (self.light.transform, self.light.untouched) if self.light else ()
+        for array in (*self.arrays.values(), *light):
             if array is not None and not isinstance(array, BandArray):
                 frozen(array)
         return self
+
+
+def passed_on(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
+    """Return what a cell that is left out passes on: the very arrays of its input, and the light of its segment."""
+    result, arrays = Result(), dict[str, Any]()
+    for _, ref, variable in job.inputs:
+        if variable in job.passes and variable not in arrays:
+            arrays[variable] = results[ref].arrays[variable]
+            if variable in results[ref].lowest:
+                result.lowest[variable] = results[ref].lowest[variable]
+    if job.segment is not None and job.segment.previous is not None:
+        result.light = results[job.segment.previous].light
+    elif job.segment is not None:
+        _, ref, variable = job.inputs[0]
+        result.light = Light(untouched=results[ref].arrays[variable])
+    return result, arrays
 
 
 def _on_grid(job: Job, stage: Transfer) -> Array:
@@ -80,10 +108,11 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, di
     grid = job.input_grids[port]
     y, x = grid.line("y"), grid.line("x")
     if job.segment is not None and job.segment.previous is not None:
-        transform, untouched = results[ref].transform, results[ref].untouched
+        light = results[ref].light
+        assert light is not None
+        transform = light.transformed()
     else:
-        untouched = results[ref].arrays[variable]
-        transform = sampling.transform(untouched)
+        transform = sampling.transform(results[ref].arrays[variable])
     (name,) = job.writes
     stage = job.stage
     assert isinstance(stage, Transfer)
@@ -95,9 +124,8 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, di
         if otf.shape[0] == 1:
             channels = channels * otf
         return Result(), {name: sampling.sample(channels, y.size, x.size, *places(grid, job.grids[name]))}
-    if not job.left_out:
-        transform, untouched = transform * _on_grid(job, stage), None
+    transform = transform * _on_grid(job, stage)
     arrays = {}
     if job.store or job.deliver:
-        arrays = {name: sampling.planes_of(transform, y.size, x.size) if untouched is None else untouched}
-    return (Result(transform=transform, untouched=untouched) if job.transform else Result()), arrays
+        arrays = {name: sampling.planes_of(transform, y.size, x.size)}
+    return Result(light=Light(transform) if job.transform else None), arrays

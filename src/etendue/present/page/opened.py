@@ -19,6 +19,7 @@ import xarray
 
 from etendue.archive.checks.describe import order_of, progress
 from etendue.archive.journaling.entries import Entry
+from etendue.archive.read.left_out import with_left_out
 from etendue.archive.read.reading import metadata_of
 from etendue.archive.read.stored import Stored
 from etendue.archive.records.manifest import DATA
@@ -133,7 +134,8 @@ class Opened:
     def groups(self) -> Mapping[str, list[ShownGroup]]:
         """Groups that hold arrays, by stage."""
         found: dict[str, list[ShownGroup]] = {stage: [] for stage in self.stages}
-        for path, axes in self.stored.journal.axes.items():
+        opened: dict[str, xarray.Dataset] = {}
+        for path in self.stored.journal.axes:
             stage = path.split("/")[0]
             if stage not in found or not (self.folder / DATA / path / "zarr.json").is_file():
                 continue
@@ -142,7 +144,9 @@ class Opened:
                 data = xarray.open_dataset(
                     str(self.folder / DATA), engine="zarr", group=path, chunks=None, consolidated=False
                 )
-            found[stage].append(ShownGroup(stage, path, axes, data))
+            opened[path] = data
+        for path, data in with_left_out(opened).items():
+            found[path.split("/")[0]].append(ShownGroup(path.split("/")[0], path, self.stored.journal.axes[path], data))
         return found
 
     @cached_property

@@ -27,7 +27,7 @@ from etendue.present.pictures.appearance import brightness, rendered, white_amon
 from etendue.present.pictures.contact_sheet import contact_sheet, with_maps
 from etendue.present.pictures.details import PlaneWindow, limited, lines_of, part_of, side_of
 from etendue.present.pictures.fitting import LARGEST
-from etendue.present.pictures.thumbnails import Thumbnail, window_of
+from etendue.present.pictures.thumbnails import Thumbnail, drawn_before, window_of
 from etendue.types.arrays import Array
 
 
@@ -57,9 +57,11 @@ class Frame:
 def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Mapping[str, Thumbnail]]) -> list[Frame]:
     """Return a frame for every stage with a picture; linear pictures of one kind share one scale."""
     order: list[tuple[str, Pictured, Thumbnail]] = []
+    refs = set(shown.values())
     for node in plan.nodes:
         cell = plan.cells[shown[node.name]]
-        for variable, one in ((v, small.get(cell.ref, {}).get(v)) for v in node.writes):
+        for variable in node.writes:
+            one = small.get(drawn_before(plan, cell, variable, refs) or cell.ref, {}).get(variable)
             if one is not None and (drawn := drawn_of(plan, cell, variable)) is not None:
                 order.append((node.name, Pictured(variable, node.writes[variable].dims, drawn, node.axes), one))
     bright_of = cache(lambda number: brightness(order[number][1].drawn, order[number][2].picture))

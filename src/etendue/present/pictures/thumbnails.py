@@ -10,7 +10,7 @@ pictures of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from etendue.contract.arrays.dims import banded
 from etendue.contract.arrays.variables import variable as known
 from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, CellRef, Plan
+from etendue.plan.same_as import source_of
 from etendue.present.pictures.appearance import Appearance, appearance
 from etendue.present.pictures.details import PlaneWindow, band_of, lines_of
 from etendue.present.pictures.fitting import LARGEST, Fitted, Rows, Tinted, fitted
@@ -166,17 +167,29 @@ def window_of(plan: Plan, shown: Iterable[CellRef]) -> PlaneWindow | None:
 def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Observer]:
     """Return how each of some cells is shown."""
     found, shown = {}, list(shown)
+    refs = set(shown)
     window = window_of(plan, shown)
     for ref in shown:
         cell, node = plan.cells[ref], plan.node(ref[0])
-        views = {v: view for v in node.writes if (view := _view(plan, cell, v)) is not None}
+        views = {
+            v: view for v in node.writes if not drawn_before(plan, cell, v, refs) and (view := _view(plan, cell, v))
+        }
         if window is not None:
             views = {
                 v: replace(view, rows=window.rows(y[0])) if (y := lines_of(cell.grids[v])) else view
                 for v, view in views.items()
             }
         figures = frozenset(v for v, declared in node.writes.items() if not set(declared.dims) - {"stage"})
-        found[ref] = Observer(views, figures - views.keys())
+        if views or figures or cell.left_out is None:
+            found[ref] = Observer(views, figures - views.keys())
+    return found
+
+
+def drawn_before(plan: Plan, cell: Cell, variable: str, shown: Collection[CellRef]) -> CellRef | None:
+    """Return the shown cell whose picture is that of a cell that is left out; None if it needs one of its own."""
+    found, ref = None, source_of(cell, variable)
+    while ref is not None and ref in shown:
+        found, ref = ref, source_of(plan.cells[ref], variable)
     return found
 
 

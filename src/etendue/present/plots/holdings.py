@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import xarray
 
+from etendue.archive.read.left_out import tree_with_left_out
 from etendue.archive.structure.layout import BOUNDS
 from etendue.contract.arrays.variables import Variable, without
 from etendue.contract.arrays.variables import variable as known
@@ -202,7 +203,7 @@ class Holdings:
 
     def __init__(self, tree: xarray.DataTree | xarray.Dataset, archive: str = ANY) -> None:
         self.archive = archive
-        tree = xarray.DataTree(tree) if isinstance(tree, xarray.Dataset) else tree
+        tree = xarray.DataTree(tree) if isinstance(tree, xarray.Dataset) else tree_with_left_out(tree)
         self.tree = tree
         self.held: dict[tuple[str, str], HeldVariable] = {}
         self.whites: dict[tuple[Any, ...], float | None] = {}  # what is bright in a picture, by its name and place

@@ -71,4 +71,5 @@ def _print_stage(console: Console, document: Document, stage: Document, axes: di
     for (variable, units, *dims), own in parts.items():
         inner = " ".join(f"{d}={_span([v['dims'][d] for v in own])}" for d in dims)
         unit = f"[{short(units)}]" if units not in ("", "1") else ""
-        console.print(escape(f"    {variable:24s} {inner:27s} {unit}").rstrip())
+        same = f"  left out: {short(own[0]['same_as'])}" if "same_as" in own[0] else ""
+        console.print(escape(f"    {variable:24s} {inner:27s} {unit}{same}").rstrip())

@@ -148,7 +148,9 @@ def stage_rows(plan: Plan, reports: Reports) -> list[Document]:
                 "computed": reports.count(DONE, LEFT_OUT, stage=node.name),
                 "reused": reports.count(REUSED, stage=node.name),
                 "failed": reports.count(FAILED, SKIPPED, stage=node.name),
-                "left_out": omissions.left_out(node, cells, plan.precision),
+                "left_out": omissions.left_out(
+                    node, cells, plan.precision, [v for v in node.writes if (node.name, v) in plan.with_arrays]
+                ),
                 "approximated": omissions.approximated(node, cells, plan.precision),
                 "seconds": seconds,
                 "share": seconds / total,

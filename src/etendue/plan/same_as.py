@@ -1,0 +1,96 @@
+"""Find the variables that need no array of their own: all their cells are left out, so another stage has their values.
+
+In:  cells with their decisions, the kept variables, and those of which a copy is asked for.
+Out: by stage and variable, the stage that has the values. It is computed, or it stores copies itself: never a chain.
+
+A copy stays where only some cells are left out, where no stage that has the values is kept, and where several have
+them, for example different ones for the alternatives of an axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Hashable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from etendue.contract.arrays.grid import Coordinate, Line
+
+if TYPE_CHECKING:
+    from etendue.plan.model import Cell, CellRef, Node
+
+StageVariable = tuple[str, str]
+
+
+def same_as(
+    nodes: Sequence[Node],
+    cells: Mapping[str, Sequence[Cell]],
+    by_ref: Mapping[CellRef, Cell],
+    kept: Collection[StageVariable],
+    copied: Collection[StageVariable],
+) -> dict[StageVariable, str]:
+    """Return the stage that has the values of each kept variable without an array of its own."""
+    found: dict[StageVariable, str] = {}
+    for node in nodes:
+        own = cells.get(node.name, ())
+        if not own or any(cell.left_out is None for cell in own):
+            continue
+        for variable, declared in node.writes.items():
+            place = (node.name, variable)
+            if place not in kept or place in copied or declared.optional:
+                continue
+            holder = _holder(own, variable, by_ref, kept, found)
+            if holder:
+                found[place] = holder
+    return found
+
+
+def _holder(
+    cells: Sequence[Cell],
+    variable: str,
+    by_ref: Mapping[CellRef, Cell],
+    kept: Collection[StageVariable],
+    known: Mapping[StageVariable, str],
+) -> str:
+    """Return the one stage that has the values of all these cells; '' if there is none.
+
+    Its groups in an archive are told apart by shape. So all cells of one shape must have a source of one shape.
+    """
+    stages: set[str] = set()
+    shapes: dict[Hashable, Hashable] = {}
+    for cell in cells:
+        source = holding(by_ref, cell, variable, kept)
+        if source is None:
+            return ""
+        stages.add(known.get((source.node, variable), source.node))
+        if len(stages) > 1 or shapes.setdefault(_shape(cell), _shape(source)) != _shape(source):
+            return ""
+    return stages.pop()
+
+
+def source_of(cell: Cell, variable: str) -> CellRef | None:
+    """Return the cell that a cell that is left out passes a variable on from; None if it does not pass it on."""
+    return next((ref for _, ref, name in cell.inputs if name == variable), None) if cell.left_out else None
+
+
+def holding(cells: Mapping[CellRef, Cell], cell: Cell, variable: str, kept: Collection[StageVariable]) -> Cell | None:
+    """Return the nearest cell before one that is left out whose variable, the same, is kept; None if there is none."""
+    ref = source_of(cell, variable)
+    while ref is not None and (ref[0], variable) not in kept:
+        ref = source_of(cells[ref], variable)
+    return None if ref is None else cells[ref]
+
+
+def of_cell(cells: Mapping[CellRef, Cell], ref: CellRef, variable: str, holder: str) -> CellRef:
+    """Return the cell of the stage ``holder`` that has the values of a cell that is left out."""
+    while ref[0] != holder:
+        source = source_of(cells[ref], variable)
+        assert source is not None
+        ref = source
+    return ref
+
+
+def _shape(cell: Cell) -> Hashable:
+    found: dict[str, tuple[int, Coordinate | None]] = {}
+    for grid in cell.grids.values():
+        for dim, coordinate in grid.entries:
+            found.setdefault(dim, (coordinate.size, None if isinstance(coordinate, Line) else coordinate))
+    return tuple(sorted(found.items(), key=lambda one: one[0]))
