@@ -27,6 +27,7 @@ class Content:
     power : mean square over the frame of the content of a ring, by band
     amplitude : sum of the amplitudes in a ring, by band; no point can exceed it
     low, mean, high : smallest, mean and largest value of every band
+    norm : how a change of this light is measured: 'rms' over the frame, or at the largest pixel ('max')
     """
 
     full: float
@@ -36,6 +37,7 @@ class Content:
     low: tuple[float, ...]
     mean: tuple[float, ...]
     high: tuple[float, ...]
+    norm: str = "rms"
 
     def __hash__(self) -> int:
         return hash((self.full, self.edges[-1], self.mean, self.power[0]))
@@ -76,7 +78,7 @@ class Content:
         low, mean, high = (
             tuple(f * v for f, v in zip(own, row, strict=True)) for row in (self.low, self.mean, self.high)
         )
-        return Content(self.full * largest, self.edges, rings[0], rings[1], low, mean, high)
+        return Content(self.full * largest, self.edges, rings[0], rings[1], low, mean, high, self.norm)
 
     def _rows(self) -> tuple[tuple[int, Rings], tuple[int, Rings]]:
         return (2, self.power), (1, self.amplitude)

@@ -190,6 +190,7 @@ class _Expansion:
         if found is None:
             return facts, grids
         low, high = found.range_of_light()
+        found = replace(found, norm=self.choice.norm)
         return replace(facts, content=found, uniform=facts.uniform or found.detail == 0, low=low, high=high), grids
 
     def add(self, node: Node, index: tuple[int, ...]) -> None:

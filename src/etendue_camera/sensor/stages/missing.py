@@ -2,7 +2,7 @@
 
 In:  weights of the channels, preceding stages, the content of the light, the number of terms and the fraction of
      frequencies kept.
-Out: the rms of what is missing, relative to the channel signal in the brightest light.
+Out: what is missing, relative to the largest signal of the channel.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from etendue.api import Grid, Transfer
 from etendue.contract.arrays.facts import Content
-from etendue.transfer import effects, expansion
+from etendue.transfer import effects, expansion, peaks
 from etendue.transfer import rings as scene_rings
 from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import photodiode
@@ -57,7 +57,8 @@ def of_the_light(
     Returns
     -------
     float
-        Root mean square over the frame, with the errors of the bands added in phase.
+        In the content's norm, with the errors of the bands added in phase, relative to the least that the largest
+        signal of the channel can be.
     """
     edges = light.bands().edges
     steps = (light.line("y").step, light.line("x").step)
@@ -67,16 +68,18 @@ def of_the_light(
     lost = scene_rings.largest_in_rings(missing * passed(width, rings))
     if content is None:
         return PART * float(lost.sum(axis=1).max())
-    amplitude = np.einsum("clr,lr->cr", lost, _amplitudes(content))
-    full = np.array(weights) @ np.array(content.high)
-    rms = np.sqrt((amplitude**2).sum(axis=1))
-    return float(np.divide(rms, full, out=np.zeros_like(rms), where=full > 0).max())
+    return peaks.relative_sums(lost, np.array(weights), _left(before, edges, rings, width), content, light)
 
 
-@lru_cache(64)
-def _amplitudes(content: Content) -> FloatArray:
-    """Return the rms amplitude in every ring, (wavelength, ring)."""
-    return np.sqrt(np.array(content.power))
+@lru_cache(96)
+def _left(
+    before: tuple[Transfer, ...], edges: tuple[float, ...], rings: tuple[float, ...], width: float
+) -> FloatArray:
+    """Return the smallest share of every ring that the stages and the aperture leave, (band or 1, ring)."""
+    points = scene_rings.frequencies_in(np.array(rings))
+    found = np.abs(effects.in_directions(before, edges, points)).min(axis=0)
+    aperture = np.abs(photodiode.aperture_otf(points, width))  # along an axis, where a square passes least at first
+    return -scene_rings.largest_in_rings(-found * aperture)
 
 
 @lru_cache(256)
