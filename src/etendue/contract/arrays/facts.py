@@ -99,10 +99,12 @@ class Content:
         transfer function cut off by the grid, light can overshoot them by as much as the finest detail present."""
         fine = [i for i, edge in enumerate(self.edges[:-1]) if edge > 0.25 * self.edges[-1]]
         low, high = [], []
-        for own, most, row in zip(self.low, self.high, self.power, strict=True):
+        for own, mean, most, row, sums in zip(
+            self.low, self.mean, self.high, self.power, self.amplitude, strict=True
+        ):
             swing = 6 * math.sqrt(sum(row[i] for i in fine))
             low.append(self.full * (max(own - swing, 0.0) if own >= 0 else own - swing))
-            high.append(self.full * (most + swing))
+            high.append(self.full * min(most + swing, mean + sum(sums)))  # no blur leaves more than its amplitudes
         return tuple(low), tuple(high)
 
     def range_of_light(self) -> tuple[float, float]:
@@ -130,6 +132,7 @@ class Facts:
     ----------
     uniform : the same value at every position
     low, high : bounds on the values, in the variable's unit
+    mean : what the mean of the values over the frame at least is
     contrast : largest over smallest value; inf if the scene contains exact black
     band_limit : frequency above which the scene has less than a hundredth of its contrast, cycles/um
     rendered : of a scene, how its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which values
@@ -141,6 +144,7 @@ class Facts:
     uniform: bool | None = None
     low: float | None = None
     high: float | None = None
+    mean: float | None = None
     contrast: float | None = None
     band_limit: float | None = None
     rendered: tuple[float, float] | None = None
@@ -154,6 +158,7 @@ class Facts:
             uniform=self.uniform if low == high else False,
             low=None if self.low is None else min(self.low * low, self.low * high),
             high=None if self.high is None else max(self.high * low, self.high * high),
+            mean=None if self.mean is None else self.mean * low,
             contrast=None if self.contrast is None or low <= 0 else self.contrast * (high / low),
             content=None if self.content is None else self.content.scaled(low, high, smooth),
         )

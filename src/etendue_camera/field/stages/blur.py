@@ -17,6 +17,7 @@ import numpy as np
 
 from etendue.api import Banded, Bounded, Facts, Grid, param
 from etendue.contract.stage import file_state
+from etendue.transfer import peaks
 from etendue.transfer import rings as scene_rings
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.field import blur, warp
@@ -262,17 +263,18 @@ class Distortion(Banded, Bounded):
             return None
         radius, lens = np.linspace(0.0, farthest(grid), 65), self.map()
         most = max(float(np.abs(lens.undistort(radius, w * 1e-3) - radius).max()) for w in grid.bands().values())
-        content = facts.content
-        lost = scene_rings.rms_of(scene_rings.moved(most, np.array(content.edges)), np.array(content.power))
+        factors = scene_rings.moved(most, np.array(facts.content.edges))[None]
+        lost = peaks.relative(factors, np.ones_like(factors), facts.content, grid)
         return lost, f"light moves by at most {most:.2g} um, and the scene has little detail that fine"
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Keep the facts of a uniform plane; drop the range of any other, which a spline may leave slightly."""
+        """Keep the facts of a uniform plane; of any other the range between samples, which a spline may leave slightly."""
         own = facts["irradiance"]
+        low, high = own.content.range_of_light() if own.content is not None else (None, None)
         return (
             own
             if own.uniform or self.does_nothing()
-            else dataclasses.replace(own, low=None, high=None, contrast=None, band_limit=None)
+            else dataclasses.replace(own, low=low, high=high, contrast=None, band_limit=None)
         )
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
