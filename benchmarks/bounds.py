@@ -6,7 +6,7 @@ Pipelines are drawn: light made here (hot pixels, stars, thin lines, lamps at ni
 spectra, a lens of several parts, a sensor, an exposure that is given or metered, white and display. A decision is a
 stage that is left out or a knob that the plan has set. Its true error is the largest, in the pipeline's norm and
 relative to full scale, at its own stage and at every wanted variable that it reaches; it holds if that is at most the
-stated bound (and rounding of double precision). Decisions about noise and draws, which means do not show, are counted
+bound stated there (and rounding of double precision). Decisions about noise and draws, which means do not show, are counted
 apart. Lines appear as pipelines are done; then a table by kind of scene, the worst ten, and the seconds of the stages
 with and without the decisions. Exit code 1 below 99 %.
 """
@@ -222,7 +222,7 @@ class Found(NamedTuple):
 
 
 def decisions_of(cell: Cell) -> list[tuple[str, float, dict[str, Any]]]:
-    """Return (name, bound, fields of the cell that undo it) of every decision about a cell."""
+    """Return (name, bound at its stage, fields of the cell that undo it) of every decision about a cell."""
     found: list[tuple[str, float, dict[str, Any]]] = []
     if cell.left_out:
         found.append(("left out", cell.left_out.bound, {"left_out": None}))
@@ -268,18 +268,18 @@ def measured(plan: Plan, number: int, kind: str) -> tuple[list[Found], float]:
                 asked.setdefault(place, set()).add(variable)
             other = undone(plan, ref, fields)
             exact, _ = arrays_of(other, asked)
-            true, at = 0.0, ""
+            worst = (-1.0, bound, 0.0, "")  # true / stated, stated, true, where
             for place, variable in dict.fromkeys(places):
                 declared = next(d for d in plan.node(place[0]).writes.values() if d.variable == variable)
-                apart = difference(
-                    base[place, variable], exact[place, variable], declared, plan.cells[place].stage
-                )
+                apart = difference(base[place, variable], exact[place, variable], declared, plan.cells[place].stage)
                 value = apart.largest if norm == "max" else apart.rms
                 value = value / apart.scale if apart.scale else 0.0
-                if value >= true:
-                    true, at = value, f"{place[0]}.{variable}"
+                stated = bound if place == ref else cell.at_wanted(bound)
+                row = (max(value - ROUNDING, 0.0) / max(stated, 1e-300), stated, value, f"{place[0]}.{variable}")
+                worst = max(worst, row)
+            _, stated, true, at = worst
             seen = (ref[0], name) not in UNSEEN and not (name == "left out" and ref[0] == "read_noise")
-            found.append(Found(number, kind, f"{ref[0]} {name}", norm, plan.pipeline.tolerance, bound, true, at, seen))
+            found.append(Found(number, kind, f"{ref[0]} {name}", norm, plan.pipeline.tolerance, stated, true, at, seen))
     return found, spent
 
 
@@ -310,13 +310,18 @@ def one(job: tuple[int, int]) -> tuple[int, str, str, list[Found], float, float,
 
 
 def table(found: list[Found], group: Callable[[Found], str]) -> None:
-    print(f"{'':24s} decisions  above 1e-9   hold      %   worst true/bound")
+    print(f"{'':24s} decisions  above 1e-9   hold      %   worst true/bound   median bound/true   bound > tolerance")
     for name in (*sorted({group(f) for f in found}), "all"):
         own = [f for f in found if name in (group(f), "all")]
         hold = sum(f.holds for f in own)
         worst = max((f.true - ROUNDING) / max(f.bound, 1e-300) for f in own)
         large = sum(f.true > 1e-9 for f in own)
-        print(f"{name:24s} {len(own):9d} {large:11d} {hold:6d} {100 * hold / len(own):6.1f} {worst:18.3g}")
+        slack = np.median([f.bound / f.true for f in own if f.true > 1e-9] or [np.nan])
+        loose = sum(f.bound > f.tolerance for f in own)
+        print(
+            f"{name:24s} {len(own):9d} {large:11d} {hold:6d} {100 * hold / len(own):6.1f} {max(worst, 0):18.3g} "
+            f"{slack:19.3g} {loose:19d}"
+        )
 
 
 def line(f: Found) -> str:

@@ -167,7 +167,12 @@ class Cell:
     approximated: tuple[Approximated, ...]
     error: tuple[float | None, str]
     segment_input: tuple[CellRef, str] | None = None
+    growth: float = 1.0  # by how much a change in its output grows, at most, on its way to what is wanted
     mapped: tuple[tuple[str, Coordinate], ...] = ()  # leading dims of the output; the stage runs once per value
+
+    def at_wanted(self, bound: float) -> float:
+        """Return what a bound at this cell is at what is wanted. What grows beyond full scale is clipped there."""
+        return max(bound, min(1.0, bound * self.growth)) if bound > 0 else bound
 
     @property
     def node(self) -> str:

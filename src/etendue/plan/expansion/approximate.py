@@ -61,7 +61,7 @@ def open_knobs(kind: type[Stage], written: Collection[str]) -> tuple[str, ...]:
 
 
 def choose(
-    stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked, growth: float = 1.0
+    stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked
 ) -> tuple[Stage, tuple[Approximated, ...]]:
     """Return a stage with its open knobs set, and the settings chosen that add an error to the reference's.
 
@@ -74,7 +74,7 @@ def choose(
     settings of its other knobs would cost time without reaching the tolerance. So does a stage that does not know its
     error. A setting that the stage refuses is skipped in favour of a finer one.
 
-    Settings of one stage depend on each other, so each is stated with what all of them add, times ``growth``.
+    Settings of one stage depend on each other, so each is stated with what all of them add.
     """
     declared = parameters_of(type(stage))
     steps = [Knob("", name, _allowed(declared[name][0], declared[name][2])) for name in knobs]
@@ -92,7 +92,7 @@ def choose(
             found, chosen = search.loosened(steps, Goal(max(tolerance, best.error + 0.1 * tolerance)), best.settings)
     # A setting that adds no error is no approximation.
     coarser = [one for one in chosen if one.error > 0]
-    bound = growth * sum(one.error for one in coarser)
+    bound = sum(one.error for one in coarser)
     return found.stage or stage, tuple(
         Approximated(one.knob.name, one.value, one.knob.settings[-1], bound) for one in coarser
     )

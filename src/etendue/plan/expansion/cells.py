@@ -23,9 +23,9 @@ from etendue.errors import Fault, MachineError, PluginError, RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan import stage_calls
 from etendue.plan.expansion import scenes
-from etendue.plan.expansion.deciding import NOTHING_GROWS, Decider, Decisions, segment_input
+from etendue.plan.expansion.deciding import Decider, Decisions, segment_input
 from etendue.plan.expansion.forms import CellGrids, Draft, output_grid
-from etendue.plan.expansion.growth import changes, growth_of
+from etendue.plan.expansion.growth import state_growth
 from etendue.plan.expansion.recipes import Recipes
 from etendue.plan.identity.once import Once
 from etendue.plan.machine import available_memory
@@ -48,18 +48,14 @@ def expand(
     """Return all cells, the precision they are computed in, and the seconds spent analysing new scenes."""
     expansion = _Expansion(graph, pipeline, choice, told)
     cells = expansion.expand()
-    if choice.leave_out and changes(cells, growth := growth_of(cells)):
-        looked = expansion.looked
-        expansion = _Expansion(graph, pipeline, choice, told, growth)
-        cells, expansion.looked = expansion.expand(), looked
+    if choice.leave_out:
+        state_growth(cells)
     return cells, expansion.precision, expansion.looked
 
 
 class _Expansion:
-    def __init__(
-        self, graph: Graph, pipeline: PipelineFile, choice: Choice, told: Told, growth: Mapping[CellRef, float] = NOTHING_GROWS
-    ) -> None:
-        self.told, self.growth = told, growth
+    def __init__(self, graph: Graph, pipeline: PipelineFile, choice: Choice, told: Told) -> None:
+        self.told = told
         self.graph = graph
         self.pipeline = pipeline
         self.choice = choice
@@ -115,7 +111,7 @@ class _Expansion:
     def expand(self) -> dict[CellRef, Cell]:
         total = self.count()
         self.precision = self.choose_precision()
-        self.decider = Decider(self.graph, self.choice, self.cells, self.stage_at, self.precision, self.growth)
+        self.decider = Decider(self.graph, self.choice, self.cells, self.stage_at, self.precision)
         # positions by axes, shared by all nodes with the same axes
         places: dict[tuple[str, ...], list[tuple[int, ...]]] = {}
         # Nodes are in the order of the file, and a node reads only earlier ones: the cells it reads exist already.
@@ -221,8 +217,7 @@ class _Expansion:
                 declared = self.describe(node, stage)[0] if node.is_source else None
                 return self.decider.decide(draft, input_facts, by_dim, declared)
 
-            grown = self.growth.get((node.name, index), 1.0)
-            decisions = self.decisions((stage,), decide, node.name, draft.form, grown) if same else decide()
+            decisions = self.decisions((stage,), decide, node.name, draft.form) if same else decide()
             if decisions.stage is not stage:
                 stage = decisions.stage
                 draft = draft._replace(stage=stage)

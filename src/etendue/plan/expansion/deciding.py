@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from etendue.contract.arrays.facts import Facts
@@ -37,7 +36,6 @@ class Decisions(NamedTuple):
     facts: Facts
 
 
-NOTHING_GROWS: Mapping[CellRef, float] = MappingProxyType({})
 StageAt = Callable[[Node, int, Mapping[str, int]], Stage]  # the stage of an alternative at a combination of the axes
 
 
@@ -45,16 +43,10 @@ class Decider:
     """Makes the decisions. ``cells`` are those planned so far: all that a cell reads is among them."""
 
     def __init__(
-        self,
-        graph: Graph,
-        choice: Choice,
-        cells: Mapping[CellRef, Cell],
-        stage_at: StageAt,
-        precision: str,
-        growth: Mapping[CellRef, float] = NOTHING_GROWS,
+        self, graph: Graph, choice: Choice, cells: Mapping[CellRef, Cell], stage_at: StageAt, precision: str
     ) -> None:
         self.nodes, self.choice, self.cells, self.stage_at = graph.nodes, choice, cells, stage_at
-        self.precision, self.growth = precision, growth
+        self.precision = precision
         self.rule = leave_out.LeaveOutRule(choice.tolerance if choice.leave_out else None, choice.norm)
         self.chosen: dict[Any, Any] = {}  # stages with their knobs set, by what the choice depended on
         # knobs that the file leaves open, by node and alternative
@@ -71,16 +63,15 @@ class Decider:
         output.
         """
         node, stage, form = draft.node, draft.stage, draft.form
-        growth = self.grown(node, stage, by_dim)
         facts = stage_calls.carried(stage, facts_in, form.input_grids) if declared is None else declared
         left_out = None
         if node.name not in self.choice.computed:
             noises = partial(self.noises, by_dim)
-            left_out = leave_out.decide(self.rule, stage, facts_in, form.whole_grids, form.grids, noises, growth)
+            left_out = leave_out.decide(self.rule, stage, facts_in, form.whole_grids, form.grids, noises)
         approximated: tuple[Approximated, ...] = ()
         # Leaving out comes first: it is cheaper than any setting, and a cell left out needs no setting.
         if not left_out and self.knobs.get((node.name, draft.number)):
-            stage, approximated = self.approximate(draft, facts_in, growth)
+            stage, approximated = self.approximate(draft, facts_in)
         error = self.error(draft, stage, facts_in)
         facts = behind(stage, facts_in, form.input_grids, facts)
         if left_out:
@@ -88,11 +79,6 @@ class Decider:
             main = next(iter(node.writes))
             facts = next((self.cells[ref].facts for _, ref, v in draft.inputs if v == main), facts)
         return Decisions(stage, left_out, approximated, error, facts)
-
-    def grown(self, node: Node, stage: Stage, by_dim: Mapping[str, int]) -> float:
-        """Return by how much a change in a cell grows; 1 for a source of noise, whose bounds are of distributions."""
-        place = tuple([by_dim[dim] for dim in node.axes]) if self.growth else ()
-        return 1.0 if isinstance(stage, Noisy) else self.growth.get((node.name, place), 1.0)
 
     def noises(self, by_dim: Mapping[str, int]) -> list[Noisy] | None:
         """Return every stage that adds noise, as it is at a combination; None if one of them is not known before the
@@ -110,18 +96,15 @@ class Decider:
             found.append(stage)
         return found
 
-    def approximate(
-        self, draft: Draft, facts: Mapping[str, Facts], growth: float
-    ) -> tuple[Stage, tuple[Approximated, ...]]:
+    def approximate(self, draft: Draft, facts: Mapping[str, Facts]) -> tuple[Stage, tuple[Approximated, ...]]:
         """Return a stage with its open knobs set, found once for cells of equal stage and equal facts."""
         # Most stages state errors without looking at facts. Such a choice holds for any facts, so it is cached without.
-        place = (draft.stage, growth, self.before(draft), tuple(draft.form.input_grids.items()))
+        place = (draft.stage, self.before(draft), tuple(draft.form.input_grids.items()))
         whole = (*place, tuple(facts.items()))
         known = self.chosen.get(place) or self.chosen.get(whole)
         if known is None:
             seen, knobs = WatchedFacts(facts), self.knobs[draft.node.name, draft.number]
-            within = self.choice.tolerance / growth
-            stage, set_ = choose(draft.stage, knobs, within, lambda one: self.error(draft, one, seen), growth)
+            stage, set_ = choose(draft.stage, knobs, self.choice.tolerance, lambda one: self.error(draft, one, seen))
             known = (self.chosen.setdefault(stage, stage), set_)  # one stage for cells of equal choice
             self.chosen[whole if seen.looked else place] = known
         return known

@@ -1,49 +1,55 @@
 """How much a change in one cell may grow on its way to what is wanted: by meters, by gains, and where light is clipped.
 
 In:  the cells of a plan, in order, with the facts of their inputs.
-Out: a factor per cell, at least 1.
+Out: a factor of at least 1 in each cell about which something is decided.
 
 A full well at a hundredth of the brightest light makes an error in the rest a hundred times larger, relative to what
-is left. The largest factor of all ways and of all cells that read a cell counts, so that a decision holds in each of
-them. Where a cell decides a value that another reader of the same array uses (a metered time), both ways add.
+is left. The largest factor of all ways and of all cells that read a cell counts. Where a cell decides a value that
+another reader of the same array uses (a metered time), both ways add.
+
+The factor belongs to what is stated, not to what is decided: a decision that looked at later stages would compute the
+light again wherever an exposure is edited, and a cell otherwise in a sweep than alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from etendue.contract.capabilities import Noisy, Probe
-from etendue.contract.stage import quantities_of
+from etendue.contract.stage import Stage, quantities_of
 from etendue.plan import stage_calls
 from etendue.plan.model import Cell, CellRef
 
 
-def growth_of(cells: Mapping[CellRef, Cell]) -> dict[CellRef, float]:
-    """Return the factor of every cell in which something is decided or that is on the way from one."""
+def state_growth(cells: dict[CellRef, Cell]) -> None:
+    """Set the growth of every cell with a decision. Bounds on noise are of distributions, and grow by nothing; those on factors
+    are shares of every value, and stay such shares.
+    """
+    decided = [
+        cell for cell in cells.values() if (cell.left_out and cell.left_out.bound > 0) or cell.approximated
+    ]
+    decided = [cell for cell in decided if not isinstance(cell.stage, Noisy) and not cell.stage.pointwise]
+    factors = factors_of(cells) if decided else {}
+    for cell in decided:
+        cell.growth = factors[cell.ref]
+
+
+def factors_of(cells: dict[CellRef, Cell]) -> dict[CellRef, float]:
+    """Return the factor of every cell."""
     direct: dict[CellRef, float] = {}
     beside: dict[CellRef, float] = {}
     for cell in reversed(cells.values()):
-        behind = max(1.0, direct.get(cell.ref, 1.0) + beside.get(cell.ref, 0.0))
-        steered = cell.ref in direct and not any("y" in grid for grid in cell.grids.values())
-        direct[cell.ref] = behind
-        if isinstance(cell.stage, Probe):
+        steers = cell.ref in direct and not any("y" in grid for grid in cell.grids.values())
+        factor = direct[cell.ref] = max(1.0, direct.get(cell.ref, 1.0) + beside.get(cell.ref, 0.0))
+        kind = type(cell.stage)
+        if issubclass(kind, Probe):
             continue
-        facts = {port: cells[ref].facts for port, ref, _ in cell.inputs}
-        whole = behind * stage_calls.growth_of(cell.stage, facts)
-        given = quantities_of(type(cell.stage))
+        whole = factor
+        if kind.growth is not Stage.growth:
+            whole *= stage_calls.growth_of(cell.stage, {port: cells[ref].facts for port, ref, _ in cell.inputs})
+        given = quantities_of(kind)
         for port, ref, _ in cell.inputs:
-            if port in given:  # a number that the other cell found
-                direct[ref] = max(direct.get(ref, 0.0), behind)
+            if port in given:  # a number that the other cell finds
+                direct[ref] = max(direct.get(ref, 0.0), factor)
             elif "y" in cell.input_grids.get(port, ()):
-                ways = beside if steered else direct
+                ways = beside if steers else direct
                 ways[ref] = max(ways.get(ref, 0.0), whole)
     return direct
-
-
-def changes(cells: Mapping[CellRef, Cell], growth: Mapping[CellRef, float]) -> bool:
-    """Return whether growth can change a decision: a bound above 0 of a cell behind which changes grow."""
-    return any(
-        growth.get(cell.ref, 1.0) > 1 and ((cell.left_out and cell.left_out.bound > 0) or cell.approximated)
-        for cell in cells.values()
-        if not isinstance(cell.stage, Noisy)
-    )

@@ -41,11 +41,9 @@ def decide(
     grids_in: Mapping[str, Grid],
     grids: Mapping[str, Grid],
     noises: Callable[[], list[Noisy] | None],
-    growth: float = 1.0,
 ) -> LeftOut | None:
     """Return whether and why a cell is left out, with the error bound; None if it is computed. ``noises`` gives every
-    noise source of the pipeline, or None if they are not all known. ``growth``: by how much a change grows on its way to
-    what is wanted.
+    noise source of the pipeline, or None if they are not all known.
     """
     if rule.tolerance is None or isinstance(stage, Summed) or not isinstance(stage, Bounded | Transfer):
         return None
@@ -59,8 +57,6 @@ def decide(
     if (found is None or found.bound > 0) and isinstance(stage, Transfer) and own.content is not None and grid.banded:
         both = (found, _of_the_content(stage, own, grid))
         found = min((one for one in both if one is not None), key=lambda one: one.bound, default=None)
-    if found is not None and found.bound > 0 and not stage.pointwise:  # a share of every value stays that share
-        found = replace(found, bound=found.bound * growth)
     if found is None and isinstance(stage, Noisy) and rule.tolerance > 0:
         found = _of_the_noise(stage, own, noises, rule.tolerance)
     return found if found is not None and (found.bound == 0 or found.bound <= rule.tolerance) else None
