@@ -57,11 +57,8 @@ def sites(content: Content, size: float) -> float:
     """Return in how many samples of a frame the light lies, of ``size``: its squared mean square over its fourth power,
     at least, from the largest value.
     """
-    square = max(
-        (m * m + sum(row)) / (h * h)
-        for m, row, h in zip(content.mean, content.power, content.high, strict=True)
-        if h > 0
-    )
+    bands = zip(content.mean, content.power, content.high, strict=True)
+    square = max(((m * m + sum(row)) / (h * h) for m, row, h in bands if h > 0), default=1.0)
     return max(1.0, size * min(square, 1.0))
 
 

@@ -278,13 +278,20 @@ class Distortion(Banded, Bounded):
         )
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the interpolation error at a Gaussian edge with the scene's band limit, or of 1 sample rms if that is
-        unknown.
+        """Bound the interpolation error, wave by wave, for the light that is there. Of unknown light: at a Gaussian edge
+        with the scene's band limit, or of 1 sample rms if that is unknown too.
         """
         rounding = 2e-6 if precision == "float32" else 1e-12
         if self.does_nothing():
             return 0.0, "proved"
-        limit = facts["irradiance"].band_limit
+        light, lines = facts["irradiance"], grid["irradiance"]
+        if light.content is not None:
+            step = max(lines.line(dim).step for dim in ("y", "x"))
+            cycles = np.array(light.content.edges[1:]) * step
+            lost = warp.wave_error(self.order, cycles, self.oversampling)[None]
+            found = peaks.relative(lost, np.ones_like(lost), light.content, lines)
+            return min(1.0, found + warp.BORDER) + rounding, "proved"
+        limit = light.band_limit
         softness = (
             1.0 if not limit else 0.483 / (limit * grid["irradiance"].line("x").step)
         )  # exp(-2 pi^2 s^2 f^2) = 0.01
