@@ -116,8 +116,9 @@ def store(path: Path, rng: Rng, plane: np.ndarray, spacing: float, bands: int) -
 
     edges = np.linspace(400, 700, bands + 1)
     centres = 0.5 * (edges[1:] + edges[:-1])
-    own = np.exp(-0.5 * ((centres - rng.uniform(420, 680)) / 10 ** rng.uniform(1.2, 3)) ** 2)
-    cube = (np.maximum(plane, 1e-9 * plane.max()) / plane.max())[None] * (own / own.max())[:, None, None]
+    own = 1e-9 + np.exp(-0.5 * ((centres - rng.uniform(420, 680)) / 10 ** rng.uniform(1.2, 3)) ** 2)
+    peak = 10 ** rng.choice([0, 0, rng.uniform(-1, 2)])  # some lamps are brighter than white
+    cube = (peak * np.maximum(plane, 1e-9 * plane.max()) / plane.max())[None] * (own / own.max())[:, None, None]
     group = zarr.open_group(str(path), mode="w")
     for name, values, dims in (
         ("radiance", cube, ("wavelength", "y", "x")),

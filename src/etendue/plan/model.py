@@ -191,7 +191,7 @@ class Cell:
     @property
     def bound(self) -> float:
         """The error that leaving out and approximating add at most to its own output, relative to full scale."""
-        return self.left_out.bound if self.left_out else sum(one.bound for one in self.approximated)
+        return self.left_out.bound if self.left_out else max((one.bound for one in self.approximated), default=0.0)
 
 
 def scene_of(cells: Mapping[CellRef, Cell], cell: Cell) -> Cell:

@@ -140,12 +140,10 @@ class OpticalFilter(Banded, Bounded, Tinting):
         }
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        """Return what the filter removes from the bands that the light has; for unknown light, from all bands."""
+        """Return what the filter removes from any band: white has light in every one, whatever the scene has."""
         if not self.table and math.isinf(self.cut_off):
             return 0.0, "it transmits everything"
-        taken = 1.0 - self.transmission(grid)
-        light = np.array(facts.content.high) if facts.content is not None else np.ones(taken.size)
-        return float(np.abs(taken * light).max()), "it transmits nearly all of the light"
+        return float(np.abs(1.0 - self.transmission(grid)).max()), "it transmits nearly all of the light"
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if not self.table:

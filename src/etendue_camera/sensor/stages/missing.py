@@ -14,7 +14,7 @@ import numpy as np
 
 from etendue.api import Grid, Transfer
 from etendue.contract.arrays.facts import Content
-from etendue.transfer import effects, expansion, peaks
+from etendue.transfer import effects, expansion, peaks, sampling
 from etendue.transfer import rings as scene_rings
 from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import photodiode
@@ -64,11 +64,19 @@ def of_the_light(
     steps = (light.line("y").step, light.line("x").step)
     corner = 0.5 * math.hypot(1 / steps[0], 1 / steps[1])
     rings = content.edges if content is not None else tuple(np.linspace(0.0, corner, expansion.FITTED))
-    missing = _missing(weights, before, edges, corner, rings, terms, kept * 0.5 / max(steps))
+    missing = _missing(weights, before, edges, corner, rings, terms, _highest(light, kept))
     lost = scene_rings.largest_in_rings(missing * passed(width, rings))
     if content is None:
         return PART * float(lost.sum(axis=1).max())
     return peaks.relative_sums(lost, np.array(weights), _left(before, edges, rings, width), content, light)
+
+
+def _highest(light: Grid, kept: float) -> float:
+    """Return the frequency up to which everything is kept along both axes, cycles/um."""
+    if kept == 1:
+        return math.inf
+    lines = (light.line("y"), light.line("x"))
+    return min(sampling.kept_terms(n.size, kept) / (sampling.padded_size(n.size) * n.step) for n in lines)
 
 
 @lru_cache(96)
@@ -114,6 +122,11 @@ def _missing(
     transfer = effects.in_directions(before, edges, points)
     beyond = points > limit
     whole = np.abs(own[:, :, None] * transfer[:, None])
+    straddling = int(np.searchsorted(np.array(rings), limit)) - 1  # it loses most at the limit, not at its ends
+    if 0 <= straddling < len(rings) - 1:
+        at_limit = np.abs(own[:, :, None] * effects.in_directions(before, edges, np.array([limit]))[:, None])
+        whole[..., 2 * straddling + 1] = at_limit[..., 0]
+        beyond[2 * straddling + 1] = True
     if not terms:
         found = np.where(beyond, whole, 0.0)
     else:
