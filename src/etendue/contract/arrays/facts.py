@@ -131,6 +131,7 @@ class Facts:
     Attributes
     ----------
     uniform : the same value at every position
+    white : of light, that of a white surface by band, in the variable's unit; the planner asks the source for it
     low, high : bounds on the values, in the variable's unit
     mean : what the mean of the values over the frame at least is
     contrast : largest over smallest value; inf if the scene contains exact black
@@ -149,6 +150,7 @@ class Facts:
     band_limit: float | None = None
     rendered: tuple[float, float] | None = None
     content: Content | None = None
+    white: tuple[float, ...] | None = None
 
     def scaled(self, low: float, high: float | None = None, smooth: bool = False) -> Facts:
         """Return the facts after a factor between ``low`` and ``high`` (both above 0); ``smooth``: it varies slowly."""
@@ -161,6 +163,7 @@ class Facts:
             mean=None if self.mean is None else self.mean * low,
             contrast=None if self.contrast is None or low <= 0 else self.contrast * (high / low),
             content=None if self.content is None else self.content.scaled(low, high, smooth),
+            white=None if self.white is None else tuple(high * own for own in self.white),
         )
 
 

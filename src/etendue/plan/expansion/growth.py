@@ -20,20 +20,22 @@ from etendue.plan.model import Cell, CellRef
 
 
 def state_growth(cells: dict[CellRef, Cell]) -> None:
-    """Set the growth of every cell with a decision. Bounds on noise are of distributions, and grow by nothing; those on factors
-    are shares of every value, and stay such shares.
-    """
+    """Set the growth of every cell with a decision. Bounds on noise are of distributions, and do not grow."""
     decided = [
         cell for cell in cells.values() if (cell.left_out and cell.left_out.bound > 0) or cell.approximated
     ]
-    decided = [cell for cell in decided if not isinstance(cell.stage, Noisy) and not cell.stage.pointwise]
-    factors = factors_of(cells) if decided else {}
-    for cell in decided:
-        cell.growth = factors[cell.ref]
+    decided = [cell for cell in decided if not isinstance(cell.stage, Noisy)]
+    for shares in (False, True):
+        own = [cell for cell in decided if cell.stage.pointwise is shares]
+        factors = factors_of(cells, shares) if own else {}
+        for cell in own:
+            cell.growth = factors[cell.ref]
 
 
-def factors_of(cells: dict[CellRef, Cell]) -> dict[CellRef, float]:
-    """Return the factor of every cell."""
+def factors_of(cells: dict[CellRef, Cell], shares: bool) -> dict[CellRef, float]:
+    """Return the factor of every cell. ``shares``: of changes that are a share of every value. Where light is clipped
+    they are the same share of less, and a number that is found from the light changes by that share.
+    """
     direct: dict[CellRef, float] = {}
     beside: dict[CellRef, float] = {}
     for cell in reversed(cells.values()):
@@ -44,7 +46,8 @@ def factors_of(cells: dict[CellRef, Cell]) -> dict[CellRef, float]:
             continue
         whole = factor
         if kind.growth is not Stage.growth:
-            whole *= stage_calls.growth_of(cell.stage, {port: cells[ref].facts for port, ref, _ in cell.inputs})
+            step = stage_calls.growth_of(cell.stage, {port: cells[ref].facts for port, ref, _ in cell.inputs})
+            whole *= min(step, 1.0) if shares and (steers or kind.elementwise) else step
         given = quantities_of(kind)
         for port, ref, _ in cell.inputs:
             if port in given:  # a number that the other cell finds

@@ -184,9 +184,9 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
         return {"raw": converter.unrounded(charge, self.dn_per_electron(), self.black_level, self.bits)}
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
-        """Return the brightest charge over that of the top code or the full well, if that is more than 1."""
+        """Return the brightest charge over that of the top code or the full well: full scale is there."""
         high = facts["charge"].high
-        return 1.0 if high is None else max(1.0, high / self.saturation())
+        return 1.0 if high is None else high / self.saturation()
 
     def warn(self, facts: Facts, grid: Mapping[str, Grid]) -> list[str]:
         sigma = self.read_sigma()

@@ -153,9 +153,11 @@ class OpticalFilter(Banded, Bounded, Tinting):
         return spectra.cut_off_note(self.table, names[:1], rows, values[:, :1], edges[0], edges[-1])
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        light = facts["irradiance"]
+        light, passed = facts["irradiance"], tuple(map(float, self.transmission(grid["irradiance"])))
+        if light.white is not None:
+            light = replace(light, white=tuple(own * share for own, share in zip(light.white, passed, strict=True)))
         if light.content is None:
             return replace(light, low=None, high=None)
-        content = light.content.weighed(tuple(map(float, self.transmission(grid["irradiance"]))))
+        content = light.content.weighed(passed)
         low, high = content.range_of_light()
         return replace(light, content=content, low=low, high=high)
