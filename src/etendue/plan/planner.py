@@ -29,6 +29,7 @@ from etendue.plugins.guests import Guest
 from etendue.telling import plain
 from etendue.types.documents import Document
 
+TOLD = 10.0  # a smaller growth of what is left out is not told: the tolerance is one of each stage's own output
 INSTALLED: Mapping[str, str] = MappingProxyType({})
 
 
@@ -171,7 +172,7 @@ def _grown(cells: Mapping[CellRef, Cell], tolerance: float) -> list[str]:
     for cell in cells.values():
         bounds = [one.bound for one in cell.approximated] + ([cell.left_out.bound] if cell.left_out else [])
         most = cell.at_wanted(max(bounds, default=0.0))
-        if cell.growth > 1 and most > tolerance:
+        if cell.growth > TOLD and most > tolerance:
             worst[cell.node] = max(worst.get(cell.node, 0.0), most)
     return [
         f"{stage}: what is left out or coarser is within the tolerance there, but behind a meter, a gain or clipped "

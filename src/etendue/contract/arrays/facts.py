@@ -27,6 +27,7 @@ class Content:
     power : mean square over the frame of the content of a ring, by band
     amplitude : sum of the amplitudes in a ring, by band; no point can exceed it
     low, mean, high : smallest, mean and largest value of every band
+    white : light of a white surface in this scene by band, in the unit; empty if the source states none
     norm : how a change of this light is measured: 'rms' over the frame, or at the largest pixel ('max')
     """
 
@@ -37,6 +38,7 @@ class Content:
     low: tuple[float, ...]
     mean: tuple[float, ...]
     high: tuple[float, ...]
+    white: tuple[float, ...] = ()
     norm: str = "rms"
 
     def __hash__(self) -> int:
@@ -78,7 +80,7 @@ class Content:
         low, mean, high = (
             tuple(f * v for f, v in zip(own, row, strict=True)) for row in (self.low, self.mean, self.high)
         )
-        return Content(self.full * largest, self.edges, rings[0], rings[1], low, mean, high, self.norm)
+        return Content(self.full * largest, self.edges, rings[0], rings[1], low, mean, high, self.white, self.norm)
 
     def _rows(self) -> tuple[tuple[int, Rings], tuple[int, Rings]]:
         return (2, self.power), (1, self.amplitude)
@@ -131,7 +133,7 @@ class Facts:
     Attributes
     ----------
     uniform : the same value at every position
-    white : of light, that of a white surface by band, in the variable's unit; the planner asks the source for it
+    white : of light, that of a white surface by band, in the variable's unit
     low, high : bounds on the values, in the variable's unit
     mean : what the mean of the values over the frame at least is
     contrast : largest over smallest value; inf if the scene contains exact black

@@ -33,7 +33,7 @@ from etendue.plan.model import Alternative, Cell, CellRef, Node
 from etendue.plan.request import Choice
 from etendue.plan.wiring.graph import Graph
 from etendue.plan.wiring.quantities import to_be_found
-from etendue.telling import foreign, human_bytes, plain
+from etendue.telling import human_bytes, plain
 
 BYTES_OF_A_CELL = 1300  # of a plan in memory, measured by benchmarks/scale.py
 
@@ -195,7 +195,7 @@ class _Expansion:
             return facts, grids
         low, high = found.range_of_light()
         found = replace(found, norm=self.choice.norm)
-        facts = replace(facts, white=white_of(stage, grids))
+        facts = replace(facts, white=found.white or None)
         return replace(facts, content=found, uniform=facts.uniform or found.detail == 0, low=low, high=high), grids
 
     def add(self, node: Node, index: tuple[int, ...]) -> None:
@@ -300,14 +300,6 @@ class _Expansion:
             if not looks_at_stages(what) or (what == "transfer" and self.nodes[name].is_transfer)
         }
         return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
-
-
-def white_of(source: Source, grids: Mapping[str, Grid]) -> tuple[float, ...] | None:
-    """Return the light of a white surface by band; None if the source states none."""
-    banded = next((grid for grid in grids.values() if grid.banded), None)
-    with foreign(f"{type(source).__name__}.white_light"):
-        white = None if banded is None else source.white_light(banded.bands().edges)
-    return None if white is None else tuple(map(float, white))
 
 
 # -- where a cell finds what it reads ----------------------------------------------------------------------------------
