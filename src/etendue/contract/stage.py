@@ -111,6 +111,12 @@ class Stage:
         """Return what is known of its output, from {port: Facts} and {port: Grid}."""
         return UNKNOWN
 
+    def growth(self, facts: Mapping[str, Facts]) -> float:
+        """Return by how much a change of its input, relative to the largest value there, may grow relative to full
+        scale of its output, from {port: Facts}: by clipping, or by a gain. ``inf``: without a bound.
+        """
+        return 1.0
+
     def error(self, facts: Any, grid: Mapping[str, Grid], precision: str) -> tuple[float | None, str]:
         """Return an error bound relative to full scale, and its basis: proved, fitted, measured. For constants:
         ``error = proved(2e-7, 4e-16)``.

@@ -168,7 +168,12 @@ class Cell:
     approximated: tuple[Approximated, ...]
     error: tuple[float | None, str]
     segment_input: tuple[CellRef, str] | None = None
+    growth: float = 1.0  # by how much a change in its output grows, at most, on its way to what is wanted
     mapped: tuple[tuple[str, Coordinate], ...] = ()  # leading dims of the output; the stage runs once per value
+
+    def at_wanted(self, bound: float) -> float:
+        """Return what a bound at this cell is at what is wanted. What grows beyond full scale is clipped there."""
+        return max(bound, min(1.0, bound * self.growth)) if bound > 0 else bound
 
     @property
     def node(self) -> str:
@@ -187,7 +192,7 @@ class Cell:
     @property
     def bound(self) -> float:
         """The error that leaving out and approximating add at most to its own output, relative to full scale."""
-        return self.left_out.bound if self.left_out else sum(one.bound for one in self.approximated)
+        return self.left_out.bound if self.left_out else max((one.bound for one in self.approximated), default=0.0)
 
 
 def scene_of(cells: Mapping[CellRef, Cell], cell: Cell) -> Cell:

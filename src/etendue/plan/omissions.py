@@ -20,8 +20,10 @@ LEAST_TOLD = 1e-3  # seconds; a smaller saving is not mentioned
 
 
 def left_out(node: Node, cells: Sequence[Cell], precision: str, stored: Collection[str] = ()) -> Document | None:
-    """Return the summary of a stage that is left out in some cells; None for other stages. ``stored``: its variables
-    that have an array, of which these cells take a copy.
+    """Return the summary of a stage that is left out in some cells; None for other stages.
+
+    ``bound`` holds at what is wanted too, wherever later stages let an error grow; ``at_stage`` for the stage's own
+    output. ``stored``: its variables that have an array, of which these cells take a copy.
     """
     out = [(cell, cell.left_out) for cell in cells if cell.left_out]
     if not out:
@@ -29,7 +31,8 @@ def left_out(node: Node, cells: Sequence[Cell], precision: str, stored: Collecti
     return {
         "cells": len(out),
         "of": len(cells),
-        "bound": max(why.bound for _, why in out),
+        "bound": max(cell.at_wanted(why.bound) for cell, why in out),
+        "at_stage": max(why.bound for _, why in out),
         "why": "; ".join(dict.fromkeys(why.why for _, why in out)),
         "seconds_saved": sum(cell_seconds(node, replace(cell, left_out=None), precision) for cell, _ in out),
         "copies": sum(cell_bytes(node, cell, precision, stored) for cell, _ in out),
@@ -41,10 +44,13 @@ def approximated(node: Node, cells: Sequence[Cell], precision: str) -> list[Docu
     saved relative to the reference setting; None for other stages.
     """
     found: dict[tuple[str, Hashable], list[Approximated]] = {}
+    wanted: dict[tuple[str, Hashable], float] = {}  # the bound at what is wanted
     saved: dict[tuple[str, Hashable], list[float | None]] = {}
     for cell in cells:
         for one in cell.approximated:
             found.setdefault((one.knob, one.value), []).append(one)
+            place = one.knob, one.value
+            wanted[place] = max(wanted.get(place, 0.0), cell.at_wanted(one.bound))
             saved.setdefault((one.knob, one.value), []).append(_saved(node, cell, one, precision))
     if not found:
         return None
@@ -53,7 +59,8 @@ def approximated(node: Node, cells: Sequence[Cell], precision: str) -> list[Docu
             "knob": knob,
             "value": _shown(value),
             "reference": _shown(every[0].reference),
-            "bound": max(one.bound for one in every),
+            "bound": wanted[knob, value],
+            "at_stage": max(one.bound for one in every),
             "cells": len(every),
             "seconds_saved": _sum(saved[knob, value]),
         }

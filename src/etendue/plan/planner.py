@@ -29,6 +29,7 @@ from etendue.plugins.guests import Guest
 from etendue.telling import plain
 from etendue.types.documents import Document
 
+TOLD = 10.0  # a smaller growth of what is left out is not told: the tolerance is one of each stage's own output
 INSTALLED: Mapping[str, str] = MappingProxyType({})
 
 
@@ -119,7 +120,13 @@ def _warnings(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], tolerance: f
     """Return the warnings that stages give about their own cells, each text once."""
     places = {node.name: node.place for node in nodes}
     uses = {one.use: one.kind for node in nodes for one in node.alternatives}
-    notes = (_rewritten_in_vain(nodes), met_twice(nodes), taken_differently(cells), _beyond_tolerance(cells, tolerance))
+    notes = (
+        _rewritten_in_vain(nodes),
+        met_twice(nodes),
+        taken_differently(cells),
+        _beyond_tolerance(cells, tolerance),
+        _grown(cells, tolerance),
+    )
     texts = dict.fromkeys(itertools.chain(*notes))
     among: dict[Stage, list[str]] = {}  # by stage, since one stage serves many cells
     for cell in cells.values():
@@ -155,6 +162,24 @@ def _beyond_tolerance(cells: Mapping[CellRef, Cell], tolerance: float) -> list[s
         f"{stage}: states an error of {error:.2g}, above the tolerance of {tolerance:g}; the plan does not choose a "
         f"{name} finer than {value} unless the file sets it"
         for (stage, name, value), error in worst.items()
+    ]
+
+
+def _grown(cells: Mapping[CellRef, Cell], tolerance: float) -> list[str]:
+    """Return a warning for every stage of which the decisions, within the tolerance at the stage, may add more to what
+    is wanted: later stages meter the light, clip it or amplify it.
+    """
+    worst: dict[str, float] = {}
+    for cell in cells.values():
+        bounds = [one.bound for one in cell.approximated] + ([cell.left_out.bound] if cell.left_out else [])
+        most = cell.at_wanted(max(bounds, default=0.0))
+        if cell.growth > TOLD and most > tolerance:
+            worst[cell.node] = max(worst.get(cell.node, 0.0), most)
+    return [
+        f"{stage}: what is left out or coarser is within the tolerance there, but behind a meter, a gain or clipped "
+        f"light it may be an error of {most:.2g}; lower the tolerance of "
+        f"{tolerance:g}, or ask with --nothing-left-out"
+        for stage, most in worst.items()
     ]
 
 

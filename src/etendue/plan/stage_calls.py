@@ -88,7 +88,7 @@ def _grids(stage: Stage, method: str, found: Any) -> Mapping[str, Grid]:
 
 def _facts(stage: Stage, method: str, found: Facts) -> Facts:
     fine = isinstance(found, Facts) and all(
-        value is None or _is_number(value) for value in (found.low, found.high, found.contrast, found.band_limit)
+        value is None or _is_number(value) for value in (found.low, found.high, found.mean, found.contrast, found.band_limit)
     )
     if not fine or found.uniform not in (None, True, False):
         raise _nonsense(stage, method, found, "Facts with numbers, or None where a value is unknown")
@@ -131,6 +131,16 @@ def carried(stage: Stage, facts: Mapping[str, Facts], grids: Mapping[str, Grid])
     if type(stage).carry is Stage.carry:
         return UNKNOWN
     return _facts(stage, "carry", _asked(stage, "carry", dict(facts), dict(grids), unknown=UNKNOWN))
+
+
+def growth_of(stage: Stage, facts: Mapping[str, Facts]) -> float:
+    """Return by how much a change of an input may grow in a stage; 1 if that depends on what a run finds."""
+    if type(stage).growth is Stage.growth:
+        return 1.0
+    found = _asked(stage, "growth", dict(facts), unknown=1.0)
+    if not _is_number(found) or found < 0:
+        raise _nonsense(stage, "growth", found, "a number of at least 0")
+    return float(found)
 
 
 def negligible(stage: Stage, facts: Facts, grid: Grid) -> tuple[float, str] | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,18 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
                 np.asarray(plane, dtype=np.float32) / np.float32(high or 1.0), y.step, x.step, edges
             )
             rows.append((low, mean, high, sums[0] * high**2, sums[1] * abs(high)))
-    return _content(rows, edges, grid.bands().size)
+    return replace(_content(rows, edges, grid.bands().size), white=_white(source, grids))
+
+
+def _white(source: Source, grids: Mapping[str, Grid]) -> tuple[float, ...]:
+    """Return the light of a white surface by band: the constant of a source that has one value per band."""
+    if not isinstance(source, Banded):
+        return ()
+    given = {**coordinates_of(grids), **coordinates_of(grids, "out_")}
+    with foreign(f"{type(source).__name__}.constants"):
+        constants = source.constants(source.prepare(given))
+    found = [constants[name] for name, grid in grids.items() if name in constants and grid.banded]
+    return tuple(_up(float(value)) for value in found[0]) if len(found) == 1 else ()
 
 
 def _content(rows: list[Any], edges: FloatArray, bands: int) -> Content:

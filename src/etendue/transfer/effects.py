@@ -12,8 +12,10 @@ from functools import lru_cache
 import numpy as np
 
 from etendue.contract.arrays.facts import Content
+from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Transfer
 from etendue.contract.stage import state_of
+from etendue.transfer import peaks
 from etendue.transfer import rings as scene_rings
 from etendue.transfer.products import Product, alone
 from etendue.types.arrays import Array, FloatArray
@@ -21,22 +23,19 @@ from etendue.types.arrays import Array, FloatArray
 DIRECTIONS = 8  # over a half turn, in which a non-radial transfer function is evaluated
 
 
-def change(stage: Transfer, edges: tuple[float, ...], content: Content, norm: str) -> float:
-    """Return the change from leaving this stage out, relative to the light's full scale.
+def change(stage: Transfer, content: Content, grid: Grid) -> float:
+    """Return the change from leaving this stage out, in the content's norm, relative to the largest value behind it.
 
     Parameters
     ----------
     stage : Transfer
-    edges : of the bands
     content : Content
         Of its input.
-    norm : 'rms' or 'max'
-        Over frame and bands, from sums of power (Parseval); or of the largest value, from sums of amplitude.
+    grid : Grid
+        Of its input, with bands.
     """
-    factors = _rings(stage, edges, content.edges)[0]
-    if norm == "max":
-        return scene_rings.largest_of(factors, np.array(content.amplitude))
-    return scene_rings.rms_of(factors, np.array(content.power))
+    changed, _, least = _rings(stage, grid.bands().edges, content.edges)
+    return peaks.relative(changed, least, content, grid)
 
 
 def behind(stage: Transfer, edges: tuple[float, ...], content: Content) -> Content:
@@ -69,15 +68,16 @@ def _rays(state: tuple[Transfer, Hashable], edges: tuple[float, ...], points: tu
     return np.stack(found)
 
 
-def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Array, Array]:
+def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Array, Array, Array]:
     return _remembered(state_of(stage), edges, rings)
 
 
 @lru_cache(96)
 def _remembered(
     state: tuple[Transfer, Hashable], edges: tuple[float, ...], rings: tuple[float, ...]
-) -> tuple[Array, Array]:
-    """Return (band, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
+) -> tuple[Array, Array, Array]:
+    """Return (band, ring): in every ring over all directions the largest |1 - H|, and the largest and smallest |H|."""
     found = in_directions((state[0],), edges, scene_rings.frequencies_in(np.array(rings)))
     changed, passed = (scene_rings.largest_in_rings(np.abs(values)).max(axis=0) for values in (1 - found, found))
-    return changed, passed
+    least = -scene_rings.largest_in_rings(-np.abs(found)).max(axis=0)
+    return changed, passed, least

@@ -23,6 +23,8 @@ from etendue import plain_files, require
 from etendue_camera.arrays import FloatArray, Floats
 
 _ROWS = 256  # rows of a plane resampled at a time, to bound the memory of double-precision coordinates
+BORDER = 1e-6  # of the frame's rms: light mirrored at the border is not that of the padded plane; measured
+_ALIASES = 64  # images of a wave in a spline, to either side; their sum beyond is below 1e-2 of itself for order 1
 _NODES = 1025  # nodes of the spline through the ratio of ideal to real height
 ORDERS = (1, 2, 3, 4, 5)
 Table = tuple[FloatArray, FloatArray, FloatArray]  # ideal heights (n,), wavelengths (L,), real heights (n, L), um
@@ -311,6 +313,37 @@ def radial(
             table, where, order=order, mode="reflect", prefilter=False
         )
     return (out + base).astype(plane.dtype if plane.dtype in (np.float32, np.float64) else float)
+
+
+def wave_error(order: int, cycles: FloatArray, oversampling: int = 1) -> FloatArray:
+    """Return the largest error of ``radial`` for a wave, at any position and in any direction, relative to its
+    amplitude.
+
+    Parameters
+    ----------
+    order, oversampling : int
+        As of ``radial``.
+    cycles : (n,) array
+        Frequency of the wave, cycles/sample before oversampling; along the axes at most 0.5 is represented.
+
+    Returns
+    -------
+    (n,) array
+
+    Notes
+    -----
+    Along one axis, a spline of order n through a wave of u cycles/sample is the sum of the waves u + k with amplitudes
+    s(u + k) / sum s, s = sinc^(n + 1) (Unser, section IV): what the wave itself lacks and all others in phase bound its
+    error. Two axes add their errors; the diagonal, with less on each, is compared with one axis.
+    """
+
+    def along(u: FloatArray) -> FloatArray:
+        terms = np.sinc(np.minimum(u, 0.5)[:, None] / oversampling + np.arange(-_ALIASES, _ALIASES + 1)) ** (order + 1)
+        others = np.abs(terms.sum(axis=1) - terms[:, _ALIASES]) + np.abs(terms).sum(axis=1) - terms[:, _ALIASES]
+        return np.asarray(others / terms.sum(axis=1))
+
+    one, each = along(np.asarray(cycles, dtype=float)), along(np.asarray(cycles) / math.sqrt(2))
+    return np.maximum(one, each * (2 + each))
 
 
 def edge_error(order: int, softness: float, oversampling: int = 1) -> float:

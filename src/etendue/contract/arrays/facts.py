@@ -27,6 +27,8 @@ class Content:
     power : mean square over the frame of the content of a ring, by band
     amplitude : sum of the amplitudes in a ring, by band; no point can exceed it
     low, mean, high : smallest, mean and largest value of every band
+    white : light of a white surface in this scene by band, in the unit; empty if the source states none
+    norm : how a change of this light is measured: 'rms' over the frame, or at the largest pixel ('max')
     """
 
     full: float
@@ -36,6 +38,8 @@ class Content:
     low: tuple[float, ...]
     mean: tuple[float, ...]
     high: tuple[float, ...]
+    white: tuple[float, ...] = ()
+    norm: str = "rms"
 
     def __hash__(self) -> int:
         return hash((self.full, self.edges[-1], self.mean, self.power[0]))
@@ -76,7 +80,7 @@ class Content:
         low, mean, high = (
             tuple(f * v for f, v in zip(own, row, strict=True)) for row in (self.low, self.mean, self.high)
         )
-        return Content(self.full * largest, self.edges, rings[0], rings[1], low, mean, high)
+        return Content(self.full * largest, self.edges, rings[0], rings[1], low, mean, high, self.white, self.norm)
 
     def _rows(self) -> tuple[tuple[int, Rings], tuple[int, Rings]]:
         return (2, self.power), (1, self.amplitude)
@@ -97,10 +101,12 @@ class Content:
         transfer function cut off by the grid, light can overshoot them by as much as the finest detail present."""
         fine = [i for i, edge in enumerate(self.edges[:-1]) if edge > 0.25 * self.edges[-1]]
         low, high = [], []
-        for own, most, row in zip(self.low, self.high, self.power, strict=True):
+        for own, mean, most, row, sums in zip(
+            self.low, self.mean, self.high, self.power, self.amplitude, strict=True
+        ):
             swing = 6 * math.sqrt(sum(row[i] for i in fine))
             low.append(self.full * (max(own - swing, 0.0) if own >= 0 else own - swing))
-            high.append(self.full * (most + swing))
+            high.append(self.full * min(most + swing, mean + sum(sums)))  # no blur leaves more than its amplitudes
         return tuple(low), tuple(high)
 
     def range_of_light(self) -> tuple[float, float]:
@@ -127,7 +133,9 @@ class Facts:
     Attributes
     ----------
     uniform : the same value at every position
+    white : of light, that of a white surface by band, in the variable's unit
     low, high : bounds on the values, in the variable's unit
+    mean : what the mean of the values over the frame at least is
     contrast : largest over smallest value; inf if the scene contains exact black
     band_limit : frequency above which the scene has less than a hundredth of its contrast, cycles/um
     rendered : of a scene, how its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which values
@@ -139,10 +147,12 @@ class Facts:
     uniform: bool | None = None
     low: float | None = None
     high: float | None = None
+    mean: float | None = None
     contrast: float | None = None
     band_limit: float | None = None
     rendered: tuple[float, float] | None = None
     content: Content | None = None
+    white: tuple[float, ...] | None = None
 
     def scaled(self, low: float, high: float | None = None, smooth: bool = False) -> Facts:
         """Return the facts after a factor between ``low`` and ``high`` (both above 0); ``smooth``: it varies slowly."""
@@ -152,8 +162,10 @@ class Facts:
             uniform=self.uniform if low == high else False,
             low=None if self.low is None else min(self.low * low, self.low * high),
             high=None if self.high is None else max(self.high * low, self.high * high),
+            mean=None if self.mean is None else self.mean * low,
             contrast=None if self.contrast is None or low <= 0 else self.contrast * (high / low),
             content=None if self.content is None else self.content.scaled(low, high, smooth),
+            white=None if self.white is None else tuple(high * own for own in self.white),
         )
 
 

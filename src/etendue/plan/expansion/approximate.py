@@ -73,6 +73,8 @@ def choose(
     A stage with a ``dear`` knob, whose finer settings the plan may not choose, stays as it is in this case: finer
     settings of its other knobs would cost time without reaching the tolerance. So does a stage that does not know its
     error. A setting that the stage refuses is skipped in favour of a finer one.
+
+    Settings of one stage depend on each other, so each is stated with what all of them add.
     """
     declared = parameters_of(type(stage))
     steps = [Knob("", name, _allowed(declared[name][0], declared[name][2])) for name in knobs]
@@ -89,8 +91,10 @@ def choose(
         if best.error is not None:
             found, chosen = search.loosened(steps, Goal(max(tolerance, best.error + 0.1 * tolerance)), best.settings)
     # A setting that adds no error is no approximation.
+    coarser = [one for one in chosen if one.error > 0]
+    bound = sum(one.error for one in coarser)
     return found.stage or stage, tuple(
-        Approximated(one.knob.name, one.value, one.knob.settings[-1], one.error) for one in chosen if one.error > 0
+        Approximated(one.knob.name, one.value, one.knob.settings[-1], bound) for one in coarser
     )
 
 

@@ -25,6 +25,7 @@ from etendue.plan import stage_calls
 from etendue.plan.expansion import scenes
 from etendue.plan.expansion.deciding import Decider, Decisions, segment_input
 from etendue.plan.expansion.forms import CellGrids, Draft, output_grid
+from etendue.plan.expansion.growth import state_growth
 from etendue.plan.expansion.recipes import Recipes
 from etendue.plan.identity.once import Once
 from etendue.plan.machine import available_memory
@@ -46,7 +47,10 @@ def expand(
 ) -> tuple[dict[CellRef, Cell], str, float]:
     """Return all cells, the precision they are computed in, and the seconds spent analysing new scenes."""
     expansion = _Expansion(graph, pipeline, choice, told)
-    return expansion.expand(), expansion.precision, expansion.looked
+    cells = expansion.expand()
+    if choice.leave_out:
+        state_growth(cells)
+    return cells, expansion.precision, expansion.looked
 
 
 class _Expansion:
@@ -190,6 +194,8 @@ class _Expansion:
         if found is None:
             return facts, grids
         low, high = found.range_of_light()
+        found = replace(found, norm=self.choice.norm)
+        facts = replace(facts, white=found.white or None)
         return replace(facts, content=found, uniform=facts.uniform or found.detail == 0, low=low, high=high), grids
 
     def add(self, node: Node, index: tuple[int, ...]) -> None:

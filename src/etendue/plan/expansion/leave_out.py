@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from etendue.contract.arrays.facts import Facts
 from etendue.contract.arrays.grid import Grid
@@ -50,16 +50,23 @@ def decide(
     port = _through(stage, grids_in, grids)
     if port is None:
         return None
-    own, grid = facts[port], grids_in[port]
-    found = _of_the_stage(rule, stage, own, grid)
+    own, grid = _in_norm(facts[port], rule.norm), grids_in[port]
+    found = _of_the_stage(stage, own, grid)
     # The cheapest test that can succeed comes first; the sum over the content is made only if it may give a lower
     # bound.
     if (found is None or found.bound > 0) and isinstance(stage, Transfer) and own.content is not None and grid.banded:
-        both = (found, _of_the_content(rule, stage, own, grid))
+        both = (found, _of_the_content(stage, own, grid))
         found = min((one for one in both if one is not None), key=lambda one: one.bound, default=None)
     if found is None and isinstance(stage, Noisy) and rule.tolerance > 0:
         found = _of_the_noise(stage, own, noises, rule.tolerance)
     return found if found is not None and (found.bound == 0 or found.bound <= rule.tolerance) else None
+
+
+def _in_norm(facts: Facts, norm: str) -> Facts:
+    """Return the facts with a content whose changes are measured in a norm."""
+    if facts.content is None or facts.content.norm == norm:
+        return facts
+    return replace(facts, content=replace(facts.content, norm=norm))
 
 
 def _through(stage: Stage, grids_in: Mapping[str, Grid], grids: Mapping[str, Grid]) -> str | None:
@@ -75,20 +82,22 @@ def _through(stage: Stage, grids_in: Mapping[str, Grid], grids: Mapping[str, Gri
     return ports[writes[0]]
 
 
-def _of_the_stage(rule: LeaveOutRule, stage: Stage, facts: Facts, grid: Grid) -> LeftOut | None:
-    """Return the bound that the stage itself states; for a factor, times the rms of the light that it acts on."""
+def _of_the_stage(stage: Stage, facts: Facts, grid: Grid) -> LeftOut | None:
+    """Return the bound that the stage itself states. For a factor it is a share of each value with it: of the value
+    without it, a little less.
+    """
     if not isinstance(stage, Bounded):
         return None
     answer = negligible(stage, facts, grid)
     if answer is None:
         return None
     bound, why = answer
-    if stage.pointwise and facts.content is not None and rule.norm == "rms":
-        bound *= min(1.0, facts.content.rms)
+    if stage.pointwise:
+        bound = bound / (1 - bound) if bound < 1 else math.inf
     return LeftOut(bound, why)
 
 
-def _of_the_content(rule: LeaveOutRule, stage: Transfer, facts: Facts, grid: Grid) -> LeftOut | None:
+def _of_the_content(stage: Transfer, facts: Facts, grid: Grid) -> LeftOut | None:
     """Return the bound summed over the content of the light; None if the stage refuses its values (reported
     elsewhere).
     """
@@ -97,7 +106,7 @@ def _of_the_content(rule: LeaveOutRule, stage: Transfer, facts: Facts, grid: Gri
         dark = facts.content.full == 0
         return LeftOut(0.0, "there is no light" if dark else "the scene is uniform: blur changes nothing")
     try:
-        bound = effects.change(stage, grid.bands().edges, facts.content, rule.norm)
+        bound = effects.change(stage, facts.content, grid)
     except ValueError:
         return None
     return LeftOut(bound, "the scene has too little fine detail for it to matter")

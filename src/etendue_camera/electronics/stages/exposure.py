@@ -226,6 +226,13 @@ class FullWell(Well, Bounded, Datasheet):
         away = (self.well() - facts.high) / sigma
         return sigma * math.exp(-0.5 * away**2) / self.well(), "the light stays below the full well"
 
+    def growth(self, facts: Mapping[str, Facts]) -> float:
+        """Return the brightest light over the full well, if that is more than 1: what is not clipped is relative to
+        less.
+        """
+        high = facts["charge"].high
+        return 1.0 if high is None else max(1.0, high / self.well())
+
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         known, capacity = facts["charge"], self.well()
         return Facts(

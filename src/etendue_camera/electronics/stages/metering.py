@@ -6,6 +6,7 @@ Out: ``integration_time``, s, of one exposure or of each frame. Later stages use
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -66,16 +67,44 @@ class Meter(GainChain):
         if self.metering == "exposure_value":
             wanted = self.f_number**2 / 2.0**self.exposure_value * 2.0**self.ev_bias
             return min(max(wanted, self.shortest), self.longest)
-        share = self.target or (HIGHLIGHT if self.metering == "highlight" else AVERAGE)
-        level = metering.metered_level(photocurrent, self.metering, self.quantile)
-        return metering.metered_time(level, share * self.saturation(), self.ev_bias, self.shortest, self.longest)
+        return self.timed(metering.metered_level(photocurrent, self.metering, self.quantile))
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Return the limits of the time."""
-        if self.metering != "exposure_value":
-            return Facts(low=self.shortest, high=self.longest)
-        time = self.time(None)
-        return Facts(low=time, high=time)
+        """Return bounds on the time, from what is known of the light."""
+        if self.metering == "exposure_value":
+            time = self.time(None)
+            return Facts(low=time, high=time)
+        low, high = self.levels(facts["photocurrent"])
+        return Facts(low=self.timed(high), high=self.timed(low))
+
+    def levels(self, light: Facts) -> tuple[float, float]:
+        """Return bounds on the metered level, electron/s; 0 and inf where they are unknown.
+
+        Of the centre only the smallest value is known. A quantile q of values with a mean m, of which a share 1 - q may
+        be as large as h, is at least (m - (1 - q) h) / q.
+        """
+        if light.low is None or light.high is None:
+            return 0.0, math.inf
+        low = max(light.low, 0.0)
+        if light.mean is not None and self.metering == "mean":
+            low = max(low, light.mean)
+        if light.mean is not None and self.metering == "highlight":
+            low = max(low, (light.mean - (1 - self.quantile) * light.high) / self.quantile)
+        return low, light.high
+
+    def timed(self, level: float) -> float:
+        """Return the time at a metered level, s."""
+        share = self.target or (HIGHLIGHT if self.metering == "highlight" else AVERAGE)
+        if math.isinf(level):
+            return self.shortest
+        return metering.metered_time(level, share * self.saturation(), self.ev_bias, self.shortest, self.longest)
+
+    def growth(self, facts: Mapping[str, Facts]) -> float:
+        """Return the largest light over the metered level: the time changes with the level."""
+        if self.metering == "exposure_value":
+            return 0.0
+        low, high = self.levels(facts["photocurrent"])
+        return high / low if low > 0 else math.inf
 
     def run(self, photocurrent: FloatArray) -> dict[str, Array]:
         return {"integration_time": np.array(self.time(photocurrent))}

@@ -183,6 +183,11 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
     def mean(self, charge: FloatArray) -> dict[str, Array]:
         return {"raw": converter.unrounded(charge, self.dn_per_electron(), self.black_level, self.bits)}
 
+    def growth(self, facts: Mapping[str, Facts]) -> float:
+        """Return the brightest charge over that of the top code or the full well: full scale is there."""
+        high = facts["charge"].high
+        return 1.0 if high is None else high / self.saturation()
+
     def warn(self, facts: Facts, grid: Mapping[str, Grid]) -> list[str]:
         sigma = self.read_sigma()
         wide = sigma * self.dn_per_electron()

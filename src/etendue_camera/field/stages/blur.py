@@ -17,6 +17,7 @@ import numpy as np
 
 from etendue.api import Banded, Bounded, Facts, Grid, param
 from etendue.contract.stage import file_state
+from etendue.transfer import peaks
 from etendue.transfer import rings as scene_rings
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.field import blur, warp
@@ -262,27 +263,35 @@ class Distortion(Banded, Bounded):
             return None
         radius, lens = np.linspace(0.0, farthest(grid), 65), self.map()
         most = max(float(np.abs(lens.undistort(radius, w * 1e-3) - radius).max()) for w in grid.bands().values())
-        content = facts.content
-        lost = scene_rings.rms_of(scene_rings.moved(most, np.array(content.edges)), np.array(content.power))
+        factors = scene_rings.moved(most, np.array(facts.content.edges))[None]
+        lost = peaks.relative(factors, np.ones_like(factors), facts.content, grid)
         return lost, f"light moves by at most {most:.2g} um, and the scene has little detail that fine"
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Keep the facts of a uniform plane; drop the range of any other, which a spline may leave slightly."""
+        """Keep the facts of a uniform plane; of any other the range between samples, which a spline may leave slightly."""
         own = facts["irradiance"]
+        low, high = own.content.range_of_light() if own.content is not None else (None, None)
         return (
             own
             if own.uniform or self.does_nothing()
-            else dataclasses.replace(own, low=None, high=None, contrast=None, band_limit=None)
+            else dataclasses.replace(own, low=low, high=high, contrast=None, band_limit=None)
         )
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the interpolation error at a Gaussian edge with the scene's band limit, or of 1 sample rms if that is
-        unknown.
+        """Bound the interpolation error, wave by wave, for the light that is there. Of unknown light: at a Gaussian edge
+        with the scene's band limit, or of 1 sample rms if that is unknown too.
         """
         rounding = 2e-6 if precision == "float32" else 1e-12
         if self.does_nothing():
             return 0.0, "proved"
-        limit = facts["irradiance"].band_limit
+        light, lines = facts["irradiance"], grid["irradiance"]
+        if light.content is not None:
+            step = max(lines.line(dim).step for dim in ("y", "x"))
+            cycles = np.array(light.content.edges[1:]) * step
+            lost = warp.wave_error(self.order, cycles, self.oversampling)[None]
+            found = peaks.relative(lost, np.ones_like(lost), light.content, lines)
+            return min(1.0, found + warp.BORDER) + rounding, "proved"
+        limit = light.band_limit
         softness = (
             1.0 if not limit else 0.483 / (limit * grid["irradiance"].line("x").step)
         )  # exp(-2 pi^2 s^2 f^2) = 0.01

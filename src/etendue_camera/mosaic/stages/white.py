@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import require
-from etendue.api import Grid, Haloed, Labels, measured, param, proved, quantity
+from etendue.api import Facts, Grid, Haloed, Labels, ends, measured, param, proved, quantity
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.gain_chain import GainChain
 from etendue_camera.electronics.stages.known_noise import KnownNoise
@@ -54,6 +54,19 @@ class White(GainChain, Collecting):
     def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         edges = tuple(coordinates["wavelength_edges"])
         return electrons_per_irradiance(self, edges), edges
+
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
+        """Return the range over channels and exposure times, and the contrast of the channels."""
+        light = facts["white_irradiance"].white
+        if light is None:
+            return Facts()
+        edges = grid["white_irradiance"].bands().edges
+        rates = electrons_per_irradiance(self, edges) * np.array(light)
+        own = mixing_of(self, edges, rates) @ rates.sum(axis=1)
+        own = own * (self.dn_per_electron() / self.white() / self.render_exposure)
+        shortest, longest = ends(self.integration_time)
+        low, high = float(own.min()), float(own.max())
+        return Facts(low=low * shortest, high=high * longest, contrast=high / low if low > 0 else math.inf)
 
     def run(self, white_irradiance: FloatArray, prepared: Any) -> dict[str, Array]:
         rates = prepared[0] * white_irradiance
@@ -190,6 +203,14 @@ class BalanceMosaic(Haloed):
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         channels = _same_channels(inputs["white"], self.pattern, "white")
         return {"white": channels, "balance_gains": channels}
+
+    def growth(self, facts: Mapping[str, Facts]) -> float:
+        """Return the largest gain over the level that is rendered as white, which is full scale from then on."""
+        white = facts["white"]
+        if white.low is None or white.contrast is None:
+            return 1.0
+        shown = CLIPPED if self.brightness == "camera" else min(CLIPPED, white.low * white.contrast)
+        return white.contrast / shown if shown > 0 else math.inf
 
     def run(
         self,

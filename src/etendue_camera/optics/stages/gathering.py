@@ -140,12 +140,10 @@ class OpticalFilter(Banded, Bounded, Tinting):
         }
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        """Return what the filter removes from the bands that the light has; for unknown light, from all bands."""
+        """Return what the filter removes from any band: white has light in every one, whatever the scene has."""
         if not self.table and math.isinf(self.cut_off):
             return 0.0, "it transmits everything"
-        taken = 1.0 - self.transmission(grid)
-        light = np.array(facts.content.high) if facts.content is not None else np.ones(taken.size)
-        return float(np.abs(taken * light).max()), "it transmits nearly all of the light"
+        return float(np.abs(1.0 - self.transmission(grid)).max()), "it transmits nearly all of the light"
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if not self.table:
@@ -155,9 +153,11 @@ class OpticalFilter(Banded, Bounded, Tinting):
         return spectra.cut_off_note(self.table, names[:1], rows, values[:, :1], edges[0], edges[-1])
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        light = facts["irradiance"]
+        light, passed = facts["irradiance"], tuple(map(float, self.transmission(grid["irradiance"])))
+        if light.white is not None:
+            light = replace(light, white=tuple(own * share for own, share in zip(light.white, passed, strict=True)))
         if light.content is None:
             return replace(light, low=None, high=None)
-        content = light.content.weighed(tuple(map(float, self.transmission(grid["irradiance"]))))
+        content = light.content.weighed(passed)
         low, high = content.range_of_light()
         return replace(light, content=content, low=low, high=high)

@@ -35,6 +35,10 @@ class Laplacian(Stage):
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         return (1e-6 if precision == "float32" else 3e-15) * (1 + 16 * self.strength), "proved"
 
+    def growth(self, facts: Mapping[str, Facts]) -> float:
+        """Return the gain at the Nyquist frequency of one axis."""
+        return 1.0 + 8.0 * self.strength
+
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         return (0.0, "strength is 0") if self.strength == 0 else None
 

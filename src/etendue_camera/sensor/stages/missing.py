@@ -2,7 +2,7 @@
 
 In:  weights of the channels, preceding stages, the content of the light, the number of terms and the fraction of
      frequencies kept.
-Out: the rms of what is missing, relative to the channel signal in the brightest light.
+Out: what is missing, relative to the largest signal of the channel.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from etendue.api import Grid, Transfer
 from etendue.contract.arrays.facts import Content
-from etendue.transfer import effects, expansion
+from etendue.transfer import effects, expansion, peaks, sampling
 from etendue.transfer import rings as scene_rings
 from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import photodiode
@@ -57,26 +57,37 @@ def of_the_light(
     Returns
     -------
     float
-        Root mean square over the frame, with the errors of the bands added in phase.
+        In the content's norm, with the errors of the bands added in phase, relative to the least that the largest
+        signal of the channel can be.
     """
     edges = light.bands().edges
     steps = (light.line("y").step, light.line("x").step)
     corner = 0.5 * math.hypot(1 / steps[0], 1 / steps[1])
     rings = content.edges if content is not None else tuple(np.linspace(0.0, corner, expansion.FITTED))
-    missing = _missing(weights, before, edges, corner, rings, terms, kept * 0.5 / max(steps))
+    missing = _missing(weights, before, edges, corner, rings, terms, _highest(light, kept))
     lost = scene_rings.largest_in_rings(missing * passed(width, rings))
     if content is None:
         return PART * float(lost.sum(axis=1).max())
-    amplitude = np.einsum("clr,lr->cr", lost, _amplitudes(content))
-    full = np.array(weights) @ np.array(content.high)
-    rms = np.sqrt((amplitude**2).sum(axis=1))
-    return float(np.divide(rms, full, out=np.zeros_like(rms), where=full > 0).max())
+    return peaks.relative_sums(lost, np.array(weights), _left(before, edges, rings, width), content, light)
 
 
-@lru_cache(64)
-def _amplitudes(content: Content) -> FloatArray:
-    """Return the rms amplitude in every ring, (wavelength, ring)."""
-    return np.sqrt(np.array(content.power))
+def _highest(light: Grid, kept: float) -> float:
+    """Return the frequency up to which everything is kept along both axes, cycles/um."""
+    if kept == 1:
+        return math.inf
+    lines = (light.line("y"), light.line("x"))
+    return min(sampling.kept_terms(n.size, kept) / (sampling.padded_size(n.size) * n.step) for n in lines)
+
+
+@lru_cache(96)
+def _left(
+    before: tuple[Transfer, ...], edges: tuple[float, ...], rings: tuple[float, ...], width: float
+) -> FloatArray:
+    """Return the smallest share of every ring that the stages and the aperture leave, (band or 1, ring)."""
+    points = scene_rings.frequencies_in(np.array(rings))
+    found = np.abs(effects.in_directions(before, edges, points)).min(axis=0)
+    aperture = np.abs(photodiode.aperture_otf(points, width))  # along an axis, where a square passes least at first
+    return -scene_rings.largest_in_rings(-found * aperture)
 
 
 @lru_cache(256)
@@ -111,6 +122,11 @@ def _missing(
     transfer = effects.in_directions(before, edges, points)
     beyond = points > limit
     whole = np.abs(own[:, :, None] * transfer[:, None])
+    straddling = int(np.searchsorted(np.array(rings), limit)) - 1  # it loses most at the limit, not at its ends
+    if 0 <= straddling < len(rings) - 1:
+        at_limit = np.abs(own[:, :, None] * effects.in_directions(before, edges, np.array([limit]))[:, None])
+        whole[..., 2 * straddling + 1] = at_limit[..., 0]
+        beyond[2 * straddling + 1] = True
     if not terms:
         found = np.where(beyond, whole, 0.0)
     else:

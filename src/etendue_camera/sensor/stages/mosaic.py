@@ -47,7 +47,8 @@ class Mosaic(Haloed):
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """Return the range of all planes: a value comes from one of them."""
-        return Facts(low=facts["photon_rate"].low, high=facts["photon_rate"].high)
+        planes = facts["photon_rate"]
+        return Facts(low=planes.low, high=planes.high, mean=planes.mean)
 
     def run(self, photon_rate: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"photocurrent": cfa.pick(photon_rate, mask_of(self.pattern), *first_pixel(y, x))}

@@ -36,6 +36,11 @@ from etendue_camera.sensor.stages.sensitivity import (
 )
 
 
+ROUNDING = 1e-10  # of an expansion in as many terms as it needs
+TABLES = 3e-7  # most that a table of a transfer function changes where it ends at fewer frequencies; measured
+MEAN = 0.7  # what the mean over pixels at least is of that over the light: their apertures leave gaps
+
+
 @dataclass(frozen=True, kw_only=True)
 class Diffusion(Transfer, Bounded, InSilicon):
     """Blur by charge diffusion before collection: D(f)/D(0) of the photodiode (eqs. 6-8) at each wavelength."""
@@ -245,7 +250,8 @@ class Pixel(Collecting, Summed):
             self.wavelength_terms if few else 0,
             self.kept_frequencies,
         )
-        return bound + lost, "fitted"
+        # stages with tables of their transfer function interpolate between other nodes
+        return bound + lost + (TABLES if self.kept_frequencies < 1 and before else ROUNDING if few else 0.0), "fitted"
 
     def terms(self) -> int:
         return self.wavelength_terms
@@ -261,7 +267,9 @@ class Pixel(Collecting, Summed):
         weights = electrons_per_irradiance(self, grid["irradiance"].bands().edges)
         low, high = light.content.bands_of_light()
         below, above = weights @ np.array(low), weights @ np.array(high)
-        return Facts(uniform=light.uniform, low=float(below.min()), high=float(above.max()))
+        # the mean over pixels is that of the light but for what lies between them
+        mean = MEAN * light.content.full * float((weights @ np.array(light.content.mean)).min())
+        return Facts(uniform=light.uniform, low=float(below.min()), high=float(above.max()), mean=mean)
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         edges = grids["irradiance"].bands().edges
