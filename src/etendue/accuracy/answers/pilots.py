@@ -93,7 +93,7 @@ def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerErr
     try:
         pair = _omitted(evaluations)
         if pair:
-            _compare(parts, missing, pair, OMISSIONS, plan.wanted)
+            compare(parts, missing, pair, OMISSIONS, plan.wanted)
         why = "" if pair else f"the reference is refused{f' ({point.refusal})' if point.refusal else ''}"
     except TooDear as error:
         dear, why = dear + error.seconds, str(error)
@@ -128,14 +128,14 @@ def _refine_all(plan: Plan, evaluations: Evaluations, parts: Parts, missing: Tex
             if one not in affected:
                 parts[one][name] = Part(0.0, 0.0, "not affected")
         try:
-            pair = _refined(evaluations, name) if affected else None
+            pair = refined_pair(evaluations, name) if affected else None
         except TooDear as error:
             dear += error.seconds
             for one in affected:
                 missing[one][name] = str(error)
             continue
         if pair:
-            _compare(parts, missing, pair, name, affected)
+            compare(parts, missing, pair, name, affected)
         elif affected:
             fixed[name] = f"the stages accept no finer one{f' ({point.refusal})' if point.refusal else ''}"
     return dear
@@ -176,7 +176,7 @@ def _noise(
     return found
 
 
-def _refined(evaluations: Evaluations, name: str) -> list[Evaluated] | None:
+def refined_pair(evaluations: Evaluations, name: str) -> list[Evaluated] | None:
     """Return two evaluations that differ by one refinement, coarse in all else if the stages accept that."""
     for base in (COARSE if name == "bins" else FEW_BANDS, {}):
         if pair := evaluations.all_of((base, ""), ({**base, name: 2}, "")):
@@ -184,7 +184,7 @@ def _refined(evaluations: Evaluations, name: str) -> list[Evaluated] | None:
     return None
 
 
-def _compare(parts: Parts, missing: Texts, pair: list[Evaluated], name: str, wanted: Iterable[StageVariable]) -> None:
+def compare(parts: Parts, missing: Texts, pair: list[Evaluated], name: str, wanted: Iterable[StageVariable]) -> None:
     """Add what two evaluations of some variables differ by."""
     (plan, values), (other, reference) = pair
     for stage, variable in wanted:
