@@ -17,7 +17,7 @@ import numpy as np
 
 from etendue.accuracy.answers.error import Part, is_number
 from etendue.accuracy.answers.evaluations import Evaluations, Rates, Shown, TooDear
-from etendue.accuracy.answers.pilots import ELSEWHERE, PLACES, compare, refined_pair
+from etendue.accuracy.answers.pilots import ELSEWHERE, PLACES, KnownParts, compare, refined_pair
 from etendue.accuracy.answers.refinement import Point
 from etendue.accuracy.differences import scale_of
 from etendue.accuracy.measuring import shown_names
@@ -78,6 +78,7 @@ class Chosen:
     needed: str = ""
     seconds: float = 0.0
     kept: bool = False  # as an earlier run into the archive has chosen
+    parts: KnownParts = field(default_factory=dict)
 
     def document(self) -> Document:
         """Return the document that is stored and printed by ``--json``."""
@@ -121,7 +122,8 @@ class Refinement:
         self.until = self.began + seconds
         self.plan = make_plan(pipeline, registry)
         self.pipeline = self.plan.pipeline
-        self.names = {one: name for one, name in shown_names(self.plan).items() if asked.asks(name)}
+        self.names = shown_names(self.plan)
+        self.start, self.first = self.plan, self.values()
         at = shown_place(self.plan)
         self.places = [at, *(place for place in chosen_places(self.plan.axes, PLACES) if place != at)]
         self.scales: dict[StageVariable, tuple[float, bool]] = {}
@@ -132,8 +134,7 @@ class Refinement:
 
     def found(self, refine: bool = True) -> Chosen:
         """Refine until every variable is within its limit; ``refine=False``: only measure."""
-        first, stuck = self.values(), set[str]()
-        known: dict[str, Mapping[str, Part | str]] = {}
+        stuck, known = set[str](), dict[str, dict[str, Part | str]]()
         for _ in range(MOST_STEPS):
             for name in self._discretisations():
                 if name not in known:
@@ -149,11 +150,11 @@ class Refinement:
                 stuck.add(name)
         own = self._errors(known)
         values = self.values()
-        finer = tuple(f"{s}.{n}" for s, some in values.items() for n, v in some.items() if v != first[s][n])
+        finer = tuple(f"{s}.{n}" for s, some in values.items() for n, v in some.items() if v != self.first[s][n])
         missed = {n: self._why(one) for n, one in own.items() if one.unknown or one.total > one.limit}
         spent = {name: one.total for name, one in own.items()}
         seconds = time.process_time() - self.began
-        return Chosen(values, finer, spent, self.factor, missed, self.needed if missed else "", seconds)
+        return Chosen(values, finer, spent, self.factor, missed, self.needed if missed else "", seconds, parts=known)
 
     def values(self) -> Values:
         """Return the present values of what is left open, in the units of the stages."""
@@ -164,18 +165,22 @@ class Refinement:
     def _has(self, stage: str) -> bool:
         return any(node.name == stage for node in self.plan.nodes)
 
-    def _point(self, place: Any) -> Point:
-        return Point(self.plan, self.registry, place, tuple(self.names))
-
     def _discretisations(self) -> list[str]:
-        return self._point(self.places[0]).names()
+        return Point(self.start, self.registry, self.places[0], tuple(self.names)).names()
 
     def _measured(self, name: str) -> dict[str, Part | str]:
-        """Return what one refinement changes, by variable: the largest over some points; a text if it is unknown."""
+        """Return what one refinement changes, by variable: the largest over some points; a text if it is unknown.
+
+        All other discretisations are as coarse as where the search began: the change hardly depends on them, and the
+        cost does.
+        """
         found: dict[str, Part | str] = {}
+        own = {s: {n: v for n, v in some.items() if self.open[s][n] == name} for s, some in self.values().items()}
+        moved = {s: some for s, some in own.items() if any(v != self.first[s][n] for n, v in some.items())}
+        plan = make_plan(with_chosen(self.start.pipeline, moved), self.registry) if moved else self.start
         for place in self.places:
-            point = self._point(place)
-            affected = point.affected(self.plan, name)
+            point = Point(plan, self.registry, place, tuple(self.names))
+            affected = point.affected(plan, name)
             evaluations = Evaluations(point, self.rates, self.until, self.shown)
             parts: dict[StageVariable, dict[str, Part]] = {one: {} for one in self.names}
             missing: dict[StageVariable, dict[str, str]] = {one: {} for one in self.names}
@@ -203,12 +208,16 @@ class Refinement:
             declared = plan.node(stage).writes[name]
             scale = scale_of(np.asarray(values[stage, name], np.float64), declared, plan.of(stage)[0].stage)
             largest = float(np.nanmax(scale, initial=0.0))
-            known = self.scales.get((stage, name), (math.inf, False))[0]
-            self.scales[stage, name] = min(known, largest or 1.0), is_number(declared)
+            number = is_number(declared)
+            known = self.scales.get((stage, name), (largest or 1.0, number))[0]
+            # What is asked in a unit is least of the largest scale, what is asked of a number of the smallest.
+            self.scales[stage, name] = (min if number else max)(known, largest or 1.0), number
 
     def _errors(self, known: Mapping[str, Mapping[str, Part | str]]) -> dict[str, Own]:
         found = {}
         for one, name in self.names.items():
+            if not self.asked.asks(name):
+                continue
             scale, number = self.scales.get(one, (1.0, False))
             own = found[name] = Own(self.asked.of_scale(name, scale))
             for part, measured in known.items():
@@ -283,7 +292,9 @@ class Refinement:
             part, why = next(iter(own.unknown.items()))
             return f"{part} unknown: {why}"
         part = max(own.parts, key=lambda one: own.parts[one])
-        return f"{part} alone {own.parts[part]:.2g} of full scale, {own.parts[part] / own.limit:.2g} times what is asked"
+        return (
+            f"{part} alone {own.parts[part]:.2g} of full scale, {own.parts[part] / own.limit:.2g} times what is asked"
+        )
 
 
 def _larger(old: Part | str, new: Part | str) -> Part | str:

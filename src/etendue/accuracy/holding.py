@@ -203,9 +203,7 @@ def _choose(
     known = (latest(archive, CHOICES) if archive is not None else None) or {}
     same = bool(kept) and known.get("asked") == str(asked) and known.get("values") == kept
     if same and known.get("cells") == answer_key(plan):
-        return Chosen(
-            kept, (), known["spent"], known["factor"], known["missed"], known["needed"], kept=True
-        )
+        return Chosen(kept, (), known["spent"], known["factor"], known["missed"], known["needed"], kept=True)
     workers = workers_of(options.scheduler, options.workers)
     search = Refinement(plan.pipeline, registry, open_, asked, options.hold_seconds, workers, progress)
     return replace(search.found(refine=not same), kept=same)
@@ -249,8 +247,12 @@ def _search(measurement: Measurement, asked: Asked, norm: str) -> HeldTolerance:
     best, blame = search.stepped(LADDER, measurement.pipeline.tolerance, Goal(1.0), lambda one: one.hopeless), {}
     if best is None:
         best = min(search.tried.values(), key=lambda one: (len(one.missed), one.measured.worst or 0.0, -one.tolerance))
-        with suppress(OverBudget):
-            blame = blamed(measurement, best.plan, best.measured, best.missed, asked.limits(best.measured), norm)
+        with suppress(OverBudget):  # of what was not measured nothing is to blame
+            blame = (
+                {}
+                if search.lacking and best.measured.worst is None
+                else blamed(measurement, best.plan, best.measured, best.missed, asked.limits(best.measured), norm)
+            )
     seconds = measurement.seconds
     return HeldTolerance(asked, best.tolerance, norm, best.measured, best.missed, blame, seconds, search.lacking)
 

@@ -23,8 +23,8 @@ class Discretised(Stage):
 
     The error of an answer includes what one refinement of each discretisation changes.
 
-    ``automatic``: parameters that a pipeline may leave open (``"auto"``), each with its discretisation. ``chosen`` gives
-    their values; ``finer`` the next ones, if an error is to be held.
+    ``automatic``: parameters that a pipeline may leave open (``"auto"``), each with its discretisation. ``chosen``
+    gives their values; ``finer`` the next ones, if an error is to be held.
     """
 
     automatic: ClassVar[Mapping[str, str]] = MappingProxyType({})

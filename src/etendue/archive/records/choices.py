@@ -18,7 +18,9 @@ from etendue.plan.wiring.automatic import left_open, settled, with_chosen
 from etendue.types.documents import Document
 
 
-def with_kept_choices(pipeline: PipelineFile, registry: Registry, folder: Path | None) -> tuple[PipelineFile, list[str]]:
+def with_kept_choices(
+    pipeline: PipelineFile, registry: Registry, folder: Path | None
+) -> tuple[PipelineFile, list[str]]:
     """Return the pipeline with the values of the last run into an archive for all that it leaves open, and notes."""
     values = kept_choices(pipeline, registry, folder) if folder is not None else {}
     if not values:
@@ -44,7 +46,7 @@ def kept_choices(pipeline: PipelineFile, registry: Registry, folder: Path) -> di
     uses = {entry.name: entry.use for entry in pipeline.stages}
     found: dict[str, dict[str, float]] = {}
     for one in stages:
-        stage = one.get("name")
+        stage = str(one.get("name"))
         if stage in open_ and one.get("use") == uses[stage]:
             own = {name: float(one[name]) for name in open_[stage] if _is_number(one.get(name))}
             found |= {stage: own} if own else {}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +55,7 @@ def run(
         measured = global_errors.measured(measurement, folder, made) if measurement and not held else None
         if held:
             measured = global_errors.kept(held, folder, made)
-        outcome.answers = _answers(outcome, folder, watched, held_seconds(held, options, measure), errors)
+        outcome.answers = _answers(outcome, folder, watched, held_seconds(held, options, measure), errors, held)
         if held and measured and outcome.answers:
             measured["hold"]["beyond"] = global_errors.beyond(held, outcome.answers)
     _tell_run(places.placed(outcome, folder, place), measured, way)
@@ -82,10 +81,13 @@ def held_seconds(held: Any, options: Options, measure: bool) -> float:
     """Return the seconds that stating errors may take in any case: all, or what the search for open values has left."""
     if measure or not (held and held.chosen):
         return math.inf if measure else AT_LEAST
-    return max(AT_LEAST, options.hold_seconds - held.seconds - held.chosen.seconds)
+    left: float = options.hold_seconds - held.seconds - held.chosen.seconds
+    return max(AT_LEAST, left)
 
 
-def _answers(outcome: Outcome, folder: Path, watched: Any, most: float, errors: bool = True) -> Document | None:
+def _answers(
+    outcome: Outcome, folder: Path, watched: Any, most: float, errors: bool = True, held: Any = None
+) -> Document | None:
     """Return the errors of what was asked for; None if they are not wanted, or cells failed. Then the archive has none
     either: those of an earlier run are of other values. ``most``: seconds, if they are more than a share of the run.
     """
@@ -94,7 +96,8 @@ def _answers(outcome: Outcome, folder: Path, watched: Any, most: float, errors: 
         return None
     budget = max(most, SHARE * outcome.seconds)
     try:
-        return answer_errors(outcome.plan, installed(), outcome.reports, budget, folder, watched).document()
+        parts = held.chosen.parts if held and held.chosen else {}
+        return answer_errors(outcome.plan, installed(), outcome.reports, budget, folder, watched, parts).document()
     except KeyboardInterrupt:  # the run is complete: only the error of its answer is not
         return AnswerErrors({}, {}, {}, why="interrupted").document()
 

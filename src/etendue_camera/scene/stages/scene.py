@@ -60,7 +60,7 @@ class Scene(Source, Banded, Discretised):
         0.0,
         units="um",
         at_least=0,
-        doc="width of more of the same chart around width and height, for the light that blur and glare bring into them; "
+        doc="width of more of the same chart around width and height, for light that blur and glare bring into them; "
         "auto: an eighth of the longer side",
     )
     spacing: float = param(
@@ -142,7 +142,10 @@ class Scene(Source, Banded, Discretised):
         lines = {}
         for dim, length, centre in (("y", self.height, self.centre_y), ("x", self.width, self.centre_x)):
             too_many = beyond(
-                (length + 2 * self.surround) / self.spacing, f"samples along {dim}", MOST_POINTS, "use a larger spacing or a smaller scene"
+                (length + 2 * self.surround) / self.spacing,
+                f"samples along {dim}",
+                MOST_POINTS,
+                "use a larger spacing or a smaller scene",
             )
             if too_many:
                 raise ValueError(too_many)
