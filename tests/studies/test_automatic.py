@@ -134,7 +134,7 @@ def test_an_archive_keeps_what_its_first_run_has_chosen(tmp_path, monkeypatch):
     ``reproduce`` need no rule."""
     monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "cache"))
     file, archive = tmp_path / "file.toml", tmp_path / "a"
-    file.write_text(toml(document()))
+    file.write_text(dumps(document(sweep={"pixel_pitch": ["4 um"]})))
     first = json.loads(run(file, archive, "--hold", "0.01", "--json").stdout)
     kept = first["hold"]["discretisation"]
     assert first["hold"]["held"]
@@ -146,7 +146,7 @@ def test_an_archive_keeps_what_its_first_run_has_chosen(tmp_path, monkeypatch):
     assert again["hold"]["discretisation"]["values"] == kept["values"]
     plain = json.loads(run(file, archive, "--json").stdout)
     assert plain["computed"] <= 6  # the tolerance of the file is another one; the scene is the same
-    grown = run(file, archive, "--sweep", "pixel_pitch=1 um,4 um")
+    grown = run(file, archive, "--sweep", "pixel_pitch=0.5 um,4 um")
     assert "as chosen by an earlier run into this archive" in " ".join(grown.stderr.split())
     for command in (
         ["rerun", str(archive), "--scheduler", "serial"],
@@ -160,17 +160,12 @@ def test_an_archive_keeps_what_its_first_run_has_chosen(tmp_path, monkeypatch):
 def test_a_grown_axis_that_needs_finer_is_told_so_and_nothing_is_refined(tmp_path, monkeypatch):
     monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "cache"))
     file, archive = tmp_path / "file.toml", tmp_path / "a"
-    file.write_text(toml(document()))
-    first = json.loads(run(file, archive, "--hold", "0.03", "--sweep", "f_number=8", "--json").stdout)
-    grown = run(
-        file, archive, "--hold", "0.03", "--sweep", "f_number=1,8", "--sweep", "lens_gaussian.sigma=0.05,5", "--json"
-    )
+    file.write_text(dumps(document(sweep={"f_number": [16], "lens_gaussian.sigma": [6]})))
+    words = ("--hold", "0.03", "--json")
+    first = json.loads(run(file, archive, *words).stdout)
+    grown = run(file, archive, *words, "--sweep", "f_number=1,16", "--sweep", "lens_gaussian.sigma=0.05,6")
     hold_ = json.loads(grown.stdout)["hold"]
     assert hold_["discretisation"]["values"] == first["hold"]["discretisation"]["values"]
     assert hold_["discretisation"]["kept"]
     assert "too coarse here" in grown.stderr
     assert not hold_["held"]
-
-
-def toml(made):
-    return dumps(made)
