@@ -1,8 +1,9 @@
-"""``run --hold``: the loosest local tolerance whose global error stays within a given one, found on pilot cells.
+"""``run --hold``: values of what the pipeline leaves open, and the loosest local tolerance, whose error stays within a
+given one; found on pilot cells.
 
-In:  a pipeline, and the global error asked for.
-Out: a local tolerance from a fixed ladder, the errors measured with it, and the causes if none is strict enough, or
-     what the search would have needed to go on.
+In:  a pipeline, and the error asked for.
+Out: discretisations for what is left open (`discretising`); a local tolerance from a fixed ladder, the errors measured
+     with it, and the causes if none is strict enough, or what the search would have needed to go on.
 """
 
 from __future__ import annotations
@@ -12,12 +13,15 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from etendue.accuracy.answers.cached import answer_key
 from etendue.accuracy.blame import blamed
+from etendue.accuracy.discretising import SHARE, Chosen, Refinement
 from etendue.accuracy.measuring import GlobalError, MeasuredErrors, Measurement, from_document, shown_names
 from etendue.accuracy.pilot import MOST
-from etendue.archive.records.remembered import recall, remember
+from etendue.archive.records.choices import kept_choices
+from etendue.archive.records.remembered import latest, recall, remember
 from etendue.contract.registry import Registry
 from etendue.errors import RequestError, nearest
 from etendue.pipeline.file import PipelineFile
@@ -25,13 +29,17 @@ from etendue.plan.expansion.search import Goal, Knob, Means, OverBudget, Search,
 from etendue.plan.identity.keys import digest
 from etendue.plan.machine import available_memory
 from etendue.plan.model import Plan
+from etendue.plan.planner import make_plan
+from etendue.plan.wiring.automatic import left_open, with_chosen
 from etendue.result_files import finite
+from etendue.run.peak_memory import workers_of
 from etendue.session import Options
 from etendue.types.documents import AxisValues, Document, DocumentView
 
 if TYPE_CHECKING:
     from etendue.contract.ports import Progress
 
+CHOICES = "choices"  # ``kind`` of the document with the values of what a pipeline leaves open
 RUNGS = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 0.0)
 LADDER = Knob("", "tolerance", RUNGS)
 FIRST = 1e-3  # tolerance tried first if only metrics are to be held
@@ -42,16 +50,33 @@ MEMORY = 0.8  # share of the available memory that one of its runs may take
 class Asked:
     """The errors asked for: ``relative`` to full scale for every variable, and ``own`` of some in their own unit. With
     None for ``relative`` only these count.
+
+    ``spent``, relative to full scale, is the error that discretisation has already; what is left holds at ``factor``
+    times the error of the measured points.
     """
 
     relative: float | None
     own: Mapping[str, float] = field(default_factory=dict)
+    spent: Mapping[str, float] = field(default_factory=dict)
+    factor: float = 1.0
+
+    def asks(self, name: str) -> bool:
+        return self.relative is not None or name in self.own
+
+    def of_scale(self, name: str, scale: float) -> float:
+        """Return what is asked of a variable with this full scale, relative to it; infinite: nothing."""
+        if name not in self.own:
+            return math.inf if self.relative is None else self.relative
+        return self.own[name] / scale if scale else 0.0
 
     def limit(self, name: str, error: GlobalError) -> float | None:
-        """Return what is asked of a variable, relative to its full scale; None: nothing."""
-        if name not in self.own:
-            return self.relative
-        return self.own[name] / error.scale if error.scale else 0.0
+        """Return what is left for a variable, relative to its full scale; None: nothing is asked."""
+        if not self.asks(name):
+            return None
+        whole = self.of_scale(name, error.scale or 0.0)
+        spent = self.spent.get(name, 0.0)
+        # Where discretisation takes it all, that is said; what is left out may still take its share.
+        return max(whole - spent, (1 - SHARE) * whole) / self.factor if self.spent else whole
 
     def limits(self, found: MeasuredErrors) -> dict[str, float]:
         every = {name: self.limit(name, error) for name, error in found.errors.items()}
@@ -92,10 +117,11 @@ class HeldTolerance:
     remembered: bool = False
     key: str = ""
     places: tuple[AxisValues, ...] = ()
+    chosen: Chosen | None = None  # values of what the pipeline leaves open; None if that is nothing
 
     @property
     def held(self) -> bool:
-        return not self.missed
+        return not self.missed and not (self.chosen and self.chosen.missed)
 
     def document(self) -> Document:
         return {
@@ -110,6 +136,7 @@ class HeldTolerance:
             "seconds": self.seconds,
             "needed": asdict(self.needed) if self.needed else None,
             "remembered": self.remembered,
+            "discretisation": self.chosen.document() if self.chosen else None,
         }
 
 
@@ -133,25 +160,63 @@ def hold(
     RequestError
         The pipeline is invalid, or wants no variable that is to be held.
     """
-    asked = asked if isinstance(asked, Asked) else Asked(asked)
+    asked, options = asked if isinstance(asked, Asked) else Asked(asked), options or Options()
+    chosen = _choose(pipeline, registry, asked, options, progress, archive)
+    if chosen:
+        pipeline = with_chosen(pipeline, chosen.values)
+        asked = replace(asked, spent=chosen.spent, factor=chosen.factor)
+        options = replace(options, hold_seconds=max(options.hold_seconds - chosen.seconds, 0.0))
     begin = FIRST if asked.relative is None else asked.relative
     pipeline = replace(pipeline, tolerance=min((rung for rung in RUNGS if rung >= begin), default=RUNGS[0]))
     measurement = Measurement(pipeline, registry, cells, options, progress)
-    names = list(shown_names(measurement.plan(measurement.pipeline)).values())
+    _refuse_unwanted(asked, measurement.plan(measurement.pipeline))
+    spent = f" {sorted(asked.spent.items())} {asked.factor}" if asked.spent else ""
+    key = digest(f"hold {asked}{spent} {pipeline.norm} {measurement.key()}".encode())
+    known = _remembered(recall(archive, key), asked, pipeline.norm) if archive is not None else None
+    found = known or replace(_search(measurement, asked, pipeline.norm), key=key)
+    return replace(found, places=measurement.places, chosen=chosen)
+
+
+def _refuse_unwanted(asked: Asked, plan: Plan) -> None:
+    names = list(shown_names(plan).values())
     for name in asked.own:
         if name not in names:
             wanted = f"; wanted: {', '.join(names[:12])}{' ...' if len(names) > 12 else ''}"
             raise RequestError(f"--hold {name}: the pipeline wants no such variable{nearest(name, names)}{wanted}")
-    key = digest(f"hold {asked} {pipeline.norm} {measurement.key()}".encode())
-    known = _remembered(recall(archive, key), asked, pipeline.norm) if archive is not None else None
-    found = known or replace(_search(measurement, asked, pipeline.norm), key=key)
-    return replace(found, places=measurement.places)
 
 
-def keep(held: HeldTolerance, archive: Path) -> None:
-    """Store the result of a whole search in an archive, which exists by now."""
+def _choose(
+    pipeline: PipelineFile, registry: Registry, asked: Asked, options: Options, progress: Any, archive: Path | None
+) -> Chosen | None:
+    """Return values for what a pipeline leaves open; None if that is nothing.
+
+    What an earlier run into the archive has chosen is kept if it was asked for the same; otherwise it is where the
+    search begins.
+    """
+    open_ = left_open(pipeline, registry)
+    if not open_:
+        return None
+    kept = kept_choices(pipeline, registry, archive) if archive is not None else {}
+    pipeline = with_chosen(pipeline, kept)
+    plan = make_plan(pipeline, registry)
+    _refuse_unwanted(asked, plan)
+    known = (latest(archive, CHOICES) if archive is not None else None) or {}
+    same = bool(kept) and known.get("asked") == str(asked) and known.get("values") == kept
+    if same and known.get("cells") == answer_key(plan):
+        return Chosen(kept, (), known["spent"], known["factor"], known["missed"], known["needed"], kept=True)
+    workers = workers_of(options.scheduler, options.workers)
+    search = Refinement(plan.pipeline, registry, open_, asked, options.hold_seconds, workers, progress)
+    return replace(search.found(refine=not same), kept=same)
+
+
+def keep(held: HeldTolerance, archive: Path, plan: Plan | None = None) -> None:
+    """Store the result of a whole search in an archive, which exists by now; ``plan``: that of the run."""
     if not (held.remembered or held.needed):
         remember(archive, held.key, finite({**held.document(), "measured": held.measured.document()}))
+    if held.chosen and plan is not None:
+        # The cells of the request: the tolerance that was found is not part of it.
+        told = {"kind": CHOICES, "asked": str(held.asked), "cells": answer_key(plan)}
+        remember(archive, digest(CHOICES.encode()), finite({**held.chosen.document(), **told}))
 
 
 def _search(measurement: Measurement, asked: Asked, norm: str) -> HeldTolerance:
@@ -182,8 +247,12 @@ def _search(measurement: Measurement, asked: Asked, norm: str) -> HeldTolerance:
     best, blame = search.stepped(LADDER, measurement.pipeline.tolerance, Goal(1.0), lambda one: one.hopeless), {}
     if best is None:
         best = min(search.tried.values(), key=lambda one: (len(one.missed), one.measured.worst or 0.0, -one.tolerance))
-        with suppress(OverBudget):
-            blame = blamed(measurement, best.plan, best.measured, best.missed, asked.limits(best.measured), norm)
+        with suppress(OverBudget):  # of what was not measured nothing is to blame
+            blame = (
+                {}
+                if search.lacking and best.measured.worst is None
+                else blamed(measurement, best.plan, best.measured, best.missed, asked.limits(best.measured), norm)
+            )
     seconds = measurement.seconds
     return HeldTolerance(asked, best.tolerance, norm, best.measured, best.missed, blame, seconds, search.lacking)
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from etendue.builder.methods import Extended
 from etendue.builder.shown import plan_page, table_page
-from etendue.builder.simulating import opened, with_errors
+from etendue.builder.simulating import at_choices_of, opened, with_errors
 from etendue.builder.stages import Placed, maker, plain
 from etendue.calls import called_methods
 from etendue.contract.registry import installed_stages
@@ -302,7 +302,7 @@ class Pipeline(Extended, PipelineSource):
             failed.
         """
         chosen = self if want is None else self.want(*([want] if isinstance(want, str) else want))
-        made = chosen.plan(leave_out).plan
+        made = make_plan(at_choices_of(chosen.written(), archive), installed_stages(), leave_out)
         outcome = execute(
             made,
             archive,

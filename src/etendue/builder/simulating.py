@@ -13,11 +13,12 @@ from typing import Any
 from etendue.accuracy.answers.evaluations import PLANNING
 from etendue.accuracy.answers.recalled import SHARE, answer_errors, recalled
 from etendue.archive import places
+from etendue.archive.records.choices import with_kept_choices
 from etendue.calls import called
 from etendue.contract.registry import installed_stages
 from etendue.contract.values.tables import SHARED
 from etendue.errors import PluginError
-from etendue.pipeline.file import PipelineSource
+from etendue.pipeline.file import PipelineFile, PipelineSource
 from etendue.pipeline.overrides import TOP
 from etendue.plan import planner
 from etendue.present.plots.stated import stated
@@ -79,7 +80,8 @@ def simulate(
             overrides[key if "." in key else f"{SHARED}.{key}"] = value
     if want is not None:
         overrides["wanted"] = [want] if isinstance(want, str) else list(want)
-    plan = planner.make_plan(load(pipeline, overrides), installed_stages(), leave_out)
+    made = at_choices_of(load(pipeline, overrides), archive)
+    plan = planner.make_plan(made, installed_stages(), leave_out)
     outcome = execute(plan, archive, Options(check_scheduler(scheduler), workers))
     if outcome.failed:
         first = outcome.failed[0]
@@ -90,6 +92,12 @@ def simulate(
         )
     with_errors(outcome, errors)
     return opened(outcome, archive)
+
+
+def at_choices_of(pipeline: PipelineFile, archive: str | Path | None) -> PipelineFile:
+    """Return the pipeline with what it leaves open as an earlier run into a local archive has chosen."""
+    folder = None if archive is None or places.is_url(archive) else Path(archive)
+    return with_kept_choices(pipeline, installed_stages(), folder)[0]
 
 
 def with_errors(outcome: Outcome, errors: bool | float = True) -> None:

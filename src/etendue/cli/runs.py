@@ -64,7 +64,8 @@ def _how(function: Any) -> Any:
     multiple=True,
     metavar="E|METRIC=E",
     help="Find the loosest tolerance that keeps the wanted variables within E of the reference, relative to full "
-    "scale, or METRIC within E in its own unit (repeatable); run with it.",
+    "scale, or METRIC within E in its own unit (repeatable), and refine what the file leaves open ('auto') until the "
+    "answer is; run with that.",
 )
 @click.option(
     "--hold-seconds",

@@ -1,7 +1,7 @@
 """Stages that sample something continuous say how they can sample it more finely.
 
 In:  a stage.
-Out: its discretisations, and the parameters that refine one of them.
+Out: its discretisations, and the parameters that refine one of them; values of parameters that a pipeline leaves open.
 """
 
 from __future__ import annotations
@@ -9,9 +9,12 @@ from __future__ import annotations
 import dataclasses
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 from etendue.contract.stage import Stage
+
+AUTO = "auto"  # in a pipeline: the value of a parameter that is left open
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -19,7 +22,12 @@ class Discretised(Stage):
     """A stage that samples something continuous: bands, positions, a finite part of the plane.
 
     The error of an answer includes what one refinement of each discretisation changes.
+
+    ``automatic``: parameters that a pipeline may leave open (``"auto"``), each with its discretisation. ``chosen``
+    gives their values; ``finer`` the next ones, if an error is to be held.
     """
+
+    automatic: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     @abstractmethod
     def discretisations(self) -> Mapping[str, str]:
@@ -32,3 +40,16 @@ class Discretised(Stage):
 
         A negative factor coarsens. An empty mapping: this is as fine or coarse as it gets.
         """
+
+    @classmethod
+    def chosen(cls, name: str, values: Mapping[str, Any], shared: Mapping[str, tuple[Any, ...]]) -> Any:
+        """Return the value of a parameter that is left open, in its unit, by a rule that its documentation states.
+
+        ``values`` are those of its other parameters, without those that are not known; ``shared``: by name of a shared
+        quantity all values that it has in the pipeline.
+        """
+        raise TypeError(f"{cls.__name__} has automatic parameters and must define chosen")
+
+    def finer(self, name: str) -> Mapping[str, Any]:
+        """Return the values of parameters with which a discretisation that is left open becomes one step finer."""
+        return self.refined(name, 2)

@@ -23,6 +23,7 @@ from etendue.plan.expansion.cells import Told, expand
 from etendue.plan.expansion.fields import notes_on_the_scene
 from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.plan.request import Choice
+from etendue.plan.wiring.automatic import settled
 from etendue.plan.wiring.graph import build_graph, named_in_keep, resolve_keep
 from etendue.plan.wiring.swapped import fitted_to_overrides
 from etendue.plugins.guests import Guest
@@ -85,6 +86,7 @@ def make_plan(
     # the facts of a cell).
     leave_out_allowed = leave_out_allowed and pipeline.leave_out
     pipeline, swapped = fitted_to_overrides(pipeline, registry)
+    pipeline, chosen = settled(pipeline, registry)
     try:
         graph = build_graph(pipeline, registry)
         choice = Choice(
@@ -112,7 +114,7 @@ def make_plan(
         leaves_out=leave_out_allowed,
         looked=looked,
         expected=expected,
-        warnings=(*swapped, *graph.warnings, *warnings),
+        warnings=(*swapped, *chosen, *graph.warnings, *warnings),
     )
 
 

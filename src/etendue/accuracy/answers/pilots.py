@@ -27,7 +27,7 @@ from etendue.accuracy.answers.error import (
     worst,
 )
 from etendue.accuracy.answers.evaluations import Evaluated, Evaluations, Rates, Shown, TooDear, Which
-from etendue.accuracy.answers.refinement import AS_PLANNED, DRAWN, EXACT, Point
+from etendue.accuracy.answers.refinement import AS_PLANNED, DRAWN, EXACT, NOTHING, Point
 from etendue.accuracy.answers.regridding import on_grid
 from etendue.accuracy.pilot import chosen_places
 from etendue.contract.registry import Registry
@@ -48,11 +48,18 @@ INTERVAL = 3.182  # Student's t for 95 % and three degrees of freedom
 FEW_BANDS, COARSE = {"bins": -8}, {"spacing": -2}
 
 Parts = dict[StageVariable, dict[str, Part]]
+KnownParts = Mapping[str, Mapping[str, Part | str]]  # by discretisation and name of the variable; texts: why unknown
 Texts = dict[StageVariable, dict[str, str]]
 
 
 def state_errors(
-    plan: Plan, registry: Registry, reports: Reports | None, budget: float, shown: Shown = None, places: int = PLACES
+    plan: Plan,
+    registry: Registry,
+    reports: Reports | None,
+    budget: float,
+    shown: Shown = None,
+    places: int = PLACES,
+    known: KnownParts = NOTHING,
 ) -> AnswerErrors:
     """Return the error of every wanted variable and headline metric.
 
@@ -62,6 +69,7 @@ def state_errors(
     budget : seconds at most
     shown : returns the progress to show of a plan
     places : largest number of points of a sweep
+    known : parts that need not be measured, of the worst of these points
     """
     began, at, wanted = time.process_time(), shown_place(plan), answers(plan)
     rates, dear, longest = Rates(plan, reports), 0.0, 0.0
@@ -71,7 +79,7 @@ def state_errors(
         if found and (dear or began + budget - since < longest):
             break
         evaluations = Evaluations(Point(plan, registry, place, wanted), rates, began + budget, shown)
-        own, dear = _at_point(plan, evaluations)
+        own, dear = _at_point(plan, evaluations, known)
         found.append(own)
         longest = max(longest, time.process_time() - since)
     errors = {name: worst(one[name] for one in found) for name in found[0]}
@@ -83,19 +91,19 @@ def state_errors(
     return AnswerErrors(errors, found[0], at, len(found), time.process_time() - began, dear, budget, remedies=remedies)
 
 
-def _at_point(plan: Plan, evaluations: Evaluations) -> tuple[dict[str, AnswerError], float]:
+def _at_point(plan: Plan, evaluations: Evaluations, known: KnownParts) -> tuple[dict[str, AnswerError], float]:
     """Return the errors at one point, and the seconds of what was too costly."""
     point = evaluations.point
     parts: Parts = {one: {} for one in point.wanted}
     missing: Texts = {one: {} for one in point.wanted}
     fixed = dict(point.fixed())
-    dear = _refine_all(plan, evaluations, parts, missing, fixed)
+    dear = _refine_all(plan, evaluations, parts, missing, fixed, known)
     pair, seconds = _attempt(evaluations, missing, OMISSIONS, point.wanted, *_omitted(evaluations))
     if pair is None:
         refused = f"the reference is refused{f' ({point.refusal})' if point.refusal else ''}"
         missing = {one: {**own, OMISSIONS: refused} for one, own in missing.items()}
     elif pair:
-        _compare(parts, missing, [pair[0], pair[-1]], OMISSIONS, point.wanted)
+        compare(parts, missing, [pair[0], pair[-1]], OMISSIONS, point.wanted)
     noise, more = _noise(evaluations, parts, missing)
     names = [name for _, name in point.wanted]
     errors = {}
@@ -130,7 +138,9 @@ def _attempt(
     return found, seconds
 
 
-def _refine_all(plan: Plan, evaluations: Evaluations, parts: Parts, missing: Texts, fixed: dict[str, str]) -> float:
+def _refine_all(
+    plan: Plan, evaluations: Evaluations, parts: Parts, missing: Texts, fixed: dict[str, str], known: KnownParts
+) -> float:
     """Add what one refinement of each discretisation changes; return the seconds of what was too costly."""
     point, dear = evaluations.point, 0.0
     order = [*SAFETY, *point.names()]
@@ -139,15 +149,37 @@ def _refine_all(plan: Plan, evaluations: Evaluations, parts: Parts, missing: Tex
         for one in point.wanted:
             if one not in affected:
                 parts[one][name] = Part(0.0, 0.0, "not affected")
-        if not affected:
+        if name in known:
+            _take(parts, missing, affected, name, known[name])
+        if name in known or not affected:
             continue
         pair, seconds = _refined(evaluations, missing, name, affected)
         dear += seconds
         if pair is None:
             fixed[name] = f"the stages accept no finer one{f' ({point.refusal})' if point.refusal else ''}"
         elif pair:
-            _compare(parts, missing, pair, name, affected)
+            compare(parts, missing, pair, name, affected)
     return dear
+
+
+def _take(
+    parts: Parts, missing: Texts, affected: Iterable[StageVariable], name: str, known: Mapping[str, Part | str]
+) -> None:
+    """Add what is known of a discretisation."""
+    for stage, variable in affected:
+        found = known.get(variable, known.get(f"{stage}.{variable}", "not measured"))
+        if isinstance(found, str):
+            missing[stage, variable][name] = found
+        else:
+            parts[stage, variable][name] = found
+
+
+def refined_pair(evaluations: Evaluations, name: str) -> list[Evaluated] | None:
+    """Return two evaluations of all variables that differ by one refinement, as ``_refined``."""
+    for base in (COARSE if name == "bins" else FEW_BANDS, {}):
+        if pair := evaluations.all_of((base, ""), ({**base, name: 2}, "")):
+            return pair
+    return None
 
 
 def _refined(
@@ -204,7 +236,7 @@ def _noise(evaluations: Evaluations, parts: Parts, missing: Texts) -> tuple[dict
     return found, seconds
 
 
-def _compare(parts: Parts, missing: Texts, pair: list[Evaluated], name: str, wanted: Iterable[StageVariable]) -> None:
+def compare(parts: Parts, missing: Texts, pair: list[Evaluated], name: str, wanted: Iterable[StageVariable]) -> None:
     """Add what two evaluations of some variables differ by."""
     (plan, values), (other, reference) = pair
     for stage, variable in wanted:

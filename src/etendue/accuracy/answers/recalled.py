@@ -14,7 +14,8 @@ from etendue import cache
 from etendue.accuracy.answers.cached import KIND, answer_key, cached
 from etendue.accuracy.answers.error import AnswerErrors, answers_of
 from etendue.accuracy.answers.evaluations import Shown
-from etendue.accuracy.answers.pilots import state_errors
+from etendue.accuracy.answers.pilots import KnownParts, state_errors
+from etendue.accuracy.answers.refinement import NOTHING
 from etendue.archive.records.remembered import ANSWER, documents, remember
 from etendue.contract.registry import Registry
 from etendue.plan.model import Plan
@@ -36,6 +37,7 @@ def answer_errors(
     budget: float,
     folder: Path | None = None,
     shown: Shown = None,
+    known_parts: KnownParts = NOTHING,
 ) -> AnswerErrors:
     """Return the errors of a run's wanted variables; what an earlier run has measured of the same cells is reused. A
     finished run does not fail because of them: whatever a stage raises is the reason why nothing was measured.
@@ -45,7 +47,7 @@ def answer_errors(
         found = known
     else:
         try:
-            found = state_errors(plan, registry, reports, budget, shown)
+            found = state_errors(plan, registry, reports, budget, shown, known=known_parts)
         except Exception as error:
             return AnswerErrors({}, {}, {}, why=f"{where(error)}{plain(str(error) or type(error).__name__)}")
         cache.write(KIND, answer_key(plan), json.dumps(finite(found.document())).encode())

@@ -12,6 +12,7 @@ from etendue.accuracy import holding
 from etendue.accuracy.measuring import Measurement
 from etendue.accuracy.pilot import stated_elsewhere
 from etendue.cli.options import installed
+from etendue.plan.wiring.automatic import with_chosen
 from etendue.present.terminal.answer_texts import plus_minus
 from etendue.present.terminal.global_error import global_error_document, not_held
 from etendue.telling import human_bytes, human_seconds
@@ -25,6 +26,8 @@ def held(pipeline: Any, asked: tuple[tuple[str, float], ...], folder: Path, opti
     own = dict(asked)
     goals = holding.Asked(own.pop("", None), own)
     found = holding.hold(pipeline, installed(), goals, options=options, progress=watched, archive=folder)
+    for text in _choices(found.chosen) if found.chosen else ():
+        click.echo(text, err=True)
     when = f"measured in {human_seconds(found.seconds)} of thread time"
     told = f"hold {found.asked}: local tolerance {found.tolerance:g}, "
     told += "found by an earlier run" if found.remembered else when
@@ -37,9 +40,31 @@ def held(pipeline: Any, asked: tuple[tuple[str, float], ...], folder: Path, opti
     return found
 
 
+def _choices(chosen: Any) -> list[str]:
+    """Return what was chosen for the values that the pipeline leaves open, and what stands in the way of more."""
+    every = {f"{stage}.{name}": value for stage, own in chosen.values.items() for name, value in own.items()}
+    told = ", ".join(
+        f"{name} = {value:.4g}{' (refined)' if name in chosen.refined else ''}" for name, value in every.items()
+    )
+    said = [f"chosen{' by an earlier run' if chosen.kept else ''}: {told}"]
+    for name, why in chosen.missed.items():
+        said.append(f"{'too coarse here' if chosen.kept else 'not fine enough'} for {name}: {why}")
+    if chosen.needed:
+        said.append(f"not refined further: {chosen.needed}")
+    if chosen.missed and chosen.kept:
+        said.append("the archive keeps the values of its first run; to choose anew, run into another archive")
+    return said
+
+
+def with_values(pipeline: Any, held: Any) -> Any:
+    """Return the pipeline with what is held: the tolerance, and the values of what it leaves open."""
+    chosen = with_chosen(pipeline, held.chosen.values) if held.chosen else pipeline
+    return replace(chosen, tolerance=held.tolerance)
+
+
 def kept(held: Any, folder: Path, made: Any) -> Document:
     """Store the errors that a run holds in its archive, and return them as in ``--json``."""
-    holding.keep(held, folder)
+    holding.keep(held, folder, made)
     stated = stated_elsewhere(made, held.measured, held.places)
     document = global_error_document(held.measured, held.asked.relative or held.tolerance, held.norm, stated)
     for name in held.asked.own:
@@ -61,22 +86,29 @@ def measured(measurement: Any, folder: Path, made: Any) -> Document:
     return global_error_document(found, measurement.pipeline.tolerance, measurement.pipeline.norm, stated)
 
 
+def _remedy(held: Any, answers: DocumentView, part: str) -> str:
+    finer = answers["remedies"].get(part, "")
+    return f"finer: {finer}" if finer else "refine that in the pipeline"
+
+
 def beyond(held: Any, answers: DocumentView) -> list[str]:
-    """Return a sentence for each variable whose answer is further off than what is held: ``--hold`` does not refine
-    bins, spacing or margin.
+    """Return a sentence for each variable whose answer is further off than what is held: ``--hold`` refines only the
+    discretisations that the pipeline leaves open.
     """
     said = []
-    for name, limit in held.asked.limits(held.measured).items():
+    whole = replace(held.asked, spent={})
+    for name, limit in whole.limits(held.measured).items():
         error = answers["errors"].get(name)
         if error is None or not error["parts"]:
             continue
         unit = error["unit"]
         most = limit * (held.measured.errors[name].scale or 1.0) if unit else limit
-        parts = {part: own["rms"] for part, own in error["parts"].items() if part != "omissions"}
+        size = "rms" if held.norm == "rms" else "max"
+        parts = {part: own[size] for part, own in error["parts"].items() if held.chosen or part != "omissions"}
         if parts and sum(parts.values()) > most:
             worst = max(parts, key=lambda part: parts[part])
             said.append(
                 f"held against the reference, but not the answer: {name} is off by {plus_minus(error, unit)}, mostly "
-                f"by its {worst}; refine that in the pipeline"
+                f"by its {worst}; " + ("" if worst == "omissions" else _remedy(held, answers, worst))
             )
     return said

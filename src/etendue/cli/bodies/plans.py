@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from etendue.accuracy.answers.cached import cached
+from etendue.archive.records.choices import with_kept_choices
 from etendue.cli.options import Given, installed
 from etendue.cli.saying import say, show
 from etendue.plan.planner import make_plan, summary, without_collecting
@@ -49,7 +50,10 @@ def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> No
     here = Path.cwd()  # a plugin may change it
     count = workers_of(check_scheduler(scheduler), workers or 0)
     with without_collecting():  # until the end: collecting the garbage of a discarded plan takes as long as printing it
-        made = planned(given, as_json)
+        pipeline = pipeline_of(given)
+        pipeline, notes = with_kept_choices(pipeline, installed(), here / pipeline.name)
+        made = planned(given, as_json, pipeline)
+        made = replace(made, warnings=(*notes, *made.warnings))
         document = summary(made, peak_memory(made, count).bytes) | {"answer": cached(made)}
         if as_json:
             say(document)

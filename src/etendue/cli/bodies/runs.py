@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import click
 from etendue.accuracy.answers.error import AnswerErrors
 from etendue.accuracy.answers.recalled import AT_LEAST, SHARE, answer_errors
 from etendue.archive import places
+from etendue.archive.records.choices import with_kept_choices
 from etendue.archive.records.remembered import ANSWER, forget
 from etendue.archive.records.rerun import recorded
 from etendue.cli.bodies.plans import pipeline_of, planned
@@ -21,7 +22,7 @@ from etendue.cli.saying import say, show
 from etendue.present.terminal.answers import print_answers
 from etendue.present.terminal.terminal import outcome_document, print_outcome
 from etendue.run.schedulers import far
-from etendue.session import Outcome, check_timeout, execute
+from etendue.session import Options, Outcome, check_timeout, execute
 from etendue.telling import printable
 from etendue.types.documents import Document
 
@@ -46,14 +47,15 @@ def run(
         from etendue.cli.bodies import measured as global_errors
     with places.writing(place, far(way.scheduler)) as folder:
         held = global_errors.held(pipeline, hold, folder, options, watched) if hold else None
-        made = planned(given, way.silent, replace(pipeline, tolerance=held.tolerance) if held else pipeline)
-        _warn(made, way)
+        chosen, notes = with_kept_choices(pipeline, installed(), folder)
+        made = planned(given, way.silent, global_errors.with_values(pipeline, held) if held else chosen)
+        _warn(made, way, [] if held else notes)
         measurement = global_errors.measurement(made, options, watched) if measure and not held else None
         outcome = execute(made, folder, options, watched(made) if watched else None)
         measured = global_errors.measured(measurement, folder, made) if measurement and not held else None
         if held:
             measured = global_errors.kept(held, folder, made)
-        outcome.answers = _answers(outcome, folder, watched, measure, errors)
+        outcome.answers = _answers(outcome, folder, watched, held_seconds(held, options, measure), errors, held)
         if held and measured and outcome.answers:
             measured["hold"]["beyond"] = global_errors.beyond(held, outcome.answers)
     _tell_run(places.placed(outcome, folder, place), measured, way)
@@ -75,16 +77,27 @@ def _tell_run(outcome: Outcome, measured: Document | None, way: Way) -> None:
         show(print_global_error, measured)
 
 
-def _answers(outcome: Outcome, folder: Path, watched: Any, measure: bool, errors: bool = True) -> Document | None:
+def held_seconds(held: Any, options: Options, measure: bool) -> float:
+    """Return the seconds that stating errors may take in any case: all, or what the search for open values has left."""
+    if measure or not (held and held.chosen):
+        return math.inf if measure else AT_LEAST
+    left: float = options.hold_seconds - held.seconds - held.chosen.seconds
+    return max(AT_LEAST, left)
+
+
+def _answers(
+    outcome: Outcome, folder: Path, watched: Any, most: float, errors: bool = True, held: Any = None
+) -> Document | None:
     """Return the errors of what was asked for; None if they are not wanted, or cells failed. Then the archive has none
-    either: those of an earlier run are of other values.
+    either: those of an earlier run are of other values. ``most``: seconds, if they are more than a share of the run.
     """
     if outcome.failed or not errors:
         forget(folder, ANSWER)
         return None
-    budget = math.inf if measure else max(AT_LEAST, SHARE * outcome.seconds)
+    budget = max(most, SHARE * outcome.seconds)
     try:
-        return answer_errors(outcome.plan, installed(), outcome.reports, budget, folder, watched).document()
+        parts = held.chosen.parts if held and held.chosen else {}
+        return answer_errors(outcome.plan, installed(), outcome.reports, budget, folder, watched, parts).document()
     except KeyboardInterrupt:  # the run is complete: only the error of its answer is not
         return AnswerErrors({}, {}, {}, why="interrupted").document()
 
@@ -97,12 +110,12 @@ def rerun(place: Path | str, way: Way, **how: Any) -> None:
         made = planned(Given(folder), way.silent, recorded(folder).pipeline(options.most_cells))
         _warn(made, way)
         outcome = execute(made, folder, options, watched(made) if watched else None)
-        outcome.answers = _answers(outcome, folder, watched, measure=False)
+        outcome.answers = _answers(outcome, folder, watched, AT_LEAST)
     _tell_run(places.placed(outcome, folder, place), None, way)
     sys.exit(3 if outcome.failed else 0)
 
 
-def _warn(made: Any, way: Way) -> None:
+def _warn(made: Any, way: Way, notes: Sequence[str] = ()) -> None:
     if not way.as_json:
-        for text in made.warnings:
+        for text in (*notes, *made.warnings):
             click.echo(f"note: {printable(text)}", err=True)

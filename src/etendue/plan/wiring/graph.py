@@ -19,6 +19,7 @@ from etendue.plan import stage_calls
 from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.request import Request
 from etendue.plan.wiring.alternatives import Entries, alternatives_of
+from etendue.plan.wiring.automatic import settled
 from etendue.plan.wiring.axes import resolve_axes
 from etendue.plan.wiring.binding import link
 from etendue.plan.wiring.missing import lacking
@@ -44,6 +45,7 @@ class Graph:
 def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
     """Check the whole pipeline; raise ``RequestError`` with every fault."""
     pipeline, _ = fitted_to_overrides(pipeline, registry)
+    pipeline, _ = settled(pipeline, registry)
     request = Request(pipeline, registry)
     needed = lacking(pipeline, registry)
     if needed:  # stages of a missing distribution are unknown: all further faults would only follow from that

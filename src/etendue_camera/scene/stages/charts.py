@@ -202,14 +202,6 @@ class CompositeChart(_Coloured):
     )
     softness: float = softness_knob()
 
-    def refined(self, name: str, factor: int) -> dict[str, Any]:
-        """Return finer or coarser values; a larger margin leaves the chart as large as it is."""
-        found = super().refined(name, factor)
-        if name != "margin" or not found:
-            return found
-        more = 2 * self.spacing * round((factor - 1) * max(self.width, self.height) / (2 * self.spacing))
-        return {"width": self.width + more, "height": self.height + more, "margin": self.margin + more / 2}
-
     def known(self) -> Facts:
         charts.require_levels(self.low, self.high)
         return super().known()

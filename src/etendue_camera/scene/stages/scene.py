@@ -18,6 +18,8 @@ from etendue_camera import spectra
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.scene import charts
 
+WIDEST_BINS = 10.0  # nm, of those chosen where the pipeline leaves them open
+AROUND = 8  # the surround chosen is the longer side of the scene divided by this
 DIMMEST, BRIGHTEST = 1e-12, 1e12  # cd m-2: the sun has 1.6e9
 
 
@@ -35,6 +37,7 @@ class Scene(Source, Banded, Discretised):
     nanoseconds: ClassVar = 12.0
     working: ClassVar = 0.0
     extends: ClassVar[bool] = False  # whether a larger width and height show more of the same chart
+    automatic: ClassVar[Mapping[str, str]] = {"bin_width": "bins", "spacing": "spacing", "surround": "margin"}
 
     white_luminance: float = param(
         units="cd m-2",
@@ -53,6 +56,13 @@ class Scene(Source, Banded, Discretised):
     illuminant: str = quantity("illuminant")
     width: float = param(1000.0, units="um", above=0, example=21.0, doc="width of the light on the image plane")
     height: float = param(1000.0, units="um", above=0, example=17.0, doc="height of the light on the image plane")
+    surround: float = param(
+        0.0,
+        units="um",
+        at_least=0,
+        doc="width of more of the same chart around width and height, for light that blur and glare bring into them; "
+        "auto: an eighth of the longer side",
+    )
     spacing: float = param(
         1.0,
         units="um",
@@ -61,7 +71,7 @@ class Scene(Source, Banded, Discretised):
         reference="0.25 um",
         studied=True,
         settings=(4.0, 2.0, 1.0, 0.5, 0.25),
-        doc="sample spacing; halving it doubles the resolved frequency",
+        doc="sample spacing; halving it doubles the resolved frequency; auto: half the smallest pixel pitch",
     )
     light: str = param(
         "bandlimited",
@@ -82,7 +92,7 @@ class Scene(Source, Banded, Discretised):
         reference="1 nm bins",
         studied=True,
         settings=(40.0, 20.0, 10.0, 5.0, 2.0, 1.0),
-        doc="width of the wavelength bins",
+        doc="width of the wavelength bins; auto: at most 10 nm",
     )
 
     def __post_init__(self) -> None:
@@ -95,6 +105,25 @@ class Scene(Source, Banded, Discretised):
         )
         if self.white_luminance > 0:
             spectra.check_luminance(self.illuminant)
+
+        require.that(
+            self.extends or not self.surround,
+            f"surround is {self.surround:g} um, but this chart fills its width and height; set surround to 0",
+        )
+
+    @classmethod
+    def chosen(cls, name: str, values: Mapping[str, Any], shared: Mapping[str, tuple[Any, ...]]) -> float:
+        """Return whole bins of at most 10 nm; samples half the smallest pixel pitch apart, a whole number of them over
+        the width, or 1 um without pixels; a surround of an eighth of the longer side if the chart extends.
+        """
+        own = {"wavelength_from": 380.0, "wavelength_to": 780.0, "width": 1000.0, "height": 1000.0, **values}
+        if name == "bin_width":
+            span = own["wavelength_to"] - own["wavelength_from"]
+            return span / max(1, math.ceil(span / WIDEST_BINS - 1e-9)) if span > 0 else WIDEST_BINS
+        if name == "spacing":
+            most = 0.5 * min(shared.get("pixel_pitch", ()), default=2.0)
+            return own["width"] / max(1, math.ceil(own["width"] / most - 1e-9))
+        return max(own["width"], own["height"]) / AROUND if cls.extends else 0.0
 
     def edges(self) -> tuple[float, ...]:
         quotient = (self.wavelength_to - self.wavelength_from) / self.bin_width
@@ -113,11 +142,14 @@ class Scene(Source, Banded, Discretised):
         lines = {}
         for dim, length, centre in (("y", self.height, self.centre_y), ("x", self.width, self.centre_x)):
             too_many = beyond(
-                length / self.spacing, f"samples along {dim}", MOST_POINTS, "use a larger spacing or a smaller scene"
+                (length + 2 * self.surround) / self.spacing,
+                f"samples along {dim}",
+                MOST_POINTS,
+                "use a larger spacing or a smaller scene",
             )
             if too_many:
                 raise ValueError(too_many)
-            size = max(1, round(length / self.spacing))
+            size = max(1, round(length / self.spacing)) + 2 * round(self.surround / self.spacing)
             lines[dim] = Line(
                 size, centre * 1e3 - 0.5 * (size - 1) * self.spacing, self.spacing, cells=self.light == "cells"
             )
@@ -139,10 +171,15 @@ class Scene(Source, Banded, Discretised):
             return {"spacing": self.spacing / factor if factor > 0 else self.spacing * -factor}
         if factor < 0 or not self.extends:
             return {}
-        plane = self.plane()
-        sizes = {name: plane.line(dim).size for name, dim in (("width", "x"), ("height", "y"))}
-        # The parity stays, so that samples stay where they are.
-        return {name: (n * factor - (factor - 1) * n % 2) * self.spacing for name, n in sizes.items()}
+        # A whole number of samples on each side: they stay where they are.
+        more = (factor - 1) * 0.5 * max(line.size for _, line in self.plane().entries[1:]) * self.spacing
+        return {"surround": self.surround + math.ceil(more / self.spacing - 1e-9) * self.spacing}
+
+    def finer(self, name: str) -> dict[str, Any]:
+        """Return values one step finer; of the margin, a surround twice as wide."""
+        if name != "margin" or not self.surround:
+            return self.refined(name, 2)
+        return {"surround": 2 * self.surround} if self.extends else {}
 
     def known(self) -> Facts:
         """Return facts about the chart; its contrast is that of the reflectances."""

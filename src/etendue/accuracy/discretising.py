@@ -1,0 +1,315 @@
+"""Refine what a pipeline leaves open (``spacing = "auto"``) until discretisation leaves an answer within its limit.
+
+In:  a pipeline, its open parameters, and the errors asked for.
+Out: one value for each of them, for the whole pipeline; the error that discretisation still has, and what a further
+     refinement would need if the limit is not reached.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from etendue.accuracy.answers.error import Part, is_number
+from etendue.accuracy.answers.evaluations import Evaluations, Rates, Shown, TooDear
+from etendue.accuracy.answers.pilots import ELSEWHERE, PLACES, KnownParts, compare, refined_pair
+from etendue.accuracy.answers.refinement import Point
+from etendue.accuracy.differences import scale_of
+from etendue.accuracy.measuring import shown_names
+from etendue.accuracy.pilot import chosen_places
+from etendue.contract.discretised import Discretised
+from etendue.contract.registry import Registry
+from etendue.errors import EtendueError, RequestError
+from etendue.pipeline.file import PipelineFile
+from etendue.plan.cost import cell_seconds
+from etendue.plan.machine import available_memory
+from etendue.plan.model import Plan, StageVariable
+from etendue.plan.planner import make_plan
+from etendue.plan.shown import shown_place
+from etendue.plan.wiring.automatic import Open, with_chosen
+from etendue.present.terminal.answer_texts import shortened
+from etendue.run.peak_memory import peak_memory
+from etendue.telling import human_bytes, human_seconds, plain
+from etendue.types.documents import Document
+
+if TYPE_CHECKING:
+    from etendue.accuracy.holding import Asked
+
+SHARE = 0.8  # of what is asked for is left to discretisation; the rest is for what is left out or coarser
+MEMORY = 0.8  # share of the available memory that the run may take
+MOST_STEPS = 40
+Values = dict[str, dict[str, float]]  # by stage and parameter
+
+
+@dataclass
+class Own:
+    """The error of discretisation of one variable, relative to its full scale or value."""
+
+    limit: float
+    parts: dict[str, float] = field(default_factory=dict)
+    unknown: dict[str, str] = field(default_factory=dict)  # parts that were not measured, and why
+
+    @property
+    def total(self) -> float:
+        return math.fsum(self.parts.values())
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The values of what a pipeline leaves open, and the error that discretisation has with them.
+
+    ``values`` by stage and parameter; ``refined``: those that are finer than where the search began; ``spent`` by name
+    of the variable: the error of all discretisations, relative to full scale, at points of the sweep that were not
+    measured too; ``factor``: by which it exceeds that of the measured points; ``missed``: variables that discretisation
+    puts beyond what is asked for, with the reason; ``needed``: what the next refinement would take, '' if it is not
+    needed.
+    """
+
+    values: Values
+    refined: tuple[str, ...] = ()
+    spent: Mapping[str, float] = field(default_factory=dict)
+    factor: float = 1.0
+    missed: Mapping[str, str] = field(default_factory=dict)
+    needed: str = ""
+    seconds: float = 0.0
+    kept: bool = False  # as an earlier run into the archive has chosen
+    parts: KnownParts = field(default_factory=dict)
+
+    def document(self) -> Document:
+        """Return the document that is stored and printed by ``--json``."""
+        return {
+            "values": self.values,
+            "refined": list(self.refined),
+            "spent": dict(self.spent),
+            "factor": self.factor,
+            "missed": dict(self.missed),
+            "needed": self.needed,
+            "seconds": self.seconds,
+            "kept": self.kept,
+        }
+
+
+class Refinement:
+    """A search for values of what is left open.
+
+    Parameters
+    ----------
+    pipeline : with a number for everything
+    open_ : parameters that may change, by stage, each with its discretisation
+    asked : errors
+    seconds : of processor time that it may take
+    workers : of the run that follows
+    shown : returns the progress to show of a plan
+    """
+
+    def __init__(
+        self,
+        pipeline: PipelineFile,
+        registry: Registry,
+        open_: Open,
+        asked: Asked,
+        seconds: float,
+        workers: int = 1,
+        shown: Shown = None,
+    ) -> None:
+        self.registry, self.open, self.asked, self.workers, self.shown = registry, open_, asked, workers, shown
+        self.began = time.process_time()
+        self.until = self.began + seconds
+        self.plan = make_plan(pipeline, registry)
+        self.pipeline = self.plan.pipeline
+        self.names = shown_names(self.plan)
+        self.start, self.first = self.plan, self.values()
+        at = shown_place(self.plan)
+        self.places = [at, *(place for place in chosen_places(self.plan.axes, PLACES) if place != at)]
+        self.scales: dict[StageVariable, tuple[float, bool]] = {}
+        self.rates = Rates(self.plan, None)
+        whole = math.prod(len(axis.values) for axis in self.plan.axes)
+        self.factor = ELSEWHERE if len(self.places) < whole else 1.0
+        self.needed = ""
+
+    def found(self, refine: bool = True) -> Chosen:
+        """Refine until every variable is within its limit; ``refine=False``: only measure."""
+        stuck, known = set[str](), dict[str, dict[str, Part | str]]()
+        for _ in range(MOST_STEPS):
+            for name in self._discretisations():
+                if name not in known:
+                    known[name] = self._measured(name)
+            own = self._errors(known)
+            name, steps = self._next(own, stuck) if refine else ("", 0)
+            if not name:
+                break
+            if self._refine(name, steps):
+                del known[name]
+                self.needed = ""
+            else:
+                stuck.add(name)
+        own = self._errors(known)
+        values = self.values()
+        finer = tuple(f"{s}.{n}" for s, some in values.items() for n, v in some.items() if v != self.first[s][n])
+        missed = {n: self._why(one) for n, one in own.items() if one.unknown or one.total > one.limit}
+        spent = {name: one.total for name, one in own.items()}
+        seconds = time.process_time() - self.began
+        return Chosen(values, finer, spent, self.factor, missed, self.needed if missed else "", seconds, parts=known)
+
+    def values(self) -> Values:
+        """Return the present values of what is left open, in the units of the stages."""
+        entries = {entry.name: entry.values for entry in self.pipeline.stages}
+        first = {stage: self.plan.of(stage)[0].stage for stage in self.open if stage in entries and self._has(stage)}
+        return {s: {n: float(getattr(one, n)) for n in self.open[s]} for s, one in first.items()}
+
+    def _has(self, stage: str) -> bool:
+        return any(node.name == stage for node in self.plan.nodes)
+
+    def _discretisations(self) -> list[str]:
+        return Point(self.start, self.registry, self.places[0], tuple(self.names)).names()
+
+    def _measured(self, name: str) -> dict[str, Part | str]:
+        """Return what one refinement changes, by variable: the largest over some points; a text if it is unknown.
+
+        All other discretisations are as coarse as where the search began: the change hardly depends on them, and the
+        cost does.
+        """
+        found: dict[str, Part | str] = {}
+        own = {s: {n: v for n, v in some.items() if self.open[s][n] == name} for s, some in self.values().items()}
+        moved = {s: some for s, some in own.items() if any(v != self.first[s][n] for n, v in some.items())}
+        plan = make_plan(with_chosen(self.start.pipeline, moved), self.registry) if moved else self.start
+        for place in self.places:
+            point = Point(plan, self.registry, place, tuple(self.names))
+            affected = point.affected(plan, name)
+            evaluations = Evaluations(point, self.rates, self.until, self.shown)
+            parts: dict[StageVariable, dict[str, Part]] = {one: {} for one in self.names}
+            missing: dict[StageVariable, dict[str, str]] = {one: {} for one in self.names}
+            try:
+                pair = refined_pair(evaluations, name) if affected else None
+                why = f"the stages accept no finer one{f' ({point.refusal})' if point.refusal else ''}"
+            except TooDear as error:
+                pair, why = None, str(error)
+                self.needed = self.needed or f"measuring {name} {why}"
+            if pair:
+                compare(parts, missing, pair, name, affected)
+                self._scale(pair[0])
+            for one in affected:
+                new: Part | str = parts[one].get(name) or missing[one].get(name) or why
+                old = found.get(self.names[one], Part(0.0, 0.0))
+                found[self.names[one]] = _larger(old, new)
+        return found
+
+    def _scale(self, evaluated: tuple[Plan, Mapping[StageVariable, Any]]) -> None:
+        """Keep the full scale of every variable, and whether it is a number."""
+        plan, values = evaluated
+        for stage, name in self.names:
+            if (stage, name) not in values:
+                continue
+            declared = plan.node(stage).writes[name]
+            scale = scale_of(np.asarray(values[stage, name], np.float64), declared, plan.of(stage)[0].stage)
+            largest = float(np.nanmax(scale, initial=0.0))
+            number = is_number(declared)
+            known = self.scales.get((stage, name), (largest or 1.0, number))[0]
+            # What is asked in a unit is least of the largest scale, what is asked of a number of the smallest.
+            self.scales[stage, name] = (min if number else max)(known, largest or 1.0), number
+
+    def _errors(self, known: Mapping[str, Mapping[str, Part | str]]) -> dict[str, Own]:
+        found = {}
+        for one, name in self.names.items():
+            if not self.asked.asks(name):
+                continue
+            scale, number = self.scales.get(one, (1.0, False))
+            own = found[name] = Own(self.asked.of_scale(name, scale))
+            for part, measured in known.items():
+                value = measured.get(name, Part(0.0, 0.0))
+                if isinstance(value, str):
+                    own.unknown[part] = value
+                else:
+                    size = value.rms if self.pipeline.norm == "rms" else value.max
+                    own.parts[part] = self.factor * size / (scale if number else 1.0)
+        return found
+
+    def _next(self, errors: Mapping[str, Own], stuck: set[str]) -> tuple[str, int]:
+        """Return the discretisation to refine and by how many steps; '' if none is needed, or none helps."""
+        may = {of for some in self.open.values() for of in some.values()} - stuck
+        best, most, steps = "", 0.0, 0
+        for own in errors.values():
+            fixed = math.fsum(value for part, value in own.parts.items() if part not in may)
+            room = SHARE * own.limit - fixed
+            open_ = {part: value for part, value in own.parts.items() if part in may}
+            if own.total <= SHARE * own.limit or not open_ or fixed > own.limit:
+                continue
+            name = max(open_, key=lambda part: open_[part])
+            ratio = math.fsum(open_.values()) / max(room, 0.1 * own.limit)
+            if ratio > most and open_[name] > 0:
+                # No further than methods of second order need: what is finer than necessary costs the whole run.
+                best, most, steps = name, ratio, max(1, int(math.log(ratio, 4)))
+        return best, steps
+
+    def _refine(self, name: str, steps: int) -> bool:
+        """Make a discretisation finer; return False, and keep why, if the stages, the memory or the time forbid it."""
+        values: Values = {}
+        for stage, some in self.open.items():
+            one = self.plan.of(stage)[0].stage if self._has(stage) else None
+            if not isinstance(one, Discretised) or name not in some.values() or one.discretisations().get(name, "no"):
+                continue
+            try:
+                for _ in range(steps):
+                    one = replace(one, **{n: v for n, v in one.finer(name).items() if n in some})
+            except (ValueError, TypeError) as error:
+                return self._not(name, plain(str(error)))
+            own = {n: float(getattr(one, n)) for n, of in some.items() if of == name}
+            if own != {n: getattr(self.plan.of(stage)[0].stage, n) for n in own}:
+                values[stage] = own
+        if not values:
+            return False
+        pipeline = with_chosen(self.pipeline, values)
+        words = ", ".join(f"{s}.{n} = {v:.4g}" for s, some in values.items() for n, v in some.items())
+        try:
+            plan = make_plan(pipeline, self.registry)
+            need = peak_memory(plan, self.workers, pictures=False).bytes
+        except EtendueError as error:
+            faults = error.faults if isinstance(error, RequestError) else ()
+            return self._not(words, shortened(faults[0].message if faults else plain(str(error))))
+        seconds = _seconds(plan, self.rates)
+        if need > MEMORY * (available_memory() or math.inf):
+            return self._not(words, f"the run would take about {human_bytes(need)} of memory and {_time(seconds)}")
+        if seconds > self.until - self.began and steps == 1:
+            return self._not(words, f"the run would take about {_time(seconds)}: more than --hold-seconds allows")
+        if seconds > self.until - self.began:
+            return self._refine(name, 1)
+        if time.process_time() > self.until:
+            return self._not(words, f"the run would take about {_time(seconds)}; --hold-seconds are over")
+        self.plan, self.pipeline = plan, plan.pipeline
+        return True
+
+    def _not(self, what: str, why: str) -> bool:
+        self.needed = f"{what}: {why}"
+        return False
+
+    def _why(self, own: Own) -> str:
+        if own.unknown:
+            part, why = next(iter(own.unknown.items()))
+            return f"{part} unknown: {why}"
+        part = max(own.parts, key=lambda one: own.parts[one])
+        return (
+            f"{part} alone {own.parts[part]:.2g} of full scale, {own.parts[part] / own.limit:.2g} times what is asked"
+        )
+
+
+def _larger(old: Part | str, new: Part | str) -> Part | str:
+    if isinstance(old, str) or isinstance(new, str):
+        return old if isinstance(old, str) else new
+    return replace(new, rms=max(old.rms, new.rms), max=max(old.max, new.max))
+
+
+def _seconds(plan: Plan, rates: Rates) -> float:
+    """Return the expected seconds of the whole run."""
+    return math.fsum(
+        rates.of.get(cell.node, 1.0) * cell_seconds(plan.node(cell.node), cell, plan.precision)
+        for cell in plan.cells.values()
+    )
+
+
+def _time(seconds: float) -> str:
+    return f"{human_seconds(seconds)} of thread time"
