@@ -36,7 +36,10 @@ CURVED = (
 LEVELS = (
     (1.0, "ordinary"),
     (1e-6, "ordinary"),
+    (1e-12, "ordinary"),
+    (1e-20, "ordinary"),
     (1e3, "ordinary"),
+    (1e6, "ordinary"),
     (1.0, "decades"),
     (1.0, "faint"),
     (1.0, "point"),

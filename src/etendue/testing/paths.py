@@ -1,0 +1,193 @@
+"""Continuity over the whole of a range: along paths of brightness, of one channel, of one place, of every parameter.
+
+In:  a ``Bench``.
+Out: nothing, or ``LawBroken`` that says where a result jumps, and by how much.
+
+A path is walked in steps; the steps that stand out from their neighbours are divided again and again. What is left of
+the change when a step is a billionth of its place is a jump. A jump may be twice the error that a stage states: an
+input step then changes nothing by more than the stage says of itself. A stage that ``decides`` or writes whole numbers
+and states no error may jump as it likes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from etendue.archive.read.differing import full_scale
+from etendue.contract.capabilities import is_transfer
+from etendue.contract.stage import parameters_of
+from etendue.testing.bench import SMALL, Arrays, Bench, BenchTrial, Frame
+from etendue.testing.cases import span_of
+from etendue.testing.checks import bound_of
+from etendue.testing.measured import ratio_of, within
+from etendue.types.arrays import Array
+
+LIGHT = np.concatenate([[0.0], np.geomspace(1e-9, 1e4, 157)])  # of full scale
+FADING = np.concatenate([[0.0], np.geomspace(1e-12, 4.0, 40), 1.0 + np.linspace(-0.9, 0.9, 19)])
+PARTS = 8  # into which a step is divided
+DEPTH = 11  # divisions: 8^11 = 9e9
+WORTH = 4  # steps of a path that are looked into
+LEAST = 1e-6  # of full scale; what a smooth stage with a condition number of 1,000 changes over a billionth
+POINTS = 33  # values of a parameter
+Walk = Callable[[float], BenchTrial | None]
+
+
+def steps_allowed(bench: Bench, inputs: Arrays, frame: Frame) -> float | None:
+    """Return the largest jump that a stage may make; None if any."""
+    stated = bench.own_error(inputs, "float64", frame)
+    whole = any(d.dtype != "float" for d in bench.writes.values())
+    if whole or bench.kind.decides:
+        return None if stated is None else 2 * stated * (1 + 1e-6) + LEAST
+    return 2 * min(stated or 0.0, LEAST) + LEAST
+
+
+def continuous_in_light(bench: Bench) -> None:
+    """Uniform light over thirteen decades; an ordinary picture; one channel that fades; one place that shines."""
+    if not bench.reads or bench.looks or not bench.steady or is_transfer(bench.kind):
+        return
+    for port, declaration in bench.reads.items():
+        if declaration.dtype != "float" or not {"y", "x"} <= set(declaration.dims):
+            continue
+        for word, places, walk, base in paths(bench, port):
+            allowed = steps_allowed(bench, base, SMALL)
+            if allowed is not None:
+                follow(bench, walk, places, f"{port}, {word},", allowed)
+
+
+def paths(bench: Bench, port: str) -> Iterator[tuple[str, Array, Walk, Arrays]]:
+    even, ordinary = bench.arrays("uniform", SMALL), bench.arrays("ordinary", SMALL)
+    scale = bench.scale(port)
+
+    def scaled(base: Arrays) -> Walk:
+        return lambda t: tried(bench, {**base, port: base[port] * t})
+
+    yield "uniform, times", LIGHT, scaled(even), even
+    yield "of an ordinary picture, times", LIGHT, scaled(ordinary), ordinary
+
+    def shining(t: float) -> BenchTrial | None:
+        array = np.array(ordinary[port])
+        array[..., 2, 2] = t * scale
+        return tried(bench, {**ordinary, port: array})
+
+    yield "one place, in full scales,", LIGHT, shining, ordinary
+    for plane in range(min(even[port].shape[0], 3)) if even[port].ndim == 3 else ():
+
+        def fading(t: float, plane: int = plane) -> BenchTrial | None:
+            array = np.array(ordinary[port])
+            array[plane] *= t
+            return tried(bench, {**ordinary, port: array})
+
+        yield f"plane {plane} alone, times", FADING, fading, ordinary
+
+
+def continuous_in_parameters(bench: Bench) -> None:
+    """Every number of a stage over the whole of its range."""
+    if bench.looks or not bench.steady:
+        return
+    inputs = bench.arrays("ordinary", SMALL) if bench.reads else {}
+    allowed = steps_allowed(bench, inputs, SMALL) if bench.reads else None
+    for name, (parameter, kind, _) in parameters_of(bench.kind).items() if allowed is not None else ():
+        span = span_of(parameter, kind, getattr(bench.stage, name))
+        if span is None:
+            continue
+        low, high = span
+        values = np.geomspace(low, high, POINTS) if low > 0 and high > 20 * low else np.linspace(low, high, POINTS)
+
+        def walk(value: float, name: str = name) -> BenchTrial | None:
+            try:
+                stage = dataclasses.replace(bench.stage, **{name: float(value)})
+                return tried(Bench(stage, bench.given_grids or bench.input_grids(SMALL), bench.scales), inputs)
+            except ValueError:
+                return None
+
+        assert allowed is not None
+        follow(bench, walk, values, f"{name} =", allowed, 2)
+
+
+def tried(bench: Bench, inputs: Arrays) -> BenchTrial | None:
+    try:
+        trial = bench.run(inputs, frame=SMALL)
+    except ValueError:
+        return None
+    return trial if trial.done else None
+
+
+def follow(bench: Bench, walk: Walk, places: Array, word: str, allowed: float, worth: int = WORTH) -> None:
+    """Walk a path, and look into the steps that stand out."""
+    places = np.unique(places)
+    trials = [walk(float(t)) for t in places]
+    for variable, declaration in bench.writes.items():
+        values = [None if one is None or variable not in one.arrays else one.arrays[variable] for one in trials]
+        whole = max((full_scale(v) for v in values if v is not None), default=0.0)
+        for step in outstanding(places, values, worth):
+            low, high = float(places[step]), float(places[step + 1])
+            jump, at = narrowed(walk, variable, low, high)
+            scale = whole if declaration.dtype != "float" else None
+            off = ratio_of(jump[0], scale or jump[1])
+            within(
+                off,
+                allowed,
+                f"{bench.name}: {variable} jumps by {off:.3g} of its largest value where {word} {at:.9g}; allowed: "
+                f"{allowed:.2g}; declare decides = True if that is its nature, and an error of at least half a step",
+            )
+
+
+def outstanding(places: Array, values: list[Array | None], worth: int) -> list[int]:
+    """Return the steps whose change stands out from those beside it, relative to the values there."""
+    sums = []
+    for value in values:
+        if value is None or not np.size(value):
+            sums.append([np.nan] * 3)
+            continue
+        array = np.asarray(value, dtype=float)
+        top = float(np.abs(array).max())
+        weights = np.cos(np.arange(array.size)).reshape(array.shape)
+        sums.append([np.log(top) if top > 0 else -700.0, float((array * weights).sum()) / (top or 1.0), top])
+    table = np.array(sums)
+    found: list[int] = []
+    first_valid = [n for n in range(len(values) - 1) if np.isfinite(table[n : n + 2]).all()]
+    if places[0] == 0 and first_valid[:1] == [0]:
+        found.append(0)
+    for column in range(3):
+        change = np.diff(table[:, column])
+        with np.errstate(all="ignore"):
+            bent = np.abs(np.diff(change, prepend=change[:1])) + np.abs(np.diff(change, append=change[-1:]))
+            quiet = np.array([np.nanmedian(bent[max(0, n - 4) : n + 5]) for n in range(bent.size)])
+            rank = bent / (quiet + 1e-9 * (np.nanmax(np.abs(table[:, column])) or 1.0))
+        rank = np.where(np.isfinite(rank), rank, -1.0)
+        found += [int(n) for n in np.argsort(-rank)[:worth] if rank[n] > 2 and n in first_valid]
+    return list(dict.fromkeys(found))
+
+
+def narrowed(walk: Walk, variable: str, low: float, high: float) -> tuple[tuple[float, float], float]:
+    """Divide a step, always keeping the part whose change differs most from that of the others."""
+    jump = (0.0, 1.0)
+    for _ in range(DEPTH):
+        places = np.linspace(low, high, PARTS + 1)
+        if np.unique(places).size < PARTS + 1:
+            break
+        values = []
+        for t in places:
+            one = walk(float(t))
+            if one is None:
+                return (0.0, 1.0), low  # refused in between
+            values.append(np.asarray(one.arrays[variable], dtype=float))
+        if any(value.shape != values[0].shape for value in values):
+            return (0.0, 1.0), low
+        changes = np.array([(after - before).ravel() for before, after in zip(values, values[1:], strict=False)])
+        if not np.isfinite(changes).all():
+            return (0.0, 1.0), low
+        off = np.abs(changes - np.median(changes, axis=0)).max(axis=1, initial=0.0)
+        part = int(off.argmax()) if off.max() > 0 else PARTS - 1
+        low, high = float(places[part]), float(places[part + 1])
+        scale = max(float(np.abs(values[part]).max(initial=0.0)), float(np.abs(values[part + 1]).max(initial=0.0)))
+        jump = (float(np.abs(changes[part]).max(initial=0.0)), scale)
+        if ratio_of(*jump) < LEAST / 10:
+            break
+    return jump, low
+
+
+assert bound_of
