@@ -1,4 +1,4 @@
-"""Neutral values: a parameter at 0 or 1 that should leave the input alone.
+"""Neutral values: a parameter at 0, or a number without a unit at 1, that should leave the input alone.
 
 In:  a ``Bench`` whose stage writes the variable that it reads.
 Out: nothing, or ``LawBroken``.
@@ -18,7 +18,6 @@ from etendue.testing.cases import real_ends, span_of
 from etendue.testing.checks import bound_of
 from etendue.testing.measured import ratio_of, within
 
-VALUES = (0.0, 1.0)
 NEARLY = 0.05  # of the effect elsewhere: so little is left only where nothing is meant to be
 EXACT = 1e-9
 
@@ -40,9 +39,8 @@ def neutral_is_identity(bench: Bench) -> None:
         span = span_of(parameter, float, getattr(bench.stage, name))
         far = [getattr(bench.stage, name), *(span or ()), *real_ends(parameter, getattr(bench.stage, name))]
         effect = max((e for value in far if (e := done(bench, {name: value})) is not None and e <= 1.0), default=0.0)
-        for value in VALUES:
-            if not parameter.allows(value):
-                continue
+        values = [0.0] if parameter.allows(0.0) else [1.0] if parameter.units in ("", "1") else []
+        for value in values:
             left = [e for more in others if (e := done(bench, {**more, name: value})) is not None]
             bound = 2 * max(bound_of(bench, bench.arrays("ordinary", SMALL), "float64", 0.0, SMALL), EXACT)
             if not left or min(left) > NEARLY * effect or bound > NEARLY * effect:

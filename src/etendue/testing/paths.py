@@ -18,20 +18,22 @@ import numpy as np
 
 from etendue.archive.read.differing import full_scale
 from etendue.contract.capabilities import is_transfer
-from etendue.contract.stage import parameters_of
+from etendue.contract.stage import Stage, parameters_of
 from etendue.testing.bench import SMALL, Arrays, Bench, BenchTrial, Frame
 from etendue.testing.cases import span_of
-from etendue.testing.checks import bound_of
 from etendue.testing.measured import ratio_of, within
+from etendue.testing.small_changes import jumps
 from etendue.types.arrays import Array
 
-LIGHT = np.concatenate([[0.0], np.geomspace(1e-9, 1e4, 157)])  # of full scale
-FADING = np.concatenate([[0.0], np.geomspace(1e-12, 4.0, 40), 1.0 + np.linspace(-0.9, 0.9, 19)])
+LIGHT = np.concatenate([[0.0], np.geomspace(1e-9, 1e4, 261)])  # of full scale
+FADING = np.concatenate([[0.0], np.geomspace(1e-12, 4.0, 61)])
 PARTS = 8  # into which a step is divided
 DEPTH = 11  # divisions: 8^11 = 9e9
 WORTH = 4  # steps of a path that are looked into
 LEAST = 1e-6  # of full scale; what a smooth stage with a condition number of 1,000 changes over a billionth
-POINTS = 33  # values of a parameter
+POINTS = 33  # values of a parameter, evenly spread, and as many by equal factors
+RANK = 4.0  # how many times more than its neighbours a step must bend to be looked into
+DEAR = (9, 1, 40.0)  # the same, steps and rank for a stage that prepares tables or is a transfer function
 Walk = Callable[[float], BenchTrial | None]
 
 
@@ -41,7 +43,7 @@ def steps_allowed(bench: Bench, inputs: Arrays, frame: Frame) -> float | None:
     whole = any(d.dtype != "float" for d in bench.writes.values())
     if whole or bench.kind.decides:
         return None if stated is None else 2 * stated * (1 + 1e-6) + LEAST
-    return 2 * min(stated or 0.0, LEAST) + LEAST
+    return 2 * (stated or 0.0) + LEAST
 
 
 def continuous_in_light(bench: Bench) -> None:
@@ -88,13 +90,19 @@ def continuous_in_parameters(bench: Bench) -> None:
     if bench.looks or not bench.steady:
         return
     inputs = bench.arrays("ordinary", SMALL) if bench.reads else {}
-    allowed = steps_allowed(bench, inputs, SMALL) if bench.reads else None
+    if jumps(bench) or not bench.reads:
+        return
+    allowed = steps_allowed(bench, inputs, SMALL)
+    dear = is_transfer(bench.kind) or bench.kind.prepare is not Stage.prepare
+    points, worth, rank = DEAR if dear else (POINTS, 2, RANK)
     for name, (parameter, kind, _) in parameters_of(bench.kind).items() if allowed is not None else ():
         span = span_of(parameter, kind, getattr(bench.stage, name))
         if span is None:
             continue
         low, high = span
-        values = np.geomspace(low, high, POINTS) if low > 0 and high > 20 * low else np.linspace(low, high, POINTS)
+        ways = [np.linspace(low, high, points)]
+        if low > 0 and high > 20 * low:
+            ways.append(np.geomspace(low, high, points))
 
         def walk(value: float, name: str = name) -> BenchTrial | None:
             try:
@@ -104,7 +112,8 @@ def continuous_in_parameters(bench: Bench) -> None:
                 return None
 
         assert allowed is not None
-        follow(bench, walk, values, f"{name} =", allowed, 2)
+        for values in ways:
+            follow(bench, walk, values, f"{name} =", allowed, worth, rank)
 
 
 def tried(bench: Bench, inputs: Arrays) -> BenchTrial | None:
@@ -115,18 +124,20 @@ def tried(bench: Bench, inputs: Arrays) -> BenchTrial | None:
     return trial if trial.done else None
 
 
-def follow(bench: Bench, walk: Walk, places: Array, word: str, allowed: float, worth: int = WORTH) -> None:
+def follow(
+    bench: Bench, walk: Walk, places: Array, word: str, allowed: float, worth: int = WORTH, rank: float = RANK
+) -> None:
     """Walk a path, and look into the steps that stand out."""
     places = np.unique(places)
     trials = [walk(float(t)) for t in places]
     for variable, declaration in bench.writes.items():
         values = [None if one is None or variable not in one.arrays else one.arrays[variable] for one in trials]
-        whole = max((full_scale(v) for v in values if v is not None), default=0.0)
-        for step in outstanding(places, values, worth):
+        chosen = bench.kind.decides or declaration.dtype != "float"
+        whole = max((full_scale(v) for t, v in zip(places, values, strict=True) if v is not None and t <= 1), default=0.0)
+        for step in outstanding(places, values, worth, rank):
             low, high = float(places[step]), float(places[step + 1])
             jump, at = narrowed(walk, variable, low, high)
-            scale = whole if declaration.dtype != "float" else None
-            off = ratio_of(jump[0], scale or jump[1])
+            off = ratio_of(jump[0], max(whole, jump[1]) if chosen else jump[1])
             within(
                 off,
                 allowed,
@@ -135,46 +146,57 @@ def follow(bench: Bench, walk: Walk, places: Array, word: str, allowed: float, w
             )
 
 
-def outstanding(places: Array, values: list[Array | None], worth: int) -> list[int]:
-    """Return the steps whose change stands out from those beside it, relative to the values there."""
-    sums = []
-    for value in values:
-        if value is None or not np.size(value):
-            sums.append([np.nan] * 3)
-            continue
-        array = np.asarray(value, dtype=float)
-        top = float(np.abs(array).max())
-        weights = np.cos(np.arange(array.size)).reshape(array.shape)
-        sums.append([np.log(top) if top > 0 else -700.0, float((array * weights).sum()) / (top or 1.0), top])
-    table = np.array(sums)
-    found: list[int] = []
-    first_valid = [n for n in range(len(values) - 1) if np.isfinite(table[n : n + 2]).all()]
-    if places[0] == 0 and first_valid[:1] == [0]:
-        found.append(0)
-    for column in range(3):
-        change = np.diff(table[:, column])
-        with np.errstate(all="ignore"):
-            bent = np.abs(np.diff(change, prepend=change[:1])) + np.abs(np.diff(change, append=change[-1:]))
-            quiet = np.array([np.nanmedian(bent[max(0, n - 4) : n + 5]) for n in range(bent.size)])
-            rank = bent / (quiet + 1e-9 * (np.nanmax(np.abs(table[:, column])) or 1.0))
-        rank = np.where(np.isfinite(rank), rank, -1.0)
-        found += [int(n) for n in np.argsort(-rank)[:worth] if rank[n] > 2 and n in first_valid]
+def outstanding(places: Array, values: list[Array | None], worth: int, rank_at_least: float) -> list[int]:
+    """Return the steps whose change stands out from a cubic through those beside it."""
+    table = np.array([summary(value) for value in values])
+    valid = np.isfinite(table).all(axis=1)
+    usable = valid[:-1] & valid[1:]
+    found = [0] if places[0] == 0 and usable[:1].all() else []
+    for column in range(table.shape[1]):
+        change = np.where(usable, np.diff(table[:, column]), 0.0)
+        wide = np.pad(change, 3, mode="edge")
+        third = np.abs(wide[3:] - 3 * wide[2:-1] + 3 * wide[1:-2] - wide[:-3])  # of four neighbouring steps
+        bent = np.minimum(third[1:-2], third[2:-1])  # both that have the step in their middle
+        bent = bent[: change.size]
+        around = np.pad(bent, 6, mode="reflect" if bent.size > 6 else "edge")
+        quiet = np.array([np.median(around[n : n + 13]) for n in range(bent.size)])
+        rank = np.where(usable, bent / (quiet + 1e-10), -1.0)
+        found += [int(n) for n in np.argsort(-rank)[:worth] if rank[n] > rank_at_least]
     return list(dict.fromkeys(found))
+
+
+def summary(value: Array | None) -> tuple[float, float, float]:
+    """Return three numbers that jump where an array does: its largest value, and two weighted sums relative to it."""
+    if value is None or not np.size(value):
+        return (np.nan, np.nan, np.nan)
+    array = np.asarray(value, dtype=float)
+    top = float(np.abs(array).max())
+    weights = np.cos(np.arange(array.size)).reshape(array.shape)
+    shape = float((array * weights).sum()) / (top or 1.0)
+    return (float(np.log(top)) if top > 0 else -700.0, shape, float(array.sum()) / (top or 1.0) / array.size)
 
 
 def narrowed(walk: Walk, variable: str, low: float, high: float) -> tuple[tuple[float, float], float]:
     """Divide a step, always keeping the part whose change differs most from that of the others."""
     jump = (0.0, 1.0)
+    known: dict[float, Array | None] = {}
+
+    def at(t: float) -> Array | None:
+        if t not in known:
+            one = walk(t)
+            known[t] = None if one is None else np.asarray(one.arrays[variable], dtype=float)
+        return known[t]
+
     for _ in range(DEPTH):
         places = np.linspace(low, high, PARTS + 1)
         if np.unique(places).size < PARTS + 1:
             break
         values = []
         for t in places:
-            one = walk(float(t))
-            if one is None:
+            value = at(float(t))
+            if value is None:
                 return (0.0, 1.0), low  # refused in between
-            values.append(np.asarray(one.arrays[variable], dtype=float))
+            values.append(value)
         if any(value.shape != values[0].shape for value in values):
             return (0.0, 1.0), low
         changes = np.array([(after - before).ravel() for before, after in zip(values, values[1:], strict=False)])
@@ -188,6 +210,3 @@ def narrowed(walk: Walk, variable: str, low: float, high: float) -> tuple[tuple[
         if ratio_of(*jump) < LEAST / 10:
             break
     return jump, low
-
-
-assert bound_of
