@@ -4,9 +4,8 @@ In:  a ``Bench``.
 Out: nothing, or ``LawBroken`` that says where a result jumps, and by how much.
 
 A path is walked in steps; the steps that stand out from their neighbours are divided again and again. What is left of
-the change when a step is a billionth of its place is a jump. A jump may be twice the error that a stage states: an
-input step then changes nothing by more than the stage says of itself. A stage that ``decides`` or writes whole numbers
-and states no error may jump as it likes.
+the change when a step is a billionth of its place is a jump. It may be twice the error that a stage states. Stages that
+``decide`` or write whole numbers jump by nature; ``steps`` measures theirs.
 """
 
 from __future__ import annotations
@@ -16,10 +15,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from etendue.archive.read.differing import full_scale
 from etendue.contract.capabilities import is_transfer
 from etendue.contract.stage import Stage, parameters_of
-from etendue.testing.bench import SMALL, Arrays, Bench, BenchTrial, Frame
+from etendue.testing.bench import SMALL, Arrays, Bench, BenchTrial
 from etendue.testing.cases import span_of
 from etendue.testing.measured import ratio_of, within
 from etendue.testing.small_changes import jumps
@@ -37,26 +35,20 @@ DEAR = (9, 1, 40.0)  # the same, steps and rank for a stage that prepares tables
 Walk = Callable[[float], BenchTrial | None]
 
 
-def steps_allowed(bench: Bench, inputs: Arrays, frame: Frame) -> float | None:
-    """Return the largest jump that a stage may make; None if any."""
-    stated = bench.own_error(inputs, "float64", frame)
-    whole = any(d.dtype != "float" for d in bench.writes.values())
-    if whole or bench.kind.decides:
-        return None if stated is None else 2 * stated * (1 + 1e-6) + LEAST
-    return 2 * (stated or 0.0) + LEAST
+def jump_allowed(bench: Bench, inputs: Arrays) -> float:
+    """Return the largest jump that a stage may make: twice its error."""
+    return 2 * (bench.own_error(inputs, "float64", SMALL) or 0.0) + LEAST
 
 
 def continuous_in_light(bench: Bench) -> None:
     """Uniform light over thirteen decades; an ordinary picture; one channel that fades; one place that shines."""
-    if not bench.reads or bench.looks or not bench.steady or is_transfer(bench.kind):
+    if not bench.reads or bench.looks or jumps(bench) or is_transfer(bench.kind) or not bench.steady:
         return
     for port, declaration in bench.reads.items():
         if declaration.dtype != "float" or not {"y", "x"} <= set(declaration.dims):
             continue
         for word, places, walk, base in paths(bench, port):
-            allowed = steps_allowed(bench, base, SMALL)
-            if allowed is not None:
-                follow(bench, walk, places, f"{port}, {word},", allowed)
+            follow(bench, walk, places, f"{port}, {word},", jump_allowed(bench, base))
 
 
 def paths(bench: Bench, port: str) -> Iterator[tuple[str, Array, Walk, Arrays]]:
@@ -87,15 +79,13 @@ def paths(bench: Bench, port: str) -> Iterator[tuple[str, Array, Walk, Arrays]]:
 
 def continuous_in_parameters(bench: Bench) -> None:
     """Every number of a stage over the whole of its range."""
-    if bench.looks or not bench.steady:
+    if not bench.reads or bench.looks or jumps(bench) or not bench.steady:
         return
-    inputs = bench.arrays("ordinary", SMALL) if bench.reads else {}
-    if jumps(bench) or not bench.reads:
-        return
-    allowed = steps_allowed(bench, inputs, SMALL)
+    inputs = bench.arrays("ordinary", SMALL)
+    allowed = jump_allowed(bench, inputs)
     dear = is_transfer(bench.kind) or bench.kind.prepare is not Stage.prepare
     points, worth, rank = DEAR if dear else (POINTS, 2, RANK)
-    for name, (parameter, kind, _) in parameters_of(bench.kind).items() if allowed is not None else ():
+    for name, (parameter, kind, _) in parameters_of(bench.kind).items():
         span = span_of(parameter, kind, getattr(bench.stage, name))
         if span is None:
             continue
@@ -111,7 +101,6 @@ def continuous_in_parameters(bench: Bench) -> None:
             except ValueError:
                 return None
 
-        assert allowed is not None
         for values in ways:
             follow(bench, walk, values, f"{name} =", allowed, worth, rank)
 
@@ -130,19 +119,16 @@ def follow(
     """Walk a path, and look into the steps that stand out."""
     places = np.unique(places)
     trials = [walk(float(t)) for t in places]
-    for variable, declaration in bench.writes.items():
+    for variable in (name for name, d in bench.writes.items() if {"y", "x"} <= set(d.dims)):  # others may be counts
         values = [None if one is None or variable not in one.arrays else one.arrays[variable] for one in trials]
-        chosen = bench.kind.decides or declaration.dtype != "float"
-        whole = max((full_scale(v) for t, v in zip(places, values, strict=True) if v is not None and t <= 1), default=0.0)
         for step in outstanding(places, values, worth, rank):
-            low, high = float(places[step]), float(places[step + 1])
-            jump, at = narrowed(walk, variable, low, high)
-            off = ratio_of(jump[0], max(whole, jump[1]) if chosen else jump[1])
+            jump, at = narrowed(walk, variable, float(places[step]), float(places[step + 1]))
+            off = ratio_of(*jump)
             within(
                 off,
                 allowed,
                 f"{bench.name}: {variable} jumps by {off:.3g} of its largest value where {word} {at:.9g}; allowed: "
-                f"{allowed:.2g}; declare decides = True if that is its nature, and an error of at least half a step",
+                f"{allowed:.2g}; declare decides = True if that is its nature",
             )
 
 
