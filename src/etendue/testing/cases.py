@@ -22,7 +22,7 @@ from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.plan.wiring.parameters import LARGEST, SMALLEST, Unfit, resolve_file
 
-ORDINARY, END, CORNER, INSIDE = "ordinary", "end", "corner", "inside"
+ORDINARY, END, CORNER, FAR, INSIDE = "ordinary", "end", "corner", "far", "inside"
 BEYOND = (
     1e6,
     1e30,
@@ -39,7 +39,7 @@ class Case:
     """One instance of a stage."""
 
     name: str
-    where: str  # ordinary, end, corner or inside
+    where: str  # ordinary, end, corner, far (all at their ultimate ends) or inside
     stage: Stage | None
     refused: str = ""  # if there is no stage, the reason
     broke: bool = False  # whether it failed instead of refusing
@@ -68,6 +68,10 @@ def cases(kind: type[Stage], points: int = POINTS) -> Iterator[Case]:
         return
     for number, share in enumerate(corners(len(ranges))):
         yield made(f"corner {number + 1}", CORNER, kind, {**base, **drawn(kind, ranges, share)})
+    for word, far in (("lowest", 0), ("highest", 1)):
+        ultimate = {name: end for name in ranges if (end := limits(declared(kind, name)[0])[far]) is not None}
+        if len(ultimate) > 1:
+            yield made(f"all {word}", FAR, kind, {**base, **ultimate})
     for number, share in enumerate(sobol(len(ranges), points)):
         yield made(f"inside {number + 1}", INSIDE, kind, {**base, **drawn(kind, ranges, share)})
 

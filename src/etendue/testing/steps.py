@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from etendue.archive.read.differing import full_scale
 from etendue.contract.capabilities import Sampled, is_random
 from etendue.testing.bench import Bench, Frame
 from etendue.testing.laws.knob_laws import mean_of
@@ -55,7 +56,9 @@ def codes_in_the_middle(bench: Bench) -> None:
 def check_width(bench: Bench, main: str, codes: Array, levels: Array) -> None:
     stated = bench.own_error(bench.arrays("ordinary", FRAME), "float64", FRAME)
     width = float(np.median(np.diff(levels)))
-    share = ratio_of(width, bench.full_scale(main, codes, FRAME))
+    even = bench.run(bench.arrays("uniform", FRAME), frame=FRAME)
+    full = bench.full_scale(main, codes, FRAME)
+    share = ratio_of(width, max(full, full_scale(even.arrays[main])) if even.done else full)
     if stated is not None:
         within(
             share,
