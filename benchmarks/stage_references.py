@@ -55,7 +55,9 @@ def main(words: list[str]) -> int:
         for name in {**found, **before}
         for case in {**found.get(name, {}), **before.get(name, {})}
         if any(
-            references.apart(found.get(name, {}).get(case, {}).get(what), before.get(name, {}).get(case, {}).get(what), what)
+            references.apart(
+                found.get(name, {}).get(case, {}).get(what), before.get(name, {}).get(case, {}).get(what), what
+            )
             > references.BOUND
             for what in {**found.get(name, {}).get(case, {}), **before.get(name, {}).get(case, {})}
         )

@@ -28,6 +28,7 @@ BEYOND = (
     1e30,
 )  # for a range without an end: beyond anything that is built, and the largest number a pipeline may contain
 NUDGE = 1e-12  # relative distance of a value just inside an open end
+SOME = 0.1  # of a quantity that is ordinarily 0, and whose ends may both be refused
 WORK = 8  # largest multiple of its ordinary value for an integer without a near end
 DECADES = 20.0  # if the ends of a range are a larger factor apart, it is sampled logarithmically
 WIDE = 100.0  # a range without an end is sampled up to this factor from its ordinary value
@@ -160,6 +161,8 @@ def real_ends(parameter: Parameter, now: float) -> list[float]:
         [0.0] if parameter.allows(0) and (parameter.held is None or parameter.held[0] <= 0 <= parameter.held[1]) else []
     )
     found += [math.inf] if parameter.infinite else []
+    if now == 0 and not parameter.fidelity and parameter.allows(SOME):
+        found.append(SOME)
     return [value for value in found if not parameter.fidelity or value >= abs(now)]
 
 

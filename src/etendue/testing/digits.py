@@ -44,6 +44,7 @@ LEVELS = (
     (1.0, "faint"),
     (1.0, "point"),
     (1.0, "hole"),
+    (1.0, "hot"),
 )
 FREQUENCIES = 400  # number of frequencies first evaluated, from 1e-6 to 1e3 um-1
 ZOOMS, CLOSER = 6, 30.0  # number and factor of the zooms to where the precisions differ most

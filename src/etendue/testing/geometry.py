@@ -9,18 +9,21 @@ One that is told may vary over the frame, but not with the border of what it is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from etendue.archive.read.differing import apart, full_scale
 from etendue.compute.rows import has_rows
 from etendue.contract.arrays import dims
+from etendue.contract.arrays.grid import Coordinate, Line
+from etendue.contract.arrays.variables import Declaration
 from etendue.contract.capabilities import is_random, is_transfer
 from etendue.contract.stage import Stage, arguments_of
 from etendue.testing.bench import Arrays, Bench, BenchTrial, Frame
 from etendue.testing.checks import bound_of
-from etendue.testing.measured import hold, ratio_of, within
+from etendue.testing.measured import ratio_of, within
 from etendue.types.arrays import Array
 
 OWN = 1e-9  # of full scale: roundings of transforms, for a stage that states no error
@@ -28,6 +31,9 @@ ODD: Frame = (11, 13)  # odd, so that a mirror image of a mask has the same phas
 WIDE: Frame = (35, 37)
 PLACES = ("y", "x")
 STEPS = ((0, 1), (1, 0), (3, 2))
+LARGE: Frame = (10_000, 10_000)
+FAR: Frame = (9_984, 9_972)
+PERIOD = 12  # a multiple of the periods of all masks
 MARGIN = 8  # pixels from the border within which filling may show
 
 
@@ -89,8 +95,6 @@ def uniform_to_the_rim(bench: Bench) -> None:
 
 def of_a_larger_frame(bench: Bench) -> None:
     """Compare a uniform frame with the same places of a larger one, which has the border elsewhere."""
-    if any(dims.banded(d.dims) for d in (*bench.reads.values(), *bench.writes.values())):
-        pass
     inner, outer, edge = (25, 27), (37, 39), 6
     large, small = Places(bench, (0, 0), outer), Places(bench, (edge, edge), outer)
     of_large, of_small = bench.arrays("uniform", outer, 0.3), bench.arrays("uniform", inner, 0.3)
@@ -174,6 +178,31 @@ def shifted_pictures(bench: Bench) -> None:
             )
 
 
+def far_corner(bench: Bench) -> None:
+    """The last rows and columns of a frame of a hundred million places are computed like the first, where a stage
+    repeats itself with the period of a mask.
+    """
+    if not frames(bench) or is_transfer(bench.kind) or not told_where(bench):
+        return
+    if any(dims.banded(d.dims) for d in bench.reads.values()):
+        return
+    frame, inputs = (16, 24), bench.arrays("ordinary", (16, 24))
+    near, next_to_it, far = (Places(bench, first, LARGE) for first in ((0, 0), (PERIOD, PERIOD), FAR))
+    results = [tried(one, inputs, frame) for one in (near, next_to_it, far)]
+    first, second, last = (places_of(bench, one) for one in results)
+    for variable, values in first.items():
+        repeats = variable in second and float(apart(values, second[variable]).max(initial=0.0)) == 0.0
+        if not repeats or variable not in last:
+            continue
+        off = ratio_of(float(apart(values, last[variable]).max(initial=0.0)), full_scale(values))
+        within(
+            off,
+            room(bench, inputs, frame),
+            f"{bench.name}: {variable} of the same input is {off:.2g} of full scale from that of the first rows when it "
+            f"stands at row {FAR[0]}, column {FAR[1]} of {LARGE[0]} x {LARGE[1]}: places are counted in too few digits",
+        )
+
+
 class Places(Bench):
     """A bench with some rows and columns of a larger frame."""
 
@@ -181,12 +210,8 @@ class Places(Bench):
         super().__init__(bench.stage, None, bench.scales, bench.coordinates)
         self.first, self.whole = first, whole
 
-    def coordinate(self, dim: str, declaration: object, frame: Frame) -> object:  # type: ignore[override]
-        from dataclasses import replace
-
-        from etendue.contract.arrays.grid import Line
-
-        line = super().coordinate(dim, declaration, self.whole)  # type: ignore[arg-type]
+    def coordinate(self, dim: str, declaration: Declaration, frame: Frame) -> Coordinate:
+        line = super().coordinate(dim, declaration, self.whole)
         if dim not in PLACES or not isinstance(line, Line):
             return line
         axis = int(dim == "x")
@@ -220,7 +245,3 @@ def worst_of(values: Array) -> Frame:
     plane = np.abs(np.asarray(values, float) - np.median(values)).reshape(-1, *values.shape[-2:]).max(axis=0)
     row, column = divmod(int(plane.argmax()), plane.shape[1])
     return row, column
-
-
-Law = Callable[[Bench], None]
-assert hold

@@ -11,6 +11,7 @@ the change when a step is a billionth of its place is a jump. It may be twice th
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -32,6 +33,8 @@ LEAST = 1e-6  # of full scale; what a smooth stage with a condition number of 1,
 POINTS = 33  # values of a parameter, evenly spread, and as many by equal factors
 RANK = 4.0  # how many times more than its neighbours a step must bend to be looked into
 DEAR = (9, 1, 40.0)  # the same, steps and rank for a stage that prepares tables or is a transfer function
+NICE = (2.0, 0.5, 1.0, 3.0, 1.5, 4.0, 5.0, 2.5, 6.0, 8.0)  # values for which code may have a formula of its own
+BESIDE = 1e-9
 Walk = Callable[[float], BenchTrial | None]
 
 
@@ -103,6 +106,25 @@ def continuous_in_parameters(bench: Bench) -> None:
 
         for values in ways:
             follow(bench, walk, values, f"{name} =", allowed, worth, rank)
+        for value in NICE[:: 3 if dear else 1]:
+            if low < value < high:
+                beside_a_whole_number(bench, walk, value, name, allowed)
+
+
+def beside_a_whole_number(bench: Bench, walk: Walk, value: float, name: str, allowed: float) -> None:
+    """Compare a number for which there may be a formula of its own with the next ones."""
+    own, near = walk(value), walk(value * (1 + BESIDE))
+    for variable, d in bench.writes.items() if own and near else ():
+        if not {"y", "x"} <= set(d.dims) or own.arrays[variable].shape != near.arrays[variable].shape:  # type: ignore[union-attr]
+            continue
+        one, other = (np.asarray(trial.arrays[variable], dtype=float) for trial in (own, near))  # type: ignore[union-attr]
+        off = ratio_of(float(np.abs(one - other).max(initial=0.0)), float(np.abs(one).max(initial=0.0)))
+        within(
+            off,
+            allowed,
+            f"{bench.name}: {variable} with {name} = {value:g} is {off:.3g} of its largest value from that with "
+            f"{value * (1 + BESIDE):.12g}: a formula for this value alone that does not agree with the general one",
+        )
 
 
 def tried(bench: Bench, inputs: Arrays) -> BenchTrial | None:
@@ -185,7 +207,7 @@ def narrowed(walk: Walk, variable: str, low: float, high: float) -> tuple[tuple[
             values.append(value)
         if any(value.shape != values[0].shape for value in values):
             return (0.0, 1.0), low
-        changes = np.array([(after - before).ravel() for before, after in zip(values, values[1:], strict=False)])
+        changes = np.array([(after - before).ravel() for before, after in itertools.pairwise(values)])
         if not np.isfinite(changes).all():
             return (0.0, 1.0), low
         off = np.abs(changes - np.median(changes, axis=0)).max(axis=1, initial=0.0)

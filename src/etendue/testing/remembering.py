@@ -9,7 +9,6 @@ The results here are compared with those of a process in which the stage has com
 from __future__ import annotations
 
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import TimeoutError as Late
@@ -17,8 +16,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Any
-
-import numpy as np
 
 from etendue.testing import pristine
 from etendue.testing.bench import FRAME, Arrays, Bench, digests
@@ -85,7 +82,10 @@ def one_inside_another(bench: Bench) -> None:
     with ThreadPoolExecutor(1) as pool, stopping_at_lines_of(bench, lambda: _wait(pool, interrupt)):
         trial = bench.run(first)
     text = "state is shared between threads: keep it in local variables"
-    hold(trial.done and not failed, f"{bench.name} fails while another thread runs it: {(failed or [trial.last_line])[0]}")
+    hold(
+        trial.done and not failed,
+        f"{bench.name} fails while another thread runs it: {(failed or [trial.last_line])[0]}",
+    )
     hold(digests(trial.arrays) == wanted, f"{bench.name} gives different bits while another thread runs it; {text}")
     hold(all(own == beside for own in meanwhile), f"{bench.name} gives different bits inside another run of it; {text}")
 
@@ -134,7 +134,3 @@ def own_folder(bench: Bench) -> str:
     top = sys.modules.get(bench.kind.__module__.partition(".")[0])
     home = getattr(top, "__file__", None)
     return str(Path(home).parent) if home and Path(home).name == "__init__.py" else str(file)
-
-
-assert threading
-assert np

@@ -104,8 +104,8 @@ def check_means(
     within(
         ratio_of(off, float(found.std())),
         ratio_of(room, float(found.std())),
-        f"{bench.name} gives {main} = {found.mean():.7g} on average over {found.size} draws at {value:g}, but mean() is "
-        f"{said:.7g}, {off / error:.3g} standard errors from it",
+        f"{bench.name} gives {main} = {found.mean():.7g} on average over {found.size} draws at {value:g}, but mean() "
+        f"is {said:.7g}, {off / error:.3g} standard errors from it",
     )
 
 

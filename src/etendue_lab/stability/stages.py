@@ -46,6 +46,7 @@ LAWS = {  # numerical laws of the kit, and their names in the table
     "test_mirrored_input_gives_the_mirrored_result": "mirror image",
     "test_a_shifted_picture_gives_the_shifted_result": "shifted picture",
     "test_a_window_of_the_whole_is_read_where_it_stands": "window",
+    "test_the_far_corner_of_a_large_frame_is_like_the_near_one": "large frame",
     "test_rows_alone_are_the_rows_of_the_whole": "strips",
     "test_bands_alone_are_the_bands_of_the_whole": "bands alone",
     "test_inputs_are_left_alone": "inputs left alone",

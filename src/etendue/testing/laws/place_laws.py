@@ -26,3 +26,7 @@ class PlaceLaws:
     def test_a_shifted_picture_gives_the_shifted_result(self) -> None:
         """For a stage that is not told where it is."""
         geometry.shifted_pictures(self.bench)
+
+    def test_the_far_corner_of_a_large_frame_is_like_the_near_one(self) -> None:
+        """Places are counted up to a hundred million of them."""
+        geometry.far_corner(self.bench)
