@@ -22,6 +22,7 @@ from etendue.present.terminal.cells import cells
 from etendue.present.terminal.terminal import outcome_document
 from etendue.result_files import finite
 from etendue_camera.cli.sensors import sensor_document
+from etendue_lab.calibrate.study import calibrated
 from etendue_lab.compare import ranking
 from etendue_lab.compare.compared import ComparedRow
 from etendue_lab.compare.study import Comparison
@@ -102,6 +103,13 @@ def real_frames() -> tuple[tuple[Any, ...], Any]:
     return (document,), document
 
 
+def a_calibration() -> tuple[tuple[Any, ...], Any]:
+    with tempfile.TemporaryDirectory() as folder:
+        np.savez(Path(folder) / "frames.npz", **measurement(levels=8, stack=2, size=32))
+        document, _ = calibrated(Path(folder) / "frames.npz", None, None, None, True)
+    return (document,), document
+
+
 MERGED = frozenset({"curve", "rest", "last"})
 CASES = {
     "plan": Case(f"{ENGINE}.terminal:print_plan", (of("stages"),), written("plan")),
@@ -151,6 +159,11 @@ CASES = {
     ),
     "losses": Case(f"{LAB}.losses.terminal:print_losses", (of("losses", 0, "stages"),), written("losses")),
     "emva": Case(f"{LAB}.emva.terminal:print_emva", (of("channels", 0, "figures"),), written("emva")),
+    "calibrate": Case(
+        f"{LAB}.calibrate.terminal:print_calibration",
+        (of("channels", 0, "parameters"), of("checks", 0, "levels")),
+        a_calibration,
+    ),
     "emva FRAMES": Case(f"{LAB}.emva.frames:print_measured", (of("channels", 0, "figures"),), real_frames),
     "measure": Case(
         f"{LAB}.measure.terminal:print_photograph",

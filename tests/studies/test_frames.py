@@ -74,10 +74,12 @@ def as_descriptor(arrays, folder):
 
 def levels_of(frames):
     """The mean and frames of every level; times to a femtosecond."""
-    return {
-        (round(one.time, 15), one.light): (len(one.frames), float(moments(frames, one).mean[0]))
-        for one in frames.levels()
-    }
+    found = {}
+    for one in frames.levels():  # a stack is a level of its own beside a pair of the same exposure
+        count, total = found.get(key := (round(one.time, 15), one.light), (0, 0.0))
+        own = len(one.frames)
+        found[key] = (count + own, total + round(own * float(moments(frames, one).mean[0]) * 64 * 64))
+    return found
 
 
 @pytest.mark.parametrize("suffix", ["npy", "png", "tif"])

@@ -130,7 +130,10 @@ def _frames(path: Path, name: str, small: dict[str, Any], photons: bool) -> list
         lights = _per_level(path, key, times if given is None else given, levels)
         if np.isnan(lights).any():
             raise RequestError(f"{path}: {name} has neither {name}_time_s nor light; needed: {KEYS}")
-    return [Frame(member, i, float(times[i // repeats]), float(lights[i // repeats])) for i in range(member.count)]
+    series = "stack" if name.endswith("_stack") else ""
+    return [
+        Frame(member, i, float(times[i // repeats]), float(lights[i // repeats]), series) for i in range(member.count)
+    ]
 
 
 def _per_level(path: Path, key: str, values: Any, levels: int) -> Any:

@@ -41,6 +41,7 @@ class Frame:
     index: int
     time: float  # s; NaN if unknown
     light: float
+    series: str = ""  # of frames taken together: those of two series are two levels, whatever their labels
 
     def read(self) -> Array:
         return self.source.read(self.index)
@@ -132,12 +133,12 @@ class FrameSet:
 
     def levels(self) -> list[Level]:
         """Return levels, the dark ones first, by light and time."""
-        found: dict[tuple[float, float], list[Frame]] = {}
+        found: dict[tuple[float, float, str], list[Frame]] = {}
         for frame in self.frames:
             light = frame.light if not (frame.time == 0 and frame.light > 0 and not self.photons) else 0.0
-            found.setdefault((light, frame.time), []).append(frame)
-        keys = sorted(found, key=lambda key: (key[0] > 0, key[0], -1.0 if math.isnan(key[1]) else key[1]))
-        return [Level(time, light, tuple(found[(light, time)])) for light, time in keys]
+            found.setdefault((light, frame.time, frame.series), []).append(frame)
+        keys = sorted(found, key=lambda key: (key[0] > 0, key[0], -1.0 if math.isnan(key[1]) else key[1], key[2]))
+        return [Level(key[1], key[0], tuple(found[key])) for key in keys]
 
     def digests(self) -> dict[str, str]:
         """Return the SHA-256 of every file, by name."""

@@ -141,12 +141,15 @@ class Figures:
 
 
 def patterns(frames: FrameSet, found: Curve, site: Site = MONO) -> tuple[Pattern | None, Pattern | None]:
-    """Return the pattern of the dark (DN) and of the response (relative), from all levels up to 70 % of saturation."""
+    """Return the pattern of the dark (DN), and of the response (relative) at all levels of 5 to 70 % of saturation."""
     dark = pattern(frames, [(one, 1.0, 1.0) for one in found.dark_levels], site)
     used = np.flatnonzero(found.between(0.05, RANGE))
     signal = found.signal[0]
     # of a relative response the variance is near 1 / signal: the weight is the signal
     light = pattern(frames, [(found.levels[i], float(signal[i]), float(signal[i])) for i in used], site)
+    if dark is not None and light is not None:  # offsets are no response
+        frames_of = np.array([len(found.levels[i].frames) for i in used], float)
+        light = light.without(dark.mean * float(frames_of.sum() / (frames_of * signal[used]).sum()))
     return dark, light
 
 
