@@ -142,9 +142,9 @@ use = "adc"
     for name in ("gain", "read_noise", "prnu"):
         one, given = getattr(channel.measurement, name), parameters[name]["value"]
         assert abs(one.value - given) < SIGMAS * max(one.high - one.value, one.value - one.low), name
-    swept = CliRunner().invoke(
+    swept = CliRunner().invoke(  # an axis
         main,
-        ["run", str(tmp_path / "used.toml"), "--sweep", "sensor=./mine.toml,sony-imx174", "--output", str(tmp_path / "a"),
+        ["run", str(tmp_path / "used.toml"), "--sweep", "sensor=./mine.toml,sony-imx174", "--archive", str(tmp_path / "a"),
          "--no-errors", "--want", "raw"],
     )  # fmt: skip
     assert swept.exit_code == 0, swept.output
