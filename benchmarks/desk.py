@@ -1,10 +1,10 @@
-"""Forty simulated cameras drawn at random, each calibrated from its own frames: are the parameters inside their intervals?
+"""Forty simulated cameras drawn at random, each calibrated from its own frames: do its intervals hold the truth?
 
     python benchmarks/desk.py                  # forty with a bend of 0 or 1 to 5 %, forty without, forty with 1 %
     python benchmarks/desk.py --count 10
 
-Prints coverage by parameter, the median width of intervals relative to the Cramer-Rao bound, and how often a bend is found.
-The frames are drawn here, independently of the camera's stages: Poisson counts, normal noise, rounding.
+Prints coverage by parameter, the median width of intervals relative to the Cramer-Rao bound, and how often a bend is
+found. The frames are drawn here, independently of the camera's stages: Poisson counts, normal noise, rounding.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def bounds(camera: dict[str, float], model: SensorModel) -> dict[str, float]:
         return s * (1 - v[2] * (s / full) ** order), slope**2 * (v[0] * s + dark)
 
     start = np.array([gain, gain * camera["quantum_efficiency"], camera["bend"]])
-    mean, variance = at(start)
+    _, variance = at(start)
     columns = []
     for i in range(3 if camera["bend"] else 2):
         step = np.zeros(3)

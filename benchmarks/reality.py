@@ -1,6 +1,6 @@
 """Real frames beside those of cameras fitted to them: the figures, the pictures and the tables of docs/reality.md.
 
-python benchmarks/reality.py --data DIR    # measures the sets in DIR (emva_001.npz, emva_003.npz) and writes reality.json
+python benchmarks/reality.py --data DIR    # measures emva_001.npz and emva_003.npz of DIR
 python benchmarks/reality.py               # draws page and pictures from reality.json alone
 """
 
@@ -73,10 +73,11 @@ def page(found: dict[str, Any]) -> str:
     """Return the page."""
     parts = [
         "# Predicted beside measured\n",
-        "Real frames, and the frames of a camera that was fitted to them. Nothing is scaled: the prediction has the unit of the",
-        "measurement, and where the camera is wrong the table says by how much. `python benchmarks/reality.py --data DIR` measures",
-        "the frames (central 256 x 256 pixels of two sets of the public repository EMVA1288/datasets); without `--data` it draws this page",
-        "from `benchmarks/reality.json`. How a sensor file is made from frames of your own: [desk](desk.md).\n",
+        "Real frames, and the frames of a camera that was fitted to them. Nothing is scaled: the prediction has the unit",
+        "of the measurement, and where the camera is wrong the table says by how much.",
+        "`python benchmarks/reality.py --data DIR` measures the frames (central 256 x 256 pixels of two sets of the",
+        "public repository EMVA1288/datasets); without `--data` it draws this page from `benchmarks/reality.json`.",
+        "How a sensor file is made from frames of your own: [desk](desk.md).\n",
     ]
     for name, about in SETS.items():
         if name in found:
@@ -106,11 +107,13 @@ def _set(name: str, about: dict[str, Any], own: dict[str, Any]) -> list[str]:
     parts += ["\nThe fitted camera:\n", f"| parameter | value | 95 % interval |{' printed |' * bool(truth)}",
               f"|---|---|---|{'---|' * bool(truth)}"]  # fmt: skip
     for row in channel["parameters"]:
-        shown = f"| {row['name'].replace('_', ' ')}, {row['unit'] or '1'} | {row['value']:.5g} | {row['low']:.5g} to {row['high']:.5g} |"
+        name = f"{row['name'].replace('_', ' ')}, {row['unit'] or '1'}"
+        shown = f"| {name} | {row['value']:.5g} | {row['low']:.5g} to {row['high']:.5g} |"
         parts.append(shown + (f" {truth[row['name']]:g} |" if row["name"] in truth else " |" * bool(truth)))
     if channel["waves"]:
         parts.append("\nWaves in the dark: " + "; ".join(
-            f"{one['amplitude']:.3g} DN at ({one['along_y']:.4f}, {one['along_x']:.4f}) cycles/pixel (y, x)" for one in channel["waves"]
+            f"{one['amplitude']:.3g} DN at ({one['along_y']:.4f}, {one['along_x']:.4f}) cycles/pixel (y, x)"
+            for one in channel["waves"]
         ) + ".")  # fmt: skip
     check = own["calibration"]["checks"][0]
     judged = [row for row in check["levels"] if row["judged"]]
@@ -122,19 +125,13 @@ def _set(name: str, about: dict[str, Any], own: dict[str, Any]) -> list[str]:
         f"| temporal variance, rms | {100 * check['variance_rms']:.2f} % | 1.2 % |",
         f"| temporal variance, worst level | {100 * check['variance_worst']:.2f} % | 3 % |",
         f"| mean, worst level | {100 * check['mean_worst']:.3f} % | 0.5 % |",
-        f"| spatial variance at the stack | {100 * check['spatial_at_stack']:+.1f} % | 5 % + 3 standard errors of {100 * check['spatial_error_at_stack']:.1f} % |",
+        f"| spatial variance at the stack | {100 * check['spatial_at_stack']:+.1f} % | 5 % + 3 standard errors of "
+        f"{100 * check['spatial_error_at_stack']:.1f} % |",
         f"| spatial variance within its interval | {inside} of {len(judged)} levels | |",
         f"| histogram within the distance of chance | {alike} of {len(judged)} levels | |",
     ]  # fmt: skip
-    wrong = [
-        f"{label}: {100 * check[key]:.2f} %"
-        for key, label in (
-            ("variance_worst", "the variance of one level"),
-            ("variance_rms", "the variance"),
-            ("mean_worst", "the mean"),
-        )
-        if not check["within"][key]
-    ]  # noqa: E501
+    words = {"variance_worst": "the variance of one level", "variance_rms": "the variance", "mean_worst": "the mean"}
+    wrong = [f"{words[key]}: {100 * check[key]:.2f} %" for key in words if not check["within"][key]]
     if wrong:
         parts.append(f"\nBeyond its limit: {'; '.join(wrong)}.")
     if off := check["labels_off"]:
@@ -143,8 +140,8 @@ def _set(name: str, about: dict[str, Any], own: dict[str, Any]) -> list[str]:
         )
     rows = [f"{one:.2f}" for one in _median_lines(judged)]
     parts.append(
-        f"\nPower of row means over that of white noise, median of levels: {rows[0]} measured, {rows[1]} predicted; of column means "
-        f"{rows[2]} and {rows[3]}.\n"
+        f"\nPower of row means over that of white noise, median of levels: {rows[0]} measured, {rows[1]} predicted; of "
+        f"column means {rows[2]} and {rows[3]}.\n"
     )
     return parts
 

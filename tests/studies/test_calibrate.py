@@ -167,3 +167,14 @@ def test_an_output_that_is_no_sensor_file_is_refused(tmp_path):
     done = CliRunner().invoke(main, ["calibrate", str(tmp_path / "frames.npz"), "-o", str(tmp_path / "mine.txt")])
     assert done.exit_code == 2
     assert "ends in .toml" in done.output
+
+
+def test_the_page_of_real_frames_is_drawn_from_the_committed_figures():
+    from pathlib import Path
+    from runpy import run_path
+
+    root = Path(__file__).parents[2]
+    made = run_path(str(root / "benchmarks" / "reality.py"))
+    found = json.loads((root / "benchmarks" / "reality.json").read_text())
+    assert made["page"](found) == (root / "docs" / "reality.md").read_text()
+    assert all("CC BY-SA 3.0" in made["SETS"][name]["notice"] for name in found if name == "emva_001")

@@ -40,16 +40,22 @@ class ResponseFit:
     used: Array
     freedom: float
 
-    def mean(self, light: Array) -> Array:
-        """Return the expected signal, DN above the dark."""
+    def mean(self, light: Array, charge: Array | float = 0.0) -> Array:
+        """Return the expected signal, DN above the dark, on a dark charge of so many DN."""
         s = self.rate * light + self.offset
+        return self.bent(s + charge) - self.bent(np.asarray(charge))
+
+    def bent(self, s: Array) -> Array:
         return np.asarray(s * (1 - self.bend * (np.maximum(s, 0) / self.full) ** self.order))
 
     def slope(self, s: Array) -> Array:
         return np.asarray(1 - self.bend * (self.order + 1) * (np.maximum(s, 0) / self.full) ** self.order)
 
-    def variance_at(self, signal: Array, dark: Array) -> Array:
-        """Return the expected temporal variance at a measured mean, DN above the dark."""
+    def variance_at(self, signal: Array, dark: Array, charge: Array | float = 0.0) -> Array:
+        """Return the expected temporal variance at a measured mean, DN above the dark; ``charge``: of the dark, DN,
+        whose noise is not in ``dark``.
+        """
+        signal = signal + charge
         s = signal
         if self.bend:
             most = self.full * (0.999 / (abs(self.bend) * (self.order + 1))) ** (1 / self.order)
@@ -84,7 +90,9 @@ def fit(curve: Curve) -> ResponseFit:
         np.hypot(np.hypot(statistical, scatter * signal), 1e-6 * signal),
         np.sqrt(2 / (frames - 1) / pixels) * variance,
     )
-    problem = _Problem(light, signal, variance, dark, errors, float(2**bits - 1), np.ones(light.size, bool))
+    problem = _Problem(
+        light, signal, variance, dark, errors, float(2**bits - 1), *_charge(curve, used), np.ones(light.size, bool)
+    )
     problem = problem.with_sound_labels().with_own_scatter()
     best, tests = problem.chosen()
     problem = problem.with_own_scatter(best)
@@ -104,6 +112,17 @@ def fit(curve: Curve) -> ResponseFit:
         used=used,
         freedom=max(1.0, float(light.size - len(names) / 2)),
     )
+
+
+def _charge(curve: Curve, used: Array) -> tuple[Array, float]:
+    """Return the dark charge of light levels, and its mean over the dark levels, DN."""
+    if curve.dark_slope is None:
+        return np.zeros(np.count_nonzero(used)), 0.0
+    slope = max(float(curve.dark_slope[0]), 0.0)
+    weight = np.array([one.frames - 1.0 for one in curve.dark])
+    times = np.nan_to_num(np.array([one.time for one in curve.dark]))
+    own = np.nan_to_num(np.array([one.time for one in curve.moments]))[used]
+    return slope * own, slope * float((weight * times).sum() / weight.sum())
 
 
 def _flat(curve: Curve) -> float:
@@ -133,14 +152,20 @@ class _Problem:
     dark: Array
     errors: tuple[Array, Array]
     full: float
+    charge: Array  # DN, of the dark at each level
+    usual: float  # DN, the dark charge at which ``dark`` was measured
     sound: Array  # levels whose means fit their light
 
     def residuals(self, fit: ResponseFit) -> tuple[Array, Array]:
         """Return residuals of means, and of variances at the measured means, over their errors."""
         return (
-            ((fit.mean(self.light) - self.signal) / self.errors[0])[self.sound],
-            (fit.variance_at(self.signal, self.dark) - self.variance) / self.errors[1],
+            ((fit.mean(self.light, self.charge) - self.signal) / self.errors[0])[self.sound],
+            (self.expected(fit) - self.variance) / self.errors[1],
         )
+
+    def expected(self, fit: ResponseFit) -> Array:
+        """Return the expected variances of the levels."""
+        return fit.variance_at(self.signal, self.dark - fit.gain * self.usual, self.charge)
 
     def flexible(self) -> ResponseFit:
         """Return the closest of all models."""
@@ -150,7 +175,7 @@ class _Problem:
         """Leave out means that lie far from what their light gives: beyond 8 robust errors and 0.3 %."""
         found = self.flexible()
         for _ in range(3):
-            away = (self.signal - found.mean(self.light)) / self.signal
+            away = (self.signal - found.mean(self.light, self.charge)) / self.signal
             bright = self.signal > 0.05 * self.signal.max()
             usual = 1.4826 * float(np.median(np.abs(away[bright])))
             sound = ~bright | (np.abs(away) < max(8 * usual, 3e-3))
@@ -163,7 +188,7 @@ class _Problem:
     def with_own_scatter(self, fit: ResponseFit | None = None) -> _Problem:
         """Add to the errors of variances what scatters beyond them, the same share of every level."""
         fit = fit or self.flexible()
-        away = (self.variance - fit.variance_at(self.signal, self.dark)) / self.variance
+        away = (self.variance - self.expected(fit)) / self.variance
         own = self.errors[1] / self.variance
         freedom = max(away.size - 3, 1)
         extra = 0.0

@@ -55,6 +55,11 @@ def calibrate(frames: FrameSet, site: Site = MONO, channel: str = "W", confidenc
     transfer.figures(frames, curve, site)  # refuses what is no curve
     response = response_fit.fit(curve)
     dark, light = transfer.patterns(frames, curve, site)
+    if light is not None:  # a response that bends shows less of the pixels' differences than of the signal
+        used = np.flatnonzero(curve.between(0.05, transfer.RANGE))
+        s = response.straight(curve.exposure[used])
+        weight = np.array([len(curve.levels[i].frames) for i in used]) * curve.signal[0, used]
+        light = light.scaled(float(weight.sum() / (weight * s * response.slope(s) / response.bent(s)).sum()))
     bits = max(1, math.ceil(math.log2(curve.top + 1)))
     model = SensorModel(
         channel, curve, response,
@@ -102,7 +107,10 @@ def _dark(model: SensorModel, frames: FrameSet, gain: Estimate, interval: Jackkn
     origin = interval.of(curve.dark_origin, "DN")
     # the means of dark frames move together; their scatter over levels is part of the black level's error
     means = np.array([one.mean[0] for one in curve.dark])
-    drift = float(means.std(ddof=1)) / math.sqrt(len(means)) if len(means) > 2 else max(one.drift for one in curve.dark)
+    times = np.array([one.time for one in curve.dark])
+    line = 0.0 if curve.dark_slope is None else float(curve.dark_slope[0]) * (times - times.mean())
+    scatter = means - np.nan_to_num(line)
+    drift = float(scatter.std(ddof=1)) / math.sqrt(len(means)) if len(means) > 3 else max(o.drift for o in curve.dark)
     wide = math.hypot(origin.high - origin.value, 2 * drift)
     model.put("black_level", Estimate(origin.value, origin.value - wide, origin.value + wide, "DN"),
               f"mean of {len(curve.dark)} dark levels{'' if curve.dark_slope is None else ', at time 0'}")  # fmt: skip

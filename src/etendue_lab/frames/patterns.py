@@ -36,6 +36,9 @@ class Pattern:
         """Return the pattern without a part that all groups share."""
         return Pattern(self.groups - part, self.frames)
 
+    def scaled(self, factor: float) -> Pattern:
+        return Pattern(self.groups * factor, self.frames)
+
     def variance(self, confidence: float = 0.95) -> Estimate:
         """Return the variance over pixels from products of different groups.
 
