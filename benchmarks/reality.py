@@ -73,8 +73,8 @@ def page(found: dict[str, Any]) -> str:
     """Return the page."""
     parts = [
         "# Predicted beside measured\n",
-        "Real frames, and the frames of a camera that was fitted to them. Nothing is scaled: the prediction has the unit",
-        "of the measurement, and where the camera is wrong the table says by how much.",
+        "Real frames, and the frames of a camera that was fitted to them. Nothing is scaled: the prediction has the",
+        "unit of the measurement, and where the camera is wrong the table says by how much.",
         "`python benchmarks/reality.py --data DIR` measures the frames (central 256 x 256 pixels of two sets of the",
         "public repository EMVA1288/datasets); without `--data` it draws this page from `benchmarks/reality.json`.",
         "How a sensor file is made from frames of your own: [desk](desk.md).\n",

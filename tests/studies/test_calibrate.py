@@ -144,7 +144,8 @@ use = "adc"
         assert abs(one.value - given) < SIGMAS * max(one.high - one.value, one.value - one.low), name
     swept = CliRunner().invoke(  # an axis
         main,
-        ["run", str(tmp_path / "used.toml"), "--sweep", "sensor=./mine.toml,sony-imx174", "--archive", str(tmp_path / "a"),
+        ["run", str(tmp_path / "used.toml"),
+         "--sweep", "sensor=./mine.toml,sony-imx174", "--archive", str(tmp_path / "a"),
          "--no-errors", "--want", "raw"],
     )  # fmt: skip
     assert swept.exit_code == 0, swept.output

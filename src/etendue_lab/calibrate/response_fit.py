@@ -85,7 +85,7 @@ def fit(curve: Curve) -> ResponseFit:
     statistical = np.sqrt(
         variance / frames / pixels + curve.dark_variance[0, used] / sum(one.frames for one in curve.dark) / pixels
     )
-    scatter = _scatter(light, signal)
+    scatter = _scatter(light, signal, statistical)
     errors = (
         np.hypot(np.hypot(statistical, scatter * signal), 1e-6 * signal),
         np.sqrt(2 / (frames - 1) / pixels) * variance,
@@ -130,8 +130,8 @@ def _flat(curve: Curve) -> float:
     return float((np.array([one.variance[0] for one in curve.dark]) * weight).sum() / weight.sum())
 
 
-def _scatter(light: Array, signal: Array) -> float:
-    """Return the relative scatter of means about a smooth response, from neighbours: robust, free of a model."""
+def _scatter(light: Array, signal: Array, statistical: Array) -> float:
+    """Return the relative scatter of means about a smooth response beyond statistics, from neighbouring levels."""
     if light.size < 6:
         return 0.0
     share, x = signal / light, light
@@ -141,7 +141,10 @@ def _scatter(light: Array, signal: Array) -> float:
     keep = signal[1:-1] > 0.05 * signal.max()
     if np.count_nonzero(keep) < 4:
         return 0.0
-    return float(1.4826 * np.median(np.abs(middle[keep] / share[1:-1][keep])) / math.sqrt(1.5))
+    own = 1.4826 * np.median(np.abs(middle[keep] / share[1:-1][keep])) / math.sqrt(1.5)
+    usual = float(np.median((statistical / signal)[1:-1][keep]))
+    # the median of thirty levels is known to a fifth: what is within it is no scatter of its own
+    return math.sqrt(max(float(own) ** 2 - usual**2, 0.0)) if own > 1.4 * usual else 0.0
 
 
 @dataclass(frozen=True)
@@ -167,23 +170,24 @@ class _Problem:
         """Return the expected variances of the levels."""
         return fit.variance_at(self.signal, self.dark - fit.gain * self.usual, self.charge)
 
-    def flexible(self) -> ResponseFit:
+    def flexible(self, loss: str = "linear") -> ResponseFit:
         """Return the closest of all models."""
-        return min((self.fitted(one, True) for one in (0.0, *ORDERS)), key=lambda one: one[1])[0]
+        return min((self.fitted(one, True, loss) for one in (0.0, *ORDERS)), key=lambda one: one[1])[0]
 
     def with_sound_labels(self) -> _Problem:
         """Leave out means that lie far from what their light gives: beyond 8 robust errors and 0.3 %."""
-        found = self.flexible()
+        # with wide errors and a loss that grows as the distance, one wrong label moves the others little
+        wide = replace(self, errors=(np.hypot(self.errors[0], 1e-3 * self.signal), self.errors[1]))
+        found, sound = wide.flexible("soft_l1"), self.sound
         for _ in range(3):
             away = (self.signal - found.mean(self.light, self.charge)) / self.signal
             bright = self.signal > 0.05 * self.signal.max()
             usual = 1.4826 * float(np.median(np.abs(away[bright])))
-            sound = ~bright | (np.abs(away) < max(8 * usual, 3e-3))
-            if (sound == self.sound).all() or np.count_nonzero(sound) < 4:
-                return self
-            self = replace(self, sound=sound)
-            found = self.flexible()
-        return self
+            before, sound = sound, ~bright | (np.abs(away) < max(8 * usual, 3e-3))
+            if (sound == before).all() or np.count_nonzero(sound) < 4:
+                return replace(self, sound=before)
+            found = replace(wide, sound=sound).flexible("soft_l1")
+        return replace(self, sound=sound)
 
     def with_own_scatter(self, fit: ResponseFit | None = None) -> _Problem:
         """Add to the errors of variances what scatters beyond them, the same share of every level."""
@@ -216,7 +220,7 @@ class _Problem:
             {}, self.full, (), (1.0, 1.0), 0.0, np.zeros(0), 1.0,
         )  # fmt: skip
 
-    def fitted(self, order: float, offset: bool) -> tuple[ResponseFit, float]:
+    def fitted(self, order: float, offset: bool, loss: str = "linear") -> tuple[ResponseFit, float]:
         """Return the best model of a kind, and its sum of squares."""
         rate = float((self.signal * self.light).sum() / (self.light**2).sum())
         gain = float(np.median((self.variance - self.dark) / self.signal))
@@ -227,7 +231,7 @@ class _Problem:
         upper = [np.inf, np.inf, *([most] if order else []), *([np.inf] if offset else [])]
         found = scipy.optimize.least_squares(
             lambda v: np.concatenate(self.residuals(self.model(v, order, offset))),
-            start, x_scale=scale, bounds=(lower, upper), xtol=1e-14, ftol=1e-14, gtol=1e-14,
+            start, x_scale=scale, bounds=(lower, upper), loss=loss, xtol=1e-14, ftol=1e-14, gtol=1e-14,
         )  # fmt: skip
         return self.model(found.x, order, offset), 2 * float(found.cost)
 

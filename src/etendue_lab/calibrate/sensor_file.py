@@ -106,19 +106,24 @@ def text(models: list[SensorModel], frames: FrameSet, pitch: float | None, diges
 
 
 def _waves(model: SensorModel, entry: object) -> None:
-    """State waves in the form of the stage ``periodic_pattern``."""
+    """State waves as parameters of a stage of the role of periodic patterns."""
     put = entry
     if model.dark is None or not callable(put):
         return
     waves, gain = model.dark.waves, model.response.gain
     if waves:
         stage = (
-            f"use = 'periodic_pattern'; amplitudes = {[float(f'{w.amplitude / gain:.5g}') for w in waves]}; "
+            f"amplitudes = {[float(f'{w.amplitude / gain:.5g}') for w in waves]}; "
             f"frequencies_y = {[float(f'{w.along_y:.7g}') for w in waves]}; "
             f"frequencies_x = {[float(f'{w.along_x:.7g}') for w in waves]}; "
             f"phases = {[float(f'{w.phase:.5g}') for w in waves]}"
         )
-        put("facts", "periodic_pattern", quoted(stage), "a stage before adc; a sensor's name alone does not add it")
+        put(
+            "facts",
+            "waves",
+            quoted(stage),
+            "parameters of a stage of the role 'periodic pattern'; a sensor adds no stage",
+        )
     if model.dark.outliers or (model.light and model.light.outliers):
         bright = model.light.outliers if model.light else 0
         put("facts", "outliers", quoted(f"{model.dark.outliers} of the dark, {bright} of the response"),
