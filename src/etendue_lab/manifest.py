@@ -24,6 +24,7 @@ def etendue_commands() -> Document:
             ("quality", "comparisons:quality", "FILE", "compare every camera of a sweep with the ideal one"),
             ("noise", "comparisons:noise", "FILE", "report noise after every stage, predicted and measured"),
             ("emva", "emva:emva", "FILE", "measure a sensor by EMVA 1288, beside expected values"),
+            ("calibrate", "calibrate:calibrate", "FRAMES", "make a sensor file from real frames, and check it"),
             ("measure", "measure:measure", "PICTURE", "measure a photograph: MTF, noise, ColorChecker"),
             (
                 "information",

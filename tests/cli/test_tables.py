@@ -2,12 +2,14 @@
 
 import json
 import re
+import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from etendue.accuracy.answers.error import AnswerError, AnswerErrors, Part
@@ -20,11 +22,14 @@ from etendue.present.terminal.cells import cells
 from etendue.present.terminal.terminal import outcome_document
 from etendue.result_files import finite
 from etendue_camera.cli.sensors import sensor_document
+from etendue_lab.calibrate.study import calibrated
 from etendue_lab.compare import ranking
 from etendue_lab.compare.compared import ComparedRow
 from etendue_lab.compare.study import Comparison
+from etendue_lab.emva.frames import measured
 from etendue_lab.stability.rows import LawCase, counts, document, groups, single
 from tests.run.small import plan_of, run
+from tests.studies.desk import measurement
 
 ROOT = Path(__file__).parents[2]
 WRITTEN = json.loads((ROOT / "tests" / "data" / "tables.json").read_text())  # by commands, with few rows
@@ -91,6 +96,20 @@ def measured_errors(found: Any) -> list[Any]:
     return [*errors, *({} for one in errors if "linear" in one)]
 
 
+def real_frames() -> tuple[tuple[Any, ...], Any]:
+    with tempfile.TemporaryDirectory() as folder:
+        np.savez(Path(folder) / "frames.npz", **measurement(levels=8, stack=2, size=32))
+        document = measured(Path(folder) / "frames.npz", None, None)
+    return (document,), document
+
+
+def a_calibration() -> tuple[tuple[Any, ...], Any]:
+    with tempfile.TemporaryDirectory() as folder:
+        np.savez(Path(folder) / "frames.npz", **measurement(levels=8, stack=2, size=32))
+        document, _ = calibrated(Path(folder) / "frames.npz", None, None, None, True)
+    return (document,), document
+
+
 MERGED = frozenset({"curve", "rest", "last"})
 CASES = {
     "plan": Case(f"{ENGINE}.terminal:print_plan", (of("stages"),), written("plan")),
@@ -140,6 +159,12 @@ CASES = {
     ),
     "losses": Case(f"{LAB}.losses.terminal:print_losses", (of("losses", 0, "stages"),), written("losses")),
     "emva": Case(f"{LAB}.emva.terminal:print_emva", (of("channels", 0, "figures"),), written("emva")),
+    "calibrate": Case(
+        f"{LAB}.calibrate.terminal:print_calibration",
+        (of("channels", 0, "parameters"), of("checks", 0, "levels")),
+        a_calibration,
+    ),
+    "emva FRAMES": Case(f"{LAB}.emva.frames:print_measured", (of("channels", 0, "figures"),), real_frames),
     "measure": Case(
         f"{LAB}.measure.terminal:print_photograph",
         (

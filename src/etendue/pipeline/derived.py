@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 
 from etendue.pipeline.file import PipelineFile, StageEntry
-from etendue.pipeline.presets import preset
+from etendue.pipeline.presets import preset_at
 from etendue.types.documents import DocumentView
 
 
@@ -91,7 +91,7 @@ def at_value(pipeline: PipelineFile, key: str, value: object) -> PipelineFile:
         return pipeline  # a fault, which the planner reports
     own = {k: v for k, v in table.items() if k not in (word, "label")}
     named = str(table.get(word, pipeline.preset_name))
-    values = preset(named, pipeline.table).values() if named else {}
+    values = preset_at(named, pipeline.table, pipeline.folder).values() if named else {}
     return replace(pipeline, preset_name=named, preset=values, shared={**pipeline.shared, **own})
 
 

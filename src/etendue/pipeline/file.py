@@ -26,7 +26,7 @@ from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.about import About, read_about
 from etendue.pipeline.form import Words
 from etendue.pipeline.overrides import TOP, apply_overrides, axes_of, axis_name, by_one_name
-from etendue.pipeline.presets import preset
+from etendue.pipeline.presets import preset_at
 from etendue.types.documents import Document, DocumentView
 
 PRECISIONS, NORMS = ("auto", "float32", "float64"), ("rms", "max")
@@ -182,7 +182,9 @@ def parse_pipeline(
     given = by_one_name(overrides or {}, document)
     for place in apply_overrides(document, given, file):
         lines[place] = 0  # the value is no longer the one in the file
-    return replace(from_document(document, file), folder=folder, text=text, lines=lines, overrides=tuple(given.items()))
+    return replace(
+        from_document(document, file, folder), folder=folder, text=text, lines=lines, overrides=tuple(given.items())
+    )
 
 
 def overridden(pipeline: PipelineFile, overrides: DocumentView) -> PipelineFile:
@@ -190,7 +192,7 @@ def overridden(pipeline: PipelineFile, overrides: DocumentView) -> PipelineFile:
     document = pipeline.document()
     given = by_one_name(overrides, document)
     lines = {**pipeline.lines, **dict.fromkeys(apply_overrides(document, given, pipeline.file), 0)}
-    made = from_document(document, pipeline.file)
+    made = from_document(document, pipeline.file, pipeline.folder)
     return replace(
         made,
         folder=pipeline.folder,
@@ -258,7 +260,7 @@ def _lines(text: str) -> dict[str, int]:
     return {**axes, **found}
 
 
-def from_document(document: DocumentView, file: str = "") -> PipelineFile:
+def from_document(document: DocumentView, file: str = "", folder: Path = Path(".")) -> PipelineFile:
     """Return a pipeline from a document. Faults of its form are in ``faults``; a document beyond the size limits is
     refused.
     """
@@ -281,7 +283,7 @@ def from_document(document: DocumentView, file: str = "") -> PipelineFile:
     shared = words.table(table.name)
     words.table("sweep")  # reports a fault if it is not a table
     sweep = axes_of(document, faults)
-    named, values = _preset(table, shared, faults)
+    named, values = _preset(table, shared, folder, faults)
     stages, whole = _stages(document.get("stages"), faults)
     return PipelineFile(
         name=words.name(Path(file).stem or "pipeline"),
@@ -318,7 +320,7 @@ def _meant(key: str, table: Table) -> str:
     return nearest(key, [*TOP, *tables()])
 
 
-def _preset(table: Table, shared: DocumentView, faults: list[Fault]) -> tuple[str, Document]:
+def _preset(table: Table, shared: DocumentView, folder: Path, faults: list[Fault]) -> tuple[str, Document]:
     """Return the preset that a table names, and its values; the name itself is not a quantity."""
     name, place = shared.get(table.preset, "") if table.preset else "", table.place(table.preset)
     if not isinstance(name, str):
@@ -327,7 +329,7 @@ def _preset(table: Table, shared: DocumentView, faults: list[Fault]) -> tuple[st
     if not name:
         return "", {}
     try:
-        return name, preset(name, table).values()
+        return name, preset_at(name, table, folder).values()
     except RequestError as error:
         faults += [Fault(place, fault.message) for fault in error.faults]
         return "", {}

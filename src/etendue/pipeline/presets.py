@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from etendue import plain_files
 from etendue.contract.values.tables import Table, tables
 from etendue.errors import RequestError, nearest
 from etendue.plugins import discovery
@@ -78,8 +79,43 @@ def preset(name: str, table: Table | None = None) -> Preset:
     if clash := found.clash(table.presets, name):
         raise RequestError(f"the {what} {name!r} is {clash}")
     (one,) = brought
+    return _read(one.value, name, table, one.origin, one.distribution, one.version)
+
+
+def is_file(name: str) -> bool:
+    """Return whether the name of a preset is the path of a file: ``./mine.toml``."""
+    return name.endswith(".toml")
+
+
+def preset_at(name: str, table: Table | None, folder: Path) -> Preset:
+    """Return a preset by its name, or from a file: ``./mine.toml`` next to the pipeline in ``folder``.
+
+    Raises
+    ------
+    RequestError
+        As `preset`; or the file cannot be read. A record of an archive may come from anywhere and names no files.
+    """
+    if not is_file(name):
+        return preset(name, table)
+    table = table or next((one for one in tables().values() if one.presets), None)
+    if table is None or not table.presets or folder.name == "runs":
+        raise RequestError(f"{name!r}: a file is no {table.preset if table else 'preset'} here; write its values out")
+    path = (folder / name).absolute()
     try:
-        document = one.value
+        text = plain_files.table(path).decode("utf-8")
+        document = tomllib.loads(text, parse_float=Decimal)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or plain(str(error))
+        raise RequestError(
+            f"the {table.preset} {name!r} cannot be read: {why}; relative paths start at the pipeline's folder"
+        ) from None
+    return _read(document, name, table, str(path), "", "")
+
+
+def _read(document: Any, name: str, table: Table, origin: str, distribution: str, version: str) -> Preset:
+    """Return a preset from a document, or from the path of its file."""
+    what = table.preset
+    try:
         if not isinstance(document, Mapping):
             document = tomllib.loads(Path(document).read_text(encoding="utf-8"), parse_float=Decimal)
         read = {
@@ -93,5 +129,5 @@ def preset(name: str, table: Table | None = None) -> Preset:
     except (OSError, ValueError, TypeError, AttributeError, KeyError) as error:
         lacking = f"{error} is missing" if isinstance(error, KeyError) else plain(str(error))
         form = f"expected title, kind, description, and a value and its source under {table.name}.NAME"
-        raise RequestError(f"the {what} {name!r} of {one.origin} cannot be read: {lacking}; {form}") from error
-    return Preset(name, *words, read[table.name], read["facts"], one.distribution, one.version)
+        raise RequestError(f"the {what} {name!r} of {origin} cannot be read: {lacking}; {form}") from error
+    return Preset(name, *words, read[table.name], read["facts"], distribution, version)

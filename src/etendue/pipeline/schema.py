@@ -197,7 +197,7 @@ def _axis(name: str, kind: Any) -> Document:
 
 def _shared(table: Table, given: DocumentView) -> Document:
     """Return the schema of a table of shared quantities, with its preset key."""
-    named = {"enum": list(preset_names(table)), "description": f"values of a known {table.preset}"}
+    named = {**_names(table), "description": f"values of a known {table.preset}, or a file of them"}
     return {
         "type": "object",
         "properties": {**({table.preset: named} if table.preset else {}), **given},
@@ -205,9 +205,13 @@ def _shared(table: Table, given: DocumentView) -> Document:
     }
 
 
+def _names(table: Table) -> Document:
+    return {"anyOf": [{"enum": list(preset_names(table))}, {"type": "string", "pattern": r"\.toml$"}]}
+
+
 def _presets(table: Table, given: DocumentView) -> Document:
     """Return the schema of the axis of presets: names, or tables of quantities."""
-    name = {"enum": list(preset_names(table))}
+    name = _names(table)
     own = {
         "type": "object",
         "properties": {table.preset: name, "label": {"type": "string", "pattern": PLAIN}, **given},

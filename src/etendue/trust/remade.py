@@ -219,7 +219,7 @@ def _given(text: str, overrides: Mapping[str, str], asked: Plan, resolved: str) 
         given = {key: tomllib.loads(f"v = {value}", parse_float=Decimal)["v"] for key, value in overrides.items()}
         apply_overrides(document, given)
         document = _placed(document, tomllib.loads(resolved, parse_float=Decimal))
-        made = from_document(document, asked.pipeline.file)
+        made = from_document(document, asked.pipeline.file, asked.pipeline.folder)
         made = replace(
             made, folder=asked.pipeline.folder, most_cells=asked.pipeline.most_cells, overrides=tuple(given.items())
         )

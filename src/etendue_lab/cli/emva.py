@@ -1,4 +1,4 @@
-"""The ``emva`` command: measure a simulated sensor as a laboratory would."""
+"""The ``emva`` command: measure a simulated or a real sensor as a laboratory would."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from etendue.cli.saying import command, later
 
 
 @command("emva")
-@click.argument("file", type=click.Path(path_type=Path), metavar="FILE|ARCHIVE")
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE|ARCHIVE|FRAMES")
 @options.settings("Override a value: camera.sensor=sony-imx363, camera.integration_time='1 s'")
 @click.option(
     "--pixels",
@@ -20,6 +20,8 @@ from etendue.cli.saying import command, later
     metavar="N",
     help="Height and width of the window that is read, in pixels.",
 )
+@click.option("--window", metavar="X,Y,W,H", help="Of real frames: the rectangle that is used, in pixels.")
+@click.option("--pattern", metavar="RGGB", help="Of real frames: their 2 x 2 colour filter array; default: mono.")
 @options.JSON
 @options.gather
 @later("etendue_lab.emva.terminal:emva_command")
@@ -30,7 +32,8 @@ def emva() -> None:
     exposure time: system gain, read noise, dark current, full well, DSNU, PRNU, linearity, saturation, sensitivity
     threshold, dynamic range and SNR for each channel. For an ARCHIVE, the frames are those stored: a uniform scene
     swept over reflectance (0 and 1) and integration time, two frames each, as in pipelines/emva.toml; each camera of
-    the sweep is measured.
+    the sweep is measured. For real FRAMES: a folder of PNG, TIFF or DNG files, a .npz file, a CSV table (file, time_s,
+    photons or relative_light, kind), or the descriptor of an EMVA reference set; two or more frames of each exposure.
 
     Exit codes: 0 done, 2 invalid request, 3 some channels could not be measured.
     """

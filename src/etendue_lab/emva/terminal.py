@@ -6,7 +6,6 @@ Out: a table for each channel: metric, measured, interval, expected.
 
 from __future__ import annotations
 
-import math
 import sys
 
 from rich.table import Table
@@ -16,24 +15,12 @@ from etendue.cli.saying import tell
 from etendue.errors import RequestError
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.types.documents import Document
+from etendue_lab.emva.frames import measured, print_measured, text_of, unit_of
+from etendue_lab.emva.names import NAMES
 from etendue_lab.emva.study import of_archive, of_pipeline
+from etendue_lab.frames.reading import are_frames
 
-NAMES = {
-    "gain": "system gain K",
-    "read_noise": "read noise",
-    "dark_current": "dark current",
-    "full_well": "full well",
-    "dsnu": "DSNU1288",
-    "prnu": "PRNU1288",
-    "linearity_error": "linearity error",
-    "saturation_capacity": "saturation capacity",
-    "absolute_sensitivity": "sensitivity limit",
-    "dynamic_range": "dynamic range",
-    "snr_max": "SNR max",
-    "quantum_efficiency": "quantum efficiency",
-}
 SENSORS = 900  # docs/emva.md
-PERCENT = ("prnu", "linearity_error", "quantum_efficiency")
 
 
 def print_emva(document: Document) -> None:
@@ -70,29 +57,28 @@ def print_emva(document: Document) -> None:
 
 
 def _figures(title: str, rows: list[Document]) -> Table:
-    units = {row["figure"]: "%" if row["figure"] in PERCENT else row["unit"] for row in rows}
     columns = (
-        ("metric", "left", lambda row: f"{NAMES[row['figure']]}, {units[row['figure']]}".removesuffix(", 1")),
-        ("measured", "right", lambda row: _text(row, "value")),
+        ("metric", "left", lambda row: f"{NAMES[row['figure']]}, {unit_of(row)}".removesuffix(", 1")),
+        ("measured", "right", lambda row: text_of(row, "value")),
         (
             "interval",
             "left",
-            lambda row: " to ".join(own) if any(own := [_text(row, end) for end in ("low", "high")]) else "",
+            lambda row: " to ".join(own) if any(own := [text_of(row, end) for end in ("low", "high")]) else "",
         ),
-        ("expected", "right", lambda row: _text(row, "expected")),
+        ("expected", "right", lambda row: text_of(row, "expected")),
         ("held", "left", "held", lambda held: "yes" if held else "no"),
     )
     return _table(title, *columns, rows=rows)
 
 
-def _text(row: Document, name: str) -> str:
-    value, scale = row[name], 100.0 if row["figure"] in PERCENT else 1.0
-    if value is None or math.isnan(value):
-        return ""
-    return f"{scale * value:.0f}" if 1e3 <= abs(scale * value) < 1e7 else f"{scale * value:.4g}"
-
-
-def emva_command(given: options.Given, pixels: int, as_json: bool) -> None:
+def emva_command(given: options.Given, pixels: int, window: str | None, pattern: str | None, as_json: bool) -> None:
+    if are_frames(given.file):
+        if given.settings:
+            raise RequestError("--set: real frames have no values to change; omit it")
+        tell(as_json, measured(given.file, window, pattern), print_measured)
+        return
+    if window or pattern:
+        raise RequestError("--window and --pattern are for real frames; for a pipeline give --pixels")
     if given.file.is_dir():
         if given.settings:
             raise RequestError("--set: cannot change an archive; give its pipeline file instead")

@@ -24,7 +24,7 @@ from etendue.contract.values.parameter import Parameter
 from etendue.errors import ArchiveError
 from etendue.pipeline import toml
 from etendue.pipeline.file import PipelineFile
-from etendue.pipeline.presets import preset
+from etendue.pipeline.presets import is_file, preset_at
 from etendue.plan.identity.keys import file_digest
 from etendue.plan.model import Plan
 from etendue.plan.wiring.parameters import resolve_file
@@ -80,10 +80,12 @@ class _Resolver:
     def preset(self, table: DocumentView) -> Document:
         """Return an axis preset with the values its name stands for: a later version may define it differently."""
         whose = self.pipeline.table
-        named = preset(table[whose.preset], whose).values() if whose.preset in table else {}
+        named = preset_at(table[whose.preset], whose, self.pipeline.folder).values() if whose.preset in table else {}
         known = {
             name: value for name, value in named.items() if name in self.shared and name not in self.pipeline.shared
         }
+        if is_file(str(table.get(whose.preset, ""))):  # an archive names no files: its values stand alone
+            table = {"label": table[whose.preset], **{k: v for k, v in table.items() if k != whose.preset}}
         return {
             name: self.value(value, self.shared.get(name, (None,))[0]) for name, value in {**known, **table}.items()
         }
@@ -129,7 +131,8 @@ def resolve_pipeline(plan: Plan) -> Resolved:
     stated = {} if pipeline.preset_swept else pipeline.preset
     given = {name: value for name, value in stated.items() if name in found.shared and name not in pipeline.sweep}
     shared = found.table({**given, **pipeline.shared}, found.shared)
-    named = {pipeline.table.preset: pipeline.preset_name} if pipeline.preset_name and not pipeline.preset_swept else {}
+    by_name = pipeline.preset_name and not pipeline.preset_swept and not is_file(pipeline.preset_name)
+    named = {pipeline.table.preset: pipeline.preset_name} if by_name else {}
     document[pipeline.table.name] = named | shared
     document["stages"] = [
         {

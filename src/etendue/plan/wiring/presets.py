@@ -14,8 +14,8 @@ from etendue.contract.values import quantities
 from etendue.contract.values.parameter import MISSING
 from etendue.contract.values.tables import Table
 from etendue.contract.values.units import as_written
-from etendue.errors import RequestError, nearest
-from etendue.pipeline.presets import preset, preset_names
+from etendue.errors import Fault, RequestError, nearest
+from etendue.pipeline.presets import is_file, preset, preset_at, preset_names
 from etendue.plan.model import Axis
 from etendue.plan.request import Request
 from etendue.plan.wiring.parameters import Unfit, resolve
@@ -49,6 +49,13 @@ def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | No
             place, f"unknown {whose.name} quantity {name!r}{nearest(name, [*words, *declared, *quantities.names()])}"
         )
     named = {name for known in preset_names(whose) for name in _stated(known, whose)}
+    for table in tables.values():  # a file's values, beside those of installed ones
+        if word in table and is_file(str(table[word])):
+            try:
+                named |= preset_at(str(table[word]), whose, request.pipeline.folder).values().keys()
+            except RequestError as error:
+                request.faults += [Fault(place, fault.message) for fault in error.faults]
+                return None
     taken = [name for name in declared if name in own or (name in named and name not in request.pipeline.shared)]
     taken = [name for name in taken if name not in request.pipeline.sweep]
     gives = {name: _column(request, name, declared[name], tables) for name in taken}
@@ -92,7 +99,7 @@ def _column(request: Request, name: str, one: Declared, tables: Mapping[str, Doc
     for label, table in tables.items():
         try:
             written = {
-                **(preset(str(table[word]), whose).values() if word in table else {}),
+                **(preset_at(str(table[word]), whose, request.pipeline.folder).values() if word in table else {}),
                 **request.pipeline.shared,
                 **table,
             }

@@ -42,6 +42,8 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
     dark_reference_temperature: float = quantity("dark_reference_temperature")
     dark_doubling: float = quantity("dark_doubling")
     sensor_serial: str = quantity("sensor_serial")
+    sensor_prnu: float = quantity("sensor_prnu")
+    sensor_dark_nonuniformity: float = quantity("sensor_dark_nonuniformity")
     prnu: float = param(0.01, at_least=0, at_most=1, doc="photo-response non-uniformity, relative rms")
     dark_nonuniformity: float = param(0.1, at_least=0, at_most=1, doc="dark current non-uniformity, relative rms")
     dark_pattern: bool = param(
@@ -54,6 +56,16 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         doc="whether each pixel has its own dark current, drawn with dark_nonuniformity; false: all have the mean",
     )
 
+    @property
+    def photo_spread(self) -> float:
+        """PRNU: that of the sensor if it states one, else the stage's own."""
+        return self.sensor_prnu if self.sensor_prnu > 0 else self.prnu
+
+    @property
+    def dark_spread(self) -> float:
+        """Dark current non-uniformity: that of the sensor if it states one, else the stage's own."""
+        return self.sensor_dark_nonuniformity if self.sensor_dark_nonuniformity > 0 else self.dark_nonuniformity
+
     def dark_charge(self, time: float) -> FloatArray:
         """Return the mean dark charge after a time, electron."""
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
@@ -62,16 +74,16 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
     def variance(self, charge: float) -> float:
         """Return the variance of both fixed patterns for a pixel with this charge, dark charge included."""
         dark = float(self.dark_charge(self.integration_time))
-        light_mean, light_variance = distributions.cut_normal_moments(self.prnu)
-        dark_mean, dark_variance = distributions.cut_normal_moments(self.dark_nonuniformity)
+        light_mean, light_variance = distributions.cut_normal_moments(self.photo_spread)
+        dark_mean, dark_variance = distributions.cut_normal_moments(self.dark_spread)
         dark_variance *= self.dark_pattern
         signal = (charge - dark_mean * dark) / light_mean
         return float(light_variance * signal**2 + dark_variance * dark**2)
 
     def datasheet(self) -> dict[str, float]:
         dark = float(self.dark_charge(1.0))
-        light_mean, light_variance = distributions.cut_normal_moments(self.prnu)
-        dark_mean, dark_variance = distributions.cut_normal_moments(self.dark_nonuniformity)
+        light_mean, light_variance = distributions.cut_normal_moments(self.photo_spread)
+        dark_mean, dark_variance = distributions.cut_normal_moments(self.dark_spread)
         return {
             "prnu": math.sqrt(light_variance) / light_mean,
             "dark_current": dark_mean * dark,
@@ -81,23 +93,24 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
     def run(self, photocurrent: FloatArray, rng_sensor: PatternRandom) -> dict[str, Array]:
         kind = photocurrent.dtype.type
         signal = photocurrent * kind(self.integration_time)
-        if self.prnu > 0:
-            signal *= rng_sensor.spread("prnu", self.prnu)
+        if self.photo_spread > 0:
+            signal *= rng_sensor.spread("prnu", self.photo_spread)
         dark = np.asarray(self.dark_charge(self.integration_time), dtype=kind)
-        if self.dark_nonuniformity > 0 and dark > 0:
+        if self.dark_spread > 0 and dark > 0:
             if self.dark_pattern:
-                dark = dark * rng_sensor.spread("dark current", self.dark_nonuniformity)
+                dark = dark * rng_sensor.spread("dark current", self.dark_spread)
             else:
-                dark = dark * kind(noise.mean_factor(self.dark_nonuniformity))
+                dark = dark * kind(noise.mean_factor(self.dark_spread))
         signal += dark
         return {"expected_charge": signal}
 
     def mean(self, photocurrent: FloatArray) -> dict[str, Array]:
         """Return the mean over many sensors."""
         kind = photocurrent.dtype.type
-        dark = self.dark_charge(self.integration_time) * noise.mean_factor(self.dark_nonuniformity)
+        dark = self.dark_charge(self.integration_time) * noise.mean_factor(self.dark_spread)
         return {
-            "expected_charge": photocurrent * kind(self.integration_time * noise.mean_factor(self.prnu)) + kind(dark)
+            "expected_charge": photocurrent * kind(self.integration_time * noise.mean_factor(self.photo_spread))
+            + kind(dark)
         }
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float | None, str]:
@@ -105,9 +118,9 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         variance of any pixel that it would add, since every pixel has at least the shot noise of its dark charge.
         """
         rounding = 2e-7 if precision == "float32" else 1e-15
-        if self.dark_pattern or self.dark_nonuniformity == 0:
+        if self.dark_pattern or self.dark_spread == 0:
             return rounding, "proved"
-        mean, variance = distributions.cut_normal_moments(self.dark_nonuniformity)
+        mean, variance = distributions.cut_normal_moments(self.dark_spread)
         odds = variance * float(self.dark_charge(ends(self.integration_time)[1])) / mean
         return rounding + (odds / (1 + odds) if math.isfinite(odds) else 1.0), "proved"
 
@@ -117,7 +130,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         if light.low is None or light.high is None:
             return Facts()
         shortest, longest = ends(self.integration_time)
-        sight, dark = 6 * self.prnu, 6 * self.dark_nonuniformity
+        sight, dark = 6 * self.photo_spread, 6 * self.dark_spread
         low = max(light.low, 0.0) * shortest * max(1 - sight, 0.0) + float(self.dark_charge(shortest)) * max(
             1 - dark, 0.0
         )

@@ -7,9 +7,10 @@ Out: full well and saturation (electrons), analogue gain, DN per electron.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from etendue.api import Stage, quantity
-from etendue_camera.electronics import amplifier
+from etendue_camera.electronics import amplifier, response
 
 
 def analogue_gain(stage: Amplifier) -> float:
@@ -57,6 +58,20 @@ class GainChain(Well, Amplifier):
     conversion_gain: float = quantity("conversion_gain")
     black_level: float = quantity("black_level")
     bits: int = quantity("bits")
+    response_bend: float = quantity("response_bend")
+    response_order: float = quantity("response_order")
+
+    def bend_scale(self) -> float:
+        """Return the charge at which the response has lost ``response_bend``: 2^bits - 1 DN, electron."""
+        return float((2**self.bits - 1) / self.dn_per_electron())
+
+    def after_bend(self, charge: Any) -> Any:
+        """Return charge after the response, electron."""
+        return response.bent(charge, self.response_bend, self.response_order, self.bend_scale())
+
+    def before_bend(self, charge: Any) -> Any:
+        """Return charge before the response, electron."""
+        return response.unbent(charge, self.response_bend, self.response_order, self.bend_scale())
 
     def dn_per_electron(self) -> float:
         return amplifier.dn_per_electron(
@@ -65,9 +80,15 @@ class GainChain(Well, Amplifier):
 
     def saturation(self) -> float:
         """Return the charge at which the full well or the top code is reached."""
-        return amplifier.saturation_charge(self.well(), self.dn_per_electron(), self.black_level, self.bits)
+        found = amplifier.saturation_charge(self.well(), self.dn_per_electron(), self.black_level, self.bits)
+        return found if self.response_bend == 0 else min(self.well(), float(self.before_bend(self._top_charge())))
+
+    def _top_charge(self) -> float:
+        """Return the charge after the response that reaches the top code, electron."""
+        return float((2**self.bits - 1 - self.black_level) / self.dn_per_electron())
 
     def white(self) -> float:
         """Return the DN between black and saturation: to the top code, or to the full well where it is reached
         first."""
-        return amplifier.white_level(self.well(), self.dn_per_electron(), self.black_level, self.bits)
+        well = self.well() if self.response_bend == 0 else float(self.after_bend(self.well()))
+        return amplifier.white_level(well, self.dn_per_electron(), self.black_level, self.bits)

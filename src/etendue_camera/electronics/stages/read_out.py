@@ -15,7 +15,7 @@ import numpy as np
 
 from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, param, proved, quantity
 from etendue_camera.arrays import Array, FloatArray
-from etendue_camera.electronics import amplifier, converter
+from etendue_camera.electronics import amplifier, converter, response
 from etendue_camera.electronics.stages.gain_chain import GainChain, ReadOut, analogue_gain
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.roles import Scaled
@@ -92,6 +92,10 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
 
     sensor_serial: str = quantity("sensor_serial")
     noise: str = quantity("noise")
+    sensor_row_pattern: float = quantity("sensor_row_pattern")
+    sensor_column_pattern: float = quantity("sensor_column_pattern")
+    sensor_row_noise: float = quantity("sensor_row_noise")
+    sensor_column_noise: float = quantity("sensor_column_noise")
     row_pattern: float = param(
         0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by row, fixed per sensor"
     )
@@ -106,52 +110,74 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
     )
 
     @property
+    def of_row_pattern(self) -> float:
+        """That of the sensor if it states one, else the stage's own."""
+        return self.sensor_row_pattern if self.sensor_row_pattern > 0 else self.row_pattern
+
+    @property
+    def of_column_pattern(self) -> float:
+        """That of the sensor if it states one, else the stage's own."""
+        return self.sensor_column_pattern if self.sensor_column_pattern > 0 else self.column_pattern
+
+    @property
+    def of_row_noise(self) -> float:
+        """That of the sensor if it states one, else the stage's own."""
+        return self.sensor_row_noise if self.sensor_row_noise > 0 else self.row_noise
+
+    @property
+    def of_column_noise(self) -> float:
+        """That of the sensor if it states one, else the stage's own."""
+        return self.sensor_column_noise if self.sensor_column_noise > 0 else self.column_noise
+
+    @property
     def common_draws(self) -> bool:
         return self.noise == "common"
 
     def variance(self, charge: float) -> float:
-        return self.row_pattern**2 + self.column_pattern**2 + self.row_noise**2 + self.column_noise**2
+        return self.of_row_pattern**2 + self.of_column_pattern**2 + self.of_row_noise**2 + self.of_column_noise**2
 
     def datasheet(self) -> dict[str, float]:
         return {
-            "read_noise": math.hypot(self.row_noise, self.column_noise),
-            "dsnu": math.hypot(self.row_pattern, self.column_pattern),
+            "read_noise": math.hypot(self.of_row_noise, self.of_column_noise),
+            "dsnu": math.hypot(self.of_row_pattern, self.of_column_pattern),
         }
 
     def halo(self) -> int | None:
         """Return None where new column offsets are drawn: they are drawn once for all rows."""
-        return None if self.column_noise > 0 else 0
+        return None if self.of_column_noise > 0 else 0
 
     def run(self, charge: FloatArray, rng: np.random.Generator, rng_sensor: PatternRandom) -> dict[str, Array]:
         kind = charge.dtype.type
         *leading, rows, columns = charge.shape
         offset = np.zeros((1, 1), dtype=charge.dtype)
-        if self.row_pattern > 0:
-            offset = offset + kind(self.row_pattern) * rng_sensor.row_normal("row")
-        if self.column_pattern > 0:
-            offset = offset + kind(self.column_pattern) * rng_sensor.column_normal("column")
-        if self.row_noise > 0:
-            offset = offset + kind(self.row_noise) * rng.standard_normal((*leading, rows, 1), dtype=charge.dtype)
-        if self.column_noise > 0:
-            offset = offset + kind(self.column_noise) * rng.standard_normal((*leading, 1, columns), dtype=charge.dtype)
+        if self.of_row_pattern > 0:
+            offset = offset + kind(self.of_row_pattern) * rng_sensor.row_normal("row")
+        if self.of_column_pattern > 0:
+            offset = offset + kind(self.of_column_pattern) * rng_sensor.column_normal("column")
+        if self.of_row_noise > 0:
+            offset = offset + kind(self.of_row_noise) * rng.standard_normal((*leading, rows, 1), dtype=charge.dtype)
+        if self.of_column_noise > 0:
+            offset = offset + kind(self.of_column_noise) * rng.standard_normal(
+                (*leading, 1, columns), dtype=charge.dtype
+            )
         return {"charge": charge + offset}
 
     def mean(self, charge: FloatArray) -> dict[str, Array]:
         return {"charge": charge}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        quiet = self.row_pattern == self.column_pattern == self.row_noise == self.column_noise == 0
+        quiet = self.of_row_pattern == self.of_column_pattern == self.of_row_noise == self.of_column_noise == 0
         return (0.0, "there is no row or column noise") if quiet else None
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """Keep the facts, except with fixed patterns, which are unbounded: the expected value is unchanged."""
-        return facts["charge"] if self.row_pattern == self.column_pattern == 0 else Facts()
+        return facts["charge"] if self.of_row_pattern == self.of_column_pattern == 0 else Facts()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
-    """Convert charge to codes by amplifier and ADC: gain, pedestal, rounding, top code 2^n - 1, which a high gain
-    reaches below the full well.
+    """Convert charge to codes by amplifier and ADC: a response that may bend, gain, pedestal, rounding, top code
+    2^n - 1, which a high gain reaches below the full well.
     """
 
     role: ClassVar = "converter"
@@ -169,19 +195,22 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
             self
         )  # rejects unattainable ISO speeds, and black levels that leave no codes, before anything runs
         converter.top_code(self.bits, self.black_level)
+        response.check(self.response_bend, self.response_order, self.bend_scale())
 
     def variance(self, charge: float) -> float:
         return 1 / (12 * self.dn_per_electron() ** 2)
 
     def datasheet(self) -> dict[str, float]:
         gain = self.dn_per_electron()
-        return {"gain": gain, "full_well": (2**self.bits - 1 - self.black_level) / gain}
+        return {"gain": gain, "full_well": float(self.before_bend((2**self.bits - 1 - self.black_level) / gain))}
 
     def run(self, charge: FloatArray) -> dict[str, Array]:
-        return {"raw": converter.digitise(charge, self.dn_per_electron(), self.black_level, self.bits)}
+        return {"raw": converter.digitise(self.after_bend(charge), self.dn_per_electron(), self.black_level, self.bits)}
 
     def mean(self, charge: FloatArray) -> dict[str, Array]:
-        return {"raw": converter.unrounded(charge, self.dn_per_electron(), self.black_level, self.bits)}
+        return {
+            "raw": converter.unrounded(self.after_bend(charge), self.dn_per_electron(), self.black_level, self.bits)
+        }
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
         """Return the brightest charge over that of the top code or the full well: full scale is there."""
@@ -209,6 +238,7 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
 @dataclass(frozen=True, kw_only=True)
 class Linearise(KnownNoise, Scaled):
     """Scale to (DN - black) / (white - black): 1 where pixels saturate, at full well or top code; negatives are kept.
+    A response that bends (``response_bend``) is inverted.
 
     ``clipping_level`` is the lowest value of a clipped pixel: rounding, and noise after a full well that lies below the
     top code, bring it slightly below 1 (four sigma of read noise and offsets).
@@ -227,8 +257,21 @@ class Linearise(KnownNoise, Scaled):
     def run(self, raw: Array) -> dict[str, Array]:
         white = self.white()
         sigma = math.hypot(self.read_sigma(), self.dsnu)
+        if self.response_bend > 0:
+            return self._straightened(raw, white, sigma)
         lowest = amplifier.lowest_clipped_code(self.well(), self.dn_per_electron(), self.black_level, self.bits, sigma)
         return {
             "mosaic_linear": converter.linearise(raw, self.black_level, self.bits, np.float64, white),
             "clipping_level": np.array(lowest / white),
+        }
+
+    def _straightened(self, raw: Array, white: float, sigma: float) -> dict[str, Array]:
+        """Invert the response first, so that values are proportional to light again."""
+        gain, full = self.dn_per_electron(), self.saturation()
+        codes = np.asarray(raw, dtype=np.float64) - self.black_level
+        well = float(self.after_bend(self.well()))
+        lowest = amplifier.lowest_clipped_code(well, gain, self.black_level, self.bits, sigma)
+        return {
+            "mosaic_linear": self.before_bend(codes / gain) / full,
+            "clipping_level": np.array(float(self.before_bend(lowest / gain)) / full),
         }

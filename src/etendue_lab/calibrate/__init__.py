@@ -1,0 +1,1 @@
+"""A sensor file from real frames, and its check against them."""

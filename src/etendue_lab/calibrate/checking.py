@@ -1,0 +1,140 @@
+"""The loop closed: the fitted camera's frames beside the real ones, level by level, unscaled.
+
+In:  a measurement, its calibration.
+Out: rows of levels: mean, variance, spatial spread, histogram distance, row and column spectra; measured and predicted.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from etendue.types.documents import Document
+from etendue_camera.arrays import Array
+from etendue_lab.calibrate.sensor_model import SensorModel
+from etendue_lab.calibrate.simulating import SimulatedSensor
+from etendue_lab.frames.frame_set import FrameSet
+from etendue_lab.frames.moments import MONO, LevelMoments, Site
+
+BETWEEN = (0.02, 0.9)  # of saturation, where the check is judged
+LIMITS = {"variance_rms": 0.012, "variance_worst": 0.03, "mean_worst": 0.005}
+SIDE = 256  # pixels of simulated frames, at most
+
+
+@dataclass(frozen=True)
+class _Simulated:
+    mean: float
+    variance: float
+    spatial: float
+    histogram: Array
+    spectra: tuple[float, float]
+
+
+def check(frames: FrameSet, model: SensorModel, site: Site = MONO, seed: int = 0) -> Document:
+    """Return the check: rows of levels and its verdicts."""
+    curve, fit = model.curve, model.response
+    step = site[2]
+    shape = tuple(min(size // step, SIDE) for size in frames.shape)
+    sensor = SimulatedSensor(model, (shape[0], shape[1]), seed)
+    rows = []
+    for i, (level, own) in enumerate(zip(curve.levels, curve.moments, strict=True)):
+        light = np.array(own.light)
+        dark = float(curve.dark_variance[0, i])
+        predicted = float(fit.mean(light)) if own.share_at(curve.top) < 1e-3 or own.top < curve.top else math.nan
+        fits = math.isnan(predicted) or abs(predicted / float(curve.signal[0, i]) - 1) < 0.01
+        shown = own.light if fits else sensor.light_of(float(curve.signal[0, i]))
+        simulated = _simulated(sensor, own.time, shown, min(own.frames, 16))
+        real = frames.cut(level.frames[0])[site[0] :: step, site[1] :: step][: shape[0], : shape[1]].astype(float)
+        signal = float(curve.signal[0, i])
+        at_mean = float(fit.variance_at(np.array(signal), np.array(dark)))
+        low, high = _interval(own, i)
+        rows.append(
+            {
+                "level": i,
+                "time": own.time,
+                "light": own.light,
+                "frames": own.frames,
+                "signal": signal,
+                "signal_predicted": predicted,
+                "variance": float(own.variance[0]),
+                "variance_low": low,
+                "variance_high": high,
+                "variance_predicted": at_mean,
+                "spatial": float(own.spatial[0]),
+                "spatial_error": _error(own.spatial),
+                "spatial_predicted": simulated.spatial,
+                "histogram_distance": _distance(own.histogram, simulated.histogram),
+                "histogram_expected": _chance(own, simulated.histogram),
+                "row_spectrum": _lines(real)[0],
+                "row_spectrum_predicted": simulated.spectra[0],
+                "column_spectrum": _lines(real)[1],
+                "column_spectrum_predicted": simulated.spectra[1],
+                "judged": bool(curve.between(*BETWEEN)[i] and own.share_at(2**model.bits - 1) < 1e-3),
+                "label_fits": fits,
+            }
+        )
+    return {"channel": model.channel, "levels": rows, **_verdicts(rows)}
+
+
+def _verdicts(rows: list[Document]) -> Document:
+    judged = [row for row in rows if row["judged"]]
+    variance = np.array([row["variance_predicted"] / row["variance"] - 1 for row in judged])
+    means = np.array([row["signal_predicted"] / row["signal"] - 1 for row in judged if row["label_fits"]])
+    stack = max(judged, key=lambda row: row["frames"], default=None)
+    found = {
+        "judged": len(judged),
+        "variance_rms": float(np.sqrt((variance**2).mean())) if variance.size else math.nan,
+        "variance_worst": float(np.abs(variance).max()) if variance.size else math.nan,
+        "mean_worst": float(np.abs(means).max()) if means.size else math.nan,
+        "labels_off": sum(not row["label_fits"] for row in judged),
+        "spatial_at_stack": stack["spatial_predicted"] / stack["spatial"] - 1 if stack else math.nan,
+        "spatial_error_at_stack": stack["spatial_error"] / stack["spatial"] if stack else math.nan,
+    }
+    return {**found, "within": {name: bool(found[name] <= most) for name, most in LIMITS.items()}, "limits": LIMITS}
+
+
+def _simulated(sensor: SimulatedSensor, time: float, light: float, count: int) -> _Simulated:
+    codes = sensor.frames(time, light, max(count, 2))
+    values = codes.astype(float)
+    moving = float(values.var(axis=0, ddof=1).mean())
+    still = values.mean(axis=0)
+    return _Simulated(
+        float(values.mean()), moving, float(still.var(ddof=1)) - moving / len(values),
+        np.bincount(codes.ravel()), _lines(values[0]),
+    )  # fmt: skip
+
+
+def _interval(own: LevelMoments, number: int) -> tuple[float, float]:
+    """Return the statistical 95 % interval of a variance."""
+    wide = 1.96 * math.sqrt(2 / (own.frames - 1) / own.pixels) * float(own.variance[0])
+    return float(own.variance[0]) - wide, float(own.variance[0]) + wide
+
+
+def _error(left_out: Array) -> float:
+    values = left_out[1:]
+    return float(np.sqrt((values.size - 1) * np.mean((values - values.mean()) ** 2)))
+
+
+def _distance(one: Array, other: Array) -> float:
+    """Return the largest difference of two cumulative distributions (Kolmogorov and Smirnov)."""
+    size = max(one.size, other.size)
+    first, second = (np.cumsum(np.pad(own, (0, size - own.size))) / own.sum() for own in (one, other))
+    return float(np.abs(first - second).max())
+
+
+def _chance(own: LevelMoments, other: Array) -> float:
+    """Return the distance that 95 % of pairs of samples of one distribution stay below; pixels of a still pattern count
+    once.
+    """
+    return 1.36 * math.sqrt(1 / own.pixels + own.frames / float(other.sum()))
+
+
+def _lines(plane: Array) -> tuple[float, float]:
+    """Return the power of row and of column means relative to that of white noise: 1 without line patterns."""
+    total = float(plane.var())
+    if total <= 0:
+        return math.nan, math.nan
+    rows, columns = (float(plane.mean(axis=axis).var()) * plane.shape[axis] / total for axis in (1, 0))
+    return rows, columns

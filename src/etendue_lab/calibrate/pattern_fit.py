@@ -1,0 +1,183 @@
+"""Fixed patterns in their parts: waves, rows and columns, shading, outliers, and what is left: white.
+
+In:  patterns of groups of frames.
+Out: each part's size with its interval, where a test at 1 % over the number of tests accepts it.
+Sources: EMVA 1288 release 4 (linear): spectrograms and defect pixels. Waves: Fisher's test of the largest line of a
+spectrum, each line refined in frequency by maximum likelihood.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy
+
+from etendue_camera.arrays import Array
+from etendue_camera.electronics import periodic
+from etendue_camera.electronics.jackknife import Estimate
+from etendue_lab.frames.patterns import Pattern
+
+LEVEL = 0.01
+MOST_WAVES = 8
+DEGREE = 3  # of the shading
+OUTLIER = 5.0  # robust standard deviations
+
+
+@dataclass(frozen=True)
+class Wave:
+    """A periodic part: amplitude in the unit of the pattern, frequencies in cycles/pixel, phase in cycles."""
+
+    amplitude: float
+    along_y: float
+    along_x: float
+    phase: float
+
+    def drawn(self, shape: tuple[int, int]) -> Array:
+        return periodic.offsets(
+            np.arange(shape[0]), np.arange(shape[1]), [self.amplitude], [self.along_y], [self.along_x], [self.phase]
+        )
+
+
+@dataclass
+class PatternFit:
+    """Parts of a pattern; sizes are standard deviations over pixels."""
+
+    total: Estimate
+    white: Estimate
+    rows: Estimate | None = None
+    columns: Estimate | None = None
+    shading: float = 0.0  # rms
+    waves: list[Wave] = field(default_factory=list)
+    outliers: int = 0
+    outlier_extremes: tuple[float, float] = (0.0, 0.0)
+    outlier_values: Array = field(default_factory=lambda: np.zeros(0))
+    surface: Array = field(default_factory=lambda: np.zeros((DEGREE + 1, DEGREE + 1)))  # Legendre coefficients
+    pixels: int = 0
+    frames: int = 0
+    tests: list[str] = field(default_factory=list)
+
+
+def fit(found: Pattern, shaded: bool) -> PatternFit:
+    """Take a pattern apart. ``shaded``: a polynomial of the third degree is taken out first: light is uneven."""
+    result = PatternFit(root(found.variance()), Estimate(math.nan, math.nan, math.nan, ""))
+    shape = found.mean.shape
+    result.pixels, result.frames = shape[0] * shape[1], found.frames
+    rest = found
+    if shaded:
+        result.surface = smooth(rest.mean)
+        surface = drawn(result.surface, shape)
+        result.shading = float(surface.std())
+        rest = rest.without(surface)
+    rest = _without_waves(rest, result)
+    mask, outliers = _outliers(rest.mean)
+    result.outliers = int(outliers.sum())
+    if result.outliers:
+        result.outlier_values = rest.mean[outliers]
+        result.outlier_extremes = (float(rest.mean[outliers].min()), float(rest.mean[outliers].max()))
+    rest = Pattern(np.where(mask, rest.groups, 0.0), rest.frames)
+    white = rest.variance()
+    for name, axis in (("rows", 1), ("columns", 0)):
+        lines = Pattern(rest.groups.mean(axis=axis + 1, keepdims=True), rest.frames)
+        count = lines.groups.size // len(lines.groups)
+        variance = _crossed(lines.groups) - white.value / shape[axis]
+        error = math.sqrt(2 / count) * (abs(variance) + float(lines.groups.var(axis=(1, 2)).mean()) / len(lines.groups)
+                                        + white.value / shape[axis])  # fmt: skip
+        p = float(scipy.special.ndtr(-variance / error * 1.0)) if error > 0 else 1.0
+        result.tests.append(f"offsets of {name}: p = {p:.2g}, accepted below {LEVEL / 2:.2g}")
+        if p < LEVEL / 2:
+            wide = 1.96 * error
+            setattr(result, name, root(Estimate(variance, variance - wide, variance + wide, "")))
+            white = Estimate(white.value - variance, white.low - variance, white.high - variance, "")
+    result.white = root(white)
+    return result
+
+
+def _crossed(groups: Array) -> float:
+    """Return the variance over pixels from products of different groups."""
+    k = len(groups)
+    return float(((groups.sum(0) ** 2 - (groups**2).sum(0)) / (k * (k - 1))).mean())
+
+
+def root(square: Estimate) -> Estimate:
+    """Return the root of a variance; its upper end is above 0."""
+    high = square.high if square.high > 0 else square.high - square.value
+    value, low, high = (math.sqrt(max(one, 0.0)) for one in (square.value, square.low, high))
+    return Estimate(value, low, high, "")
+
+
+def smooth(plane: Array) -> Array:
+    """Return the Legendre coefficients of the polynomial of the third degree through a plane, by least squares."""
+    y, x = (np.linspace(-1, 1, size) for size in plane.shape)
+    by, bx = (np.polynomial.legendre.legvander(one, DEGREE) for one in (y, x))
+    # a tensor basis on a full grid: coefficients from the two sides, those above the degree dropped
+    inverse = [np.linalg.pinv(one) for one in (by, bx)]
+    coefficients = inverse[0] @ plane @ inverse[1].T
+    degrees = np.add.outer(np.arange(DEGREE + 1), np.arange(DEGREE + 1))
+    return np.asarray(np.where(degrees <= DEGREE, coefficients, 0.0))
+
+
+def drawn(surface: Array, shape: tuple[int, ...]) -> Array:
+    """Return a surface from its coefficients."""
+    by, bx = (np.polynomial.legendre.legvander(np.linspace(-1, 1, size), DEGREE) for size in shape)
+    return np.asarray(by @ surface @ bx.T)
+
+
+def _outliers(plane: Array) -> tuple[Array, Array]:
+    middle = np.median(plane)
+    robust = 1.4826 * float(np.median(np.abs(plane - middle)))
+    # of so many normal pixels none is expected beyond
+    most = max(OUTLIER, float(-scipy.special.ndtri(0.5 * LEVEL / plane.size)))
+    outliers = np.abs(plane - middle) > most * robust
+    return ~outliers, outliers
+
+
+def _without_waves(rest: Pattern, result: PatternFit) -> Pattern:
+    """Take out waves one by one while the largest line of the spectrum is beyond what noise gives."""
+    shape = rest.mean.shape
+    for number in range(MOST_WAVES):
+        plane = rest.mean - rest.mean.mean()
+        power = np.abs(np.fft.rfft2(plane)) ** 2
+        power[0, :2] = power[:2, 0] = power[-1, 0] = 0.0  # the mean, and shading over the frame
+        background = float(np.median(power)) / math.log(2)
+        at = np.unravel_index(int(power.argmax()), power.shape)
+        p = min(1.0, power.size * math.exp(-min(float(power[at]) / background, 700.0)))
+        line = at[0] == 0 or at[1] == 0  # a row or a column pattern lies on these
+        if p >= LEVEL / MOST_WAVES or (line and float(power[at]) < 20 * _beside(power, at)):
+            result.tests.append(f"a wave beyond {number}: p = {p:.2g}, accepted below {LEVEL / MOST_WAVES:.2g}")
+            break
+        wave = _refined(plane, (float(at[0]) / shape[0], float(at[1]) / shape[1]))
+        result.waves.append(wave)
+        rest = rest.without(wave.drawn(shape))
+    # each again without the others
+    for i, wave in enumerate(result.waves if len(result.waves) > 1 else []):
+        rest = rest.without(-wave.drawn(shape))
+        result.waves[i] = _refined(rest.mean - rest.mean.mean(), (wave.along_y, wave.along_x))
+        rest = rest.without(result.waves[i].drawn(shape))
+    return rest
+
+
+def _beside(power: Array, at: tuple[np.intp, ...]) -> float:
+    """Return the usual power on the axis of a line that lies on one."""
+    own = power[:, 0] if at[1] == 0 else power[0]
+    return float(np.median(own)) / math.log(2)
+
+
+def _refined(plane: Array, start: tuple[float, float]) -> Wave:
+    """Return the wave of least squares near a frequency."""
+    y, x = np.arange(plane.shape[0]), np.arange(plane.shape[1])
+
+    def transform(f: Array) -> complex:
+        return complex(np.exp(-2j * np.pi * f[0] * y) @ plane @ np.exp(-2j * np.pi * f[1] * x))
+
+    scale = 1 / np.array(plane.shape)
+    found = scipy.optimize.minimize(
+        lambda step: -abs(transform(np.array(start) + step * scale)), np.zeros(2), method="Nelder-Mead",
+        options={"xatol": 1e-5, "fatol": 1e-9, "initial_simplex": [[0, 0], [0.3, 0], [0, 0.3]]},
+    )  # fmt: skip
+    fy, fx = np.array(start) + np.clip(found.x, -0.7, 0.7) * scale
+    value = transform(np.array([fy, fx]))
+    fy, fx = (float((one + 0.5) % 1.0 - 0.5) for one in (fy, fx))
+    half = 1 if (2 * fy) % 1 == 0 and (2 * fx) % 1 == 0 else 2  # at the Nyquist frequency both halves are one
+    return Wave(half * abs(value) / plane.size, fy, fx, float(np.angle(value) / (2 * np.pi)))

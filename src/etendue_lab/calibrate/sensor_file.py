@@ -1,0 +1,160 @@
+"""The sensor file of a calibration: a preset like the packaged ones.
+
+In:  calibrated channels, the frames' digests.
+Out: TOML: every value with its interval and how it was found.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from etendue_camera.constants import ELEMENTARY_CHARGE
+from etendue_camera.electronics.jackknife import Estimate
+from etendue_lab.calibrate.sensor_model import SensorModel
+from etendue_lab.frames.frame_set import FrameSet
+
+PITCH = 5.0  # um, where none is given
+QUIET = 1e-6  # a size that is given as found, where 0 would mean: as the stage says
+
+
+def text(models: list[SensorModel], frames: FrameSet, pitch: float | None, digests: dict[str, str]) -> str:
+    """Return the sensor file of a calibration."""
+    area = (pitch or PITCH) ** 2
+    name = frames.path.stem or frames.path.name
+    combined = digest_of(digests)
+    source = "measured"
+    lines = [
+        f"title = {quoted(f'calibrated from {name}')}",
+        'kind = "calibrated"',
+        f"description = {quoted(f'{len(frames.frames)} frames of {frames.shape[1]} x {frames.shape[0]} pixels; SHA-256 of their digests {combined[:16]}')}",  # noqa: E501
+        "",
+    ]
+
+    def entry(table: str, key: str, value: object, note: str, source: str = source) -> None:
+        lines.extend(
+            [f"[{table}.{key}]", f"value = {value}", f"source = {quoted(source)}", f"note = {quoted(note)}", ""]
+        )
+
+    def put(key: str, name: str, scale: float = 1.0, unit: str = "", table: str = "camera") -> None:
+        """Write the mean of the channels, with an interval that holds the interval of each."""
+        found = [model.values[name] for model in models if name in model.values]
+        if not found:
+            return
+        value = float(np.mean([one.value for one in found])) * scale
+        low, high = min(one.low for one in found) * scale, max(one.high for one in found) * scale
+        how = next(model.how[name] for model in models if name in model.how)
+        shown = (
+            quoted(f"{value:.7g} {unit}")
+            if unit
+            else f"{max(value, QUIET if key.startswith('sensor_') else value):.7g}"
+        )
+        entry(table, key, shown, f"95 % interval {low:.5g} to {high:.5g}{' ' + unit if unit else ''}; {how}")
+
+    note = "as given" if pitch else "assumed, for no --pitch was given: densities refer to it, so that charges hold"
+    entry("camera", "pixel_pitch", quoted(f"{pitch or PITCH:g} um"), note, "measured" if pitch else "typical")
+    entry("camera", "aperture_fraction", "1.0", "densities and efficiency hold for the whole pixel", "definition")
+    entry("camera", "pattern", quoted(frames.pattern), "of the frames", "definition")
+    entry("camera", "bits", models[0].bits, f"highest code {max(model.curve.top for model in models)}")
+    put("conversion_gain", "gain")
+    put("read_noise", "read_noise")
+    put("dsnu", "dsnu")
+    put("black_level", "black_level")
+    bent = [model for model in models if model.response.bend > 0]
+    if bent:
+        put("response_bend", "bend")
+        order = bent[0].response.order
+        entry("camera", "response_order", f"{order:g}", "; ".join(bent[0].response.tests[:1]))
+    put("sensor_prnu", "prnu")
+    for key in ("row_noise", "column_noise", "row_pattern", "column_pattern"):
+        put(f"sensor_{key}", key)
+    if any("dark_current" in model.values for model in models):
+        put("dark_current_density", "dark_current", ELEMENTARY_CHARGE / (area * 1e-8), "A cm-2")
+        put("sensor_dark_nonuniformity", "dark_nonuniformity")
+    well = [model.values["full_well"] for model in models if "full_well" in model.values]
+    if well:
+        put("full_well_density", "full_well", 1 / area, "electron um-2")
+    else:
+        model = models[0]
+        most = 1.2 * (2**model.bits - 1) / model.response.gain
+        entry("camera", "full_well_density", quoted(f"{most / area:.6g} electron um-2"),
+              "1.2 times the charge of the top code, which is reached first", "definition")  # fmt: skip
+    efficiency = [model.values["quantum_efficiency"].value for model in models if "quantum_efficiency" in model.values]
+    if len(efficiency) == len(models):
+        letters = _by_letter(models, efficiency)
+        entry("camera", "peak_qe", json.dumps([float(f"{min(one, 1.0):.6g}") for one in letters]),
+              f"electrons per photon at the light used; {_interval(models, 'quantum_efficiency')}")  # fmt: skip
+        entry(
+            "camera", "sensitivity", quoted("flat"), "one wavelength was measured: the same at every other", "typical"
+        )
+    for key, name, unit in (
+        ("dsnu_in_all", "dsnu_total", "electron"),
+        ("prnu_in_all", "prnu_total", ""),
+        ("light_outside_the_exposure", "light_offset", "DN"),
+    ):
+        if any(name in model.values for model in models):
+            put(key, name, 1.0, unit or "relative", "facts")
+    _waves(models[0], entry)
+    for number, one in enumerate(models[0].tests):
+        entry("facts", f"test_{number + 1:02d}", quoted(one), f"channel {models[0].channel}", "definition")
+    for number, (file, digest) in enumerate(sorted(digests.items())):
+        entry("facts", f"frames_{number + 1:04d}", quoted(file), f"SHA-256 {digest}", "definition")
+    return "\n".join(lines)
+
+
+def _waves(model: SensorModel, entry: object) -> None:
+    """State waves as parameters of a stage of the role of periodic patterns."""
+    put = entry
+    if model.dark is None or not callable(put):
+        return
+    waves, gain = model.dark.waves, model.response.gain
+    if waves:
+        stage = (
+            f"amplitudes = {[float(f'{w.amplitude / gain:.5g}') for w in waves]}; "
+            f"frequencies_y = {[float(f'{w.along_y:.7g}') for w in waves]}; "
+            f"frequencies_x = {[float(f'{w.along_x:.7g}') for w in waves]}; "
+            f"phases = {[float(f'{w.phase:.5g}') for w in waves]}"
+        )
+        put(
+            "facts",
+            "waves",
+            quoted(stage),
+            "parameters of a stage of the role 'periodic pattern'; a sensor adds no stage",
+        )
+    if model.dark.outliers or (model.light and model.light.outliers):
+        bright = model.light.outliers if model.light else 0
+        put("facts", "outliers", quoted(f"{model.dark.outliers} of the dark, {bright} of the response"),
+            f"pixels beyond 5 robust standard deviations, of {model.dark.pixels}")  # fmt: skip
+
+
+def _by_letter(models: list[SensorModel], values: list[float]) -> list[float]:
+    found: dict[str, list[float]] = {}
+    for model, value in zip(models, values, strict=True):
+        found.setdefault(model.channel[0], []).append(value)
+    return [float(np.mean(found[letter])) for letter in sorted(found, key="RGBW".find)]
+
+
+def _interval(models: Iterable[SensorModel], name: str) -> str:
+    found: list[Estimate] = [model.values[name] for model in models]
+    return f"95 % interval {min(one.low for one in found):.5g} to {max(one.high for one in found):.5g}"
+
+
+def digest_of(digests: dict[str, str]) -> str:
+    """Return one digest of all files."""
+    import hashlib
+
+    joined = "\n".join(f"{digest}  {name}" for name, digest in sorted(digests.items()))
+    return hashlib.sha256(joined.encode()).hexdigest()
+
+
+def quoted(value: str) -> str:
+    """Return a TOML string."""
+    return json.dumps(value, ensure_ascii=True)
+
+
+def number(value: float) -> float | None:
+    """Return a number for JSON."""
+    return value if math.isfinite(value) else None

@@ -1,0 +1,115 @@
+"""Terminal output of a calibration and of its check.
+
+In:  the document of ``calibrate``.
+Out: a table of parameters, and one of levels.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+from etendue.cli.saying import tell
+from etendue.errors import RequestError
+from etendue.present.plots.plot import check_suffix
+from etendue.present.terminal.terminal import _out, _print_whole, _table, escape
+from etendue.types.documents import Document
+from etendue_lab.calibrate.study import calibrated
+
+PERCENT = ("prnu", "prnu_total", "quantum_efficiency", "bend")
+
+
+def print_calibration(document: Document) -> None:
+    """Print parameters with intervals, what would be needed for others, and the check."""
+    console = _out()
+    console.print(
+        f"{escape(document['measurement'])}: {document['frames']} frames of {document['columns']} x {document['rows']} "
+        f"pixels; {100 * document['confidence']:.0f} % intervals"
+    )
+    for one in document["channels"]:
+        columns = (
+            ("parameter", "left", lambda row: f"{row['name'].replace('_', ' ')}, {_unit(row)}".removesuffix(", ")),
+            ("value", "right", lambda row: _text(row, "value")),
+            ("interval", "left", lambda row: f"{_text(row, 'low')} to {_text(row, 'high')}"),
+            ("how", "left", "how"),
+        )
+        console.print(_table(f"channel {one['channel']}", *columns, rows=one["parameters"], wrap=("how",)))
+        for name, need in one["needs"].items():
+            console.print(f"{name.replace('_', ' ')}: needs {escape(need)}")
+        for test in one["tests"]:
+            console.print(f"test: {escape(test)}")
+    for check in document["checks"]:
+        _print_check(console, check)
+    for note in document["notes"]:
+        console.print(f"note: {escape(note)}")
+
+
+def _print_check(console: Any, check: Document) -> None:
+    columns = (
+        ("light", "right", "light", _short),
+        ("frames", "right", "frames"),
+        ("signal", "right", "signal", _short),
+        ("predicted", "right", "signal_predicted", _short),
+        ("variance", "right", "variance", _short),
+        ("predicted", "right", "variance_predicted", _short),
+        ("spatial", "right", "spatial", _short),
+        ("simulated", "right", "spatial_predicted", _short),
+        ("histogram", "right", "histogram_distance", _short),
+    )
+    title = f"check of channel {check['channel']}: DN and DN^2, unscaled"
+    _print_whole(console, title, columns, check["levels"], keys=3)
+    for name, words in (
+        ("variance_rms", "variance, rms"),
+        ("variance_worst", "variance, worst level"),
+        ("mean_worst", "mean, worst level"),
+    ):
+        verdict = "within" if check["within"][name] else "beyond"
+        console.print(
+            f"{words}: {100 * check[name]:.3g} % of {check['judged']} levels of 2 to 90 % of saturation, {verdict} "
+            f"{100 * check['limits'][name]:.3g} %"
+        )
+
+
+def _unit(row: Document) -> str:
+    return "%" if row["name"] in PERCENT else str(row["unit"])
+
+
+def _text(row: Document, name: str) -> str:
+    value, scale = row[name], 100.0 if row["name"] in PERCENT else 1.0
+    return "" if value is None or math.isnan(value) else f"{scale * value:.5g}"
+
+
+def _short(value: float | None) -> str:
+    return "" if value is None or math.isnan(value) else f"{value:.4g}"
+
+
+def calibrate_command(
+    frames: Path,
+    output: Path | None,
+    check: bool,
+    figure: Path | None,
+    pitch: float | None,
+    window: str | None,
+    pattern: str | None,
+    as_json: bool,
+) -> None:
+    if output is not None and output.suffix != ".toml":
+        raise RequestError(f"--output {output}: a sensor file ends in .toml, such as mine.toml")
+    if figure is not None:
+        check = True
+        check_suffix(figure)
+    document, text = calibrated(frames, window, pattern, pitch, check)
+    if output is not None:
+        try:
+            output.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise RequestError(f"--output {output}: {error.strerror}") from None
+        document["notes"].append(f'[camera] sensor = "./{output.name}" uses {output}')
+    if figure is not None:
+        from etendue_lab.calibrate.drawing import photon_transfer
+
+        photon_transfer(document["checks"], document["measurement"]).save(figure)
+    tell(as_json, document, print_calibration)
+    sys.exit(3 if any(not all(one["within"].values()) for one in document["checks"]) else 0)

@@ -1,0 +1,38 @@
+"""The ``calibrate`` command: a sensor file from real frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from etendue.cli import options
+from etendue.cli.saying import command, later
+
+
+@command("calibrate")
+@click.argument("frames", type=click.Path(path_type=Path), metavar="FRAMES")
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE.toml", help="Write the sensor file.")
+@click.option("--check", is_flag=True, help="Simulate the frames with the fitted camera and compare, level by level.")
+@click.option(
+    "--figure",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Of the check: photon transfer, measured and predicted: .png, .svg or .pdf.",
+)
+@click.option("--pitch", type=click.FloatRange(0, min_open=True), metavar="UM", help="Pixel pitch, um.")
+@click.option("--window", metavar="X,Y,W,H", help="The rectangle that is used, in pixels.")
+@click.option(
+    "--pattern", metavar="RGGB", help="2 x 2 colour filter array of the frames; default: that of DNG, or mono."
+)
+@options.JSON
+@later("etendue_lab.calibrate.terminal:calibrate_command")
+def calibrate() -> None:
+    """Calibrate a sensor from real frames: flat fields and dark frames, two or more of each exposure.
+
+    FRAMES: a folder of PNG, TIFF or DNG files, a .npz file, a CSV table (file, time_s, photons or relative_light,
+    kind), or the descriptor of an EMVA reference set. The sensor file has every value with its
+    95 % interval and how it was found; [camera] sensor = "./FILE.toml" uses it, and so does an axis of a sweep.
+
+    Exit codes: 0 done, 2 invalid request, 3 the check found a level beyond its limits.
+    """
