@@ -88,7 +88,8 @@ def _grids(stage: Stage, method: str, found: Any) -> Mapping[str, Grid]:
 
 def _facts(stage: Stage, method: str, found: Facts) -> Facts:
     fine = isinstance(found, Facts) and all(
-        value is None or _is_number(value) for value in (found.low, found.high, found.mean, found.contrast, found.band_limit)
+        value is None or _is_number(value)
+        for value in (found.low, found.high, found.mean, found.contrast, found.band_limit)
     )
     if not fine or found.uniform not in (None, True, False):
         raise _nonsense(stage, method, found, "Facts with numbers, or None where a value is unknown")

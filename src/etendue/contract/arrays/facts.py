@@ -101,9 +101,7 @@ class Content:
         transfer function cut off by the grid, light can overshoot them by as much as the finest detail present."""
         fine = [i for i, edge in enumerate(self.edges[:-1]) if edge > 0.25 * self.edges[-1]]
         low, high = [], []
-        for own, mean, most, row, sums in zip(
-            self.low, self.mean, self.high, self.power, self.amplitude, strict=True
-        ):
+        for own, mean, most, row, sums in zip(self.low, self.mean, self.high, self.power, self.amplitude, strict=True):
             swing = 6 * math.sqrt(sum(row[i] for i in fine))
             low.append(self.full * (max(own - swing, 0.0) if own >= 0 else own - swing))
             high.append(self.full * min(most + swing, mean + sum(sums)))  # no blur leaves more than its amplitudes

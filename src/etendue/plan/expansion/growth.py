@@ -21,9 +21,7 @@ from etendue.plan.model import Cell, CellRef
 
 def state_growth(cells: dict[CellRef, Cell]) -> None:
     """Set the growth of every cell with a decision. Bounds on noise are of distributions, and do not grow."""
-    decided = [
-        cell for cell in cells.values() if (cell.left_out and cell.left_out.bound > 0) or cell.approximated
-    ]
+    decided = [cell for cell in cells.values() if (cell.left_out and cell.left_out.bound > 0) or cell.approximated]
     decided = [cell for cell in decided if not isinstance(cell.stage, Noisy)]
     for shares in (False, True):
         own = [cell for cell in decided if cell.stage.pointwise is shares]

@@ -80,9 +80,7 @@ def _highest(light: Grid, kept: float) -> float:
 
 
 @lru_cache(96)
-def _left(
-    before: tuple[Transfer, ...], edges: tuple[float, ...], rings: tuple[float, ...], width: float
-) -> FloatArray:
+def _left(before: tuple[Transfer, ...], edges: tuple[float, ...], rings: tuple[float, ...], width: float) -> FloatArray:
     """Return the smallest share of every ring that the stages and the aperture leave, (band or 1, ring)."""
     points = scene_rings.frequencies_in(np.array(rings))
     found = np.abs(effects.in_directions(before, edges, points)).min(axis=0)
