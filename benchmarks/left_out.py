@@ -128,11 +128,10 @@ def main() -> None:
             holds = all(t <= b + 1e-11 for t, b in zip(true, bounds, strict=False)) or stage in NOISE
             wrong += left != wanted or not holds
             shown = "  ".join(f"{b:8.1e}" for b in bounds) if bounds else "       -         -"
-            print(
-                f"{stage:15s} {name:29s} {'left out' if left else 'kept    '}  {shown}   "
-                f"{true[0]:8.1e} {true[1]:8.1e}   {seconds[0]:7.4f}  {seconds[1]:7.4f}{'' if left == wanted and holds else '  WRONG'}",
-                flush=True,
-            )
+            verdict = "left out" if left else "kept    "
+            row = f"{stage:15s} {name:29s} {verdict}  {shown}   {true[0]:8.1e} {true[1]:8.1e}   "
+            right = left == wanted and holds
+            print(f"{row}{seconds[0]:7.4f}  {seconds[1]:7.4f}{'' if right else '  WRONG'}", flush=True)
     sys.exit(int(wrong > 0))
 
 

@@ -144,5 +144,5 @@ def test_a_metered_time_lies_within_what_is_known_of_it(metering):
         light = 10 + 1e4 * rng.random((40, 50)) ** power
         known = Facts(low=float(light.min()), high=float(light.max()), mean=float(light.mean()))
         facts = meter.carry({"photocurrent": known}, {})
-        assert facts.low <= meter.time(light) <= facts.high
+        assert facts.low <= meter.run(light)["integration_time"] <= facts.high
         assert meter.growth({"photocurrent": known}) >= 1
