@@ -353,16 +353,20 @@ def main() -> None:
     given = parser.parse_args()
     jobs = [(given.seed, number) for number in range(given.first, given.first + given.count)]
     rows: list[Found] = []
-    refused, spent, sparse = [], np.zeros(3), 0
+    refused, spent, sparse, full = [], np.zeros(3), 0, 0
     with multiprocessing.get_context("spawn").Pool(given.workers) as pool:
         for number, kind, why, found, *seconds in pool.imap_unordered(one, jobs):
             if why:
                 refused.append(f"{number} {kind}: {why}")
                 print(f"refused {refused[-1]}", flush=True)
                 continue
-            sparse += kind in SPARSE
+            sparse, full = sparse + (kind in SPARSE), full + (kind not in SPARSE)
             spent += seconds
             rows += found
+            done = len(refused) + sparse + full
+            if done % 25 == 0:
+                hold = sum(f.holds for f in rows if f.seen)
+                print(f"{done} pipelines: {hold} of {sum(f.seen for f in rows)} decisions hold", flush=True)
             for f in found:
                 if given.show or (f.seen and not f.holds):
                     print(("" if f.holds else "BROKEN ") + line(f), flush=True)
