@@ -281,18 +281,7 @@ def check_class(kind: type[Stage]) -> None:
     if issubclass(kind, Sampled):
         mean_arguments_of(kind)
     own_methods = [method for method, base in CAPABILITIES.items() if issubclass(kind, base)]
-    for attribute in (
-        "run",
-        "grid",
-        "carry",
-        "growth",
-        "error",
-        "prepare",
-        "warn",
-        "warn_among",
-        "assumes",
-        *own_methods,
-    ):
+    for attribute in [*"run grid carry growth error prepare warn warn_among assumes".split(), *own_methods]:
         own = inspect.getattr_static(kind, attribute, None)
         if own is not None and not (callable(own) or isinstance(own, classmethod)):
             raise TypeError(f"{name}.{attribute} is {own!r}; expected a method")

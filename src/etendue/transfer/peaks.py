@@ -5,7 +5,7 @@ Out: a bound on the change in the content's norm, relative to the largest value.
 
 A blur lowers peaks: behind a wide blur, a point is hardly brighter than the mean. Therefore a change is compared with
 the least that the largest value can be, and with it behind later Gaussian blurs of any width: the worst counts. Bands
-are compared each with itself, because a sensor may see any of them.
+are compared each with itself, because a later stage may weigh them in any way.
 Sources: Parseval's theorem; the triangle inequality; E[x^2] <= max(x) E[x] for x >= 0.
 """
 

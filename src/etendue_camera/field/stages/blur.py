@@ -268,7 +268,7 @@ class Distortion(Banded, Bounded):
         return lost, f"light moves by at most {most:.2g} um, and the scene has little detail that fine"
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Keep the facts of a uniform plane; of any other the range between samples, which a spline may leave slightly."""
+        """Keep the facts of a uniform plane; of any other the range between samples, which a spline may leave a bit."""
         own = facts["irradiance"]
         low, high = own.content.range_of_light() if own.content is not None else (None, None)
         return (
@@ -278,8 +278,8 @@ class Distortion(Banded, Bounded):
         )
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the interpolation error, wave by wave, for the light that is there. Of unknown light: at a Gaussian edge
-        with the scene's band limit, or of 1 sample rms if that is unknown too.
+        """Bound the interpolation error, wave by wave, for the light that is there. For unknown light: at a Gaussian
+        edge with the scene's band limit, or of 1 sample rms if that is unknown too.
         """
         rounding = 2e-6 if precision == "float32" else 1e-12
         if self.does_nothing():

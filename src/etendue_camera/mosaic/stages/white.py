@@ -9,14 +9,16 @@ Out: ``white`` (channel), the linear camera signal rendered as display white; ``
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 
 from etendue import require
 from etendue.api import Facts, Grid, Haloed, Labels, ends, measured, param, proved, quantity
+from etendue.contract.stage import state_of
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.gain_chain import GainChain
 from etendue_camera.electronics.stages.known_noise import KnownNoise
@@ -60,12 +62,9 @@ class White(GainChain, Collecting):
         light = facts["white_irradiance"].white
         if light is None:
             return Facts()
-        edges = grid["white_irradiance"].bands().edges
-        rates = electrons_per_irradiance(self, edges) * np.array(light)
-        own = mixing_of(self, edges, rates) @ rates.sum(axis=1)
-        own = own * (self.dn_per_electron() / self.white() / self.render_exposure)
         shortest, longest = ends(self.integration_time)
-        low, high = float(own.min()), float(own.max())
+        one = replace(self, integration_time=1.0)  # equal for all exposures, whose signals are found together
+        low, high = _per_second(one, state_of(one)[1], grid["white_irradiance"].bands().edges, light)
         return Facts(low=low * shortest, high=high * longest, contrast=high / low if low > 0 else math.inf)
 
     def run(self, white_irradiance: FloatArray, prepared: Any) -> dict[str, Array]:
@@ -76,6 +75,17 @@ class White(GainChain, Collecting):
             "white": diffuse / self.render_exposure,
             "white_saturated": np.array(float(np.count_nonzero(diffuse > 1))),
         }
+
+
+@lru_cache(64)
+def _per_second(
+    stage: White, state: Hashable, edges: tuple[float, ...], light: tuple[float, ...]
+) -> tuple[float, float]:
+    """Return the smallest and largest channel of ``white`` for one second of a white surface's irradiance."""
+    rates = electrons_per_irradiance(stage, edges) * np.array(light)
+    own = mixing_of(stage, edges, rates) @ rates.sum(axis=1)
+    own = own * (stage.dn_per_electron() / stage.white() / stage.render_exposure)
+    return float(own.min()), float(own.max())
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,9 +35,7 @@ from etendue_camera.sensor.stages.sensitivity import (
     unused_notes,
 )
 
-
-ROUNDING = 1e-10  # of an expansion in as many terms as it needs
-TABLES = 3e-7  # most that a table of a transfer function changes where it ends at fewer frequencies; measured
+TABLES = 3e-7  # most that tables of transfer functions differ where they end at other frequencies; measured
 MEAN = 0.7  # what the mean over pixels at least is of that over the light: their apertures leave gaps
 
 
@@ -251,7 +249,7 @@ class Pixel(Collecting, Summed):
             self.kept_frequencies,
         )
         # stages with tables of their transfer function interpolate between other nodes
-        return bound + lost + (TABLES if self.kept_frequencies < 1 and before else ROUNDING if few else 0.0), "fitted"
+        return bound + lost + (TABLES if before else 0.0), "fitted"
 
     def terms(self) -> int:
         return self.wavelength_terms
