@@ -59,7 +59,9 @@ def _choices(chosen: Any) -> list[str]:
 def with_values(pipeline: Any, held: Any) -> Any:
     """Return the pipeline with what is held: the tolerance, and the values of what it leaves open."""
     chosen = with_chosen(pipeline, held.chosen.values) if held.chosen else pipeline
-    return replace(chosen, tolerance=held.tolerance)
+    # The record of the run holds the tolerance as if it had been given, so that the record can be checked.
+    overrides = tuple({**dict(chosen.overrides), "tolerance": held.tolerance}.items())
+    return replace(chosen, tolerance=held.tolerance, overrides=overrides)
 
 
 def kept(held: Any, folder: Path, made: Any) -> Document:
