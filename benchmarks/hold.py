@@ -3,7 +3,7 @@
     python benchmarks/hold.py [--only NAME ...] [--seconds 60]
 
 Every pipeline is one of pipelines/, at the middle of its sweep, with a small frame. What it writes for bins and
-spacing (and, if the chart extends, around it) is replaced by "auto". Each is held twice: its first headline metric within 1 % of
+spacing (and, if the chart extends, around it) is "auto". Each is held twice: a headline metric within 1 % of
 its value, and one picture within 1e-2 of full scale. The truth is a run written independently of the search: a third of
 the bins and of the spacing that were found, a surround larger by half of the longer side, nothing left out, 64 bits,
 without noise. Printed as they are found: what was asked, the stated and the true error, seconds, what was refined, or

@@ -61,6 +61,12 @@ def test_a_plan_of_what_is_left_open_has_the_keys_of_the_numbers_written():
     assert settled(load(document(**found)), installed_stages()) == (load(document(**found)), [])
 
 
+def test_the_schema_of_a_file_knows_what_may_be_left_open():
+    stages = json.loads(CliRunner().invoke(main, ["schema"]).stdout)
+    text = json.dumps(stages)
+    assert text.count('{"const": "auto"}') >= len(OPEN)
+
+
 @pytest.mark.parametrize("name", ["width", "white_luminance"])
 def test_what_no_rule_chooses_is_refused(name):
     with pytest.raises(RequestError, match="expected a number"):

@@ -41,8 +41,9 @@ if TYPE_CHECKING:
     from etendue.accuracy.holding import Asked
 
 SHARE = 0.8  # of what is asked for is left to discretisation; the rest is for what is left out or coarser
+NARROW = 0.05  # of what is asked: where written values leave less than this, nothing is refined
 MEMORY = 0.8  # share of the available memory that the run may take
-MOST_STEPS = 40
+MOST_STEPS, FURTHEST = 40, 2  # refinements; steps that one of them may take
 Values = dict[str, dict[str, float]]  # by stage and parameter
 
 
@@ -120,7 +121,8 @@ class Refinement:
         self.registry, self.open, self.asked, self.workers, self.shown = registry, open_, asked, workers, shown
         self.began = time.process_time()
         self.until = self.began + seconds
-        self.plan = make_plan(pipeline, registry)
+        # Nothing is left out: measuring needs no decisions, and those on a finer scene would cost more than measuring.
+        self.plan = make_plan(replace(pipeline, leave_out=False), registry)
         self.pipeline = self.plan.pipeline
         self.names = shown_names(self.plan)
         self.start, self.first = self.plan, self.values()
@@ -235,15 +237,15 @@ class Refinement:
         best, most, steps = "", 0.0, 0
         for own in errors.values():
             fixed = math.fsum(value for part, value in own.parts.items() if part not in may)
-            room = SHARE * own.limit - fixed
+            room = max(SHARE * own.limit - fixed, 0.5 * (own.limit - fixed))
             open_ = {part: value for part, value in own.parts.items() if part in may}
-            if own.total <= SHARE * own.limit or not open_ or fixed > own.limit:
+            if math.fsum(open_.values()) <= room or not open_ or room < NARROW * own.limit:
                 continue
             name = max(open_, key=lambda part: open_[part])
-            ratio = math.fsum(open_.values()) / max(room, 0.1 * own.limit)
+            ratio = math.fsum(open_.values()) / room
             if ratio > most and open_[name] > 0:
                 # No further than methods of second order need: what is finer than necessary costs the whole run.
-                best, most, steps = name, ratio, max(1, int(math.log(ratio, 4)))
+                best, most, steps = name, ratio, min(max(1, int(math.log(ratio, 4))), FURTHEST)
         return best, steps
 
     def _refine(self, name: str, steps: int) -> bool:

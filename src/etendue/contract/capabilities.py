@@ -242,8 +242,6 @@ CAPABILITIES = {
     "viewing_white": Viewed,
     "discretisations": Discretised,
     "refined": Discretised,
-    "chosen": Discretised,
-    "finer": Discretised,
     "mean": Sampled,
     "halo": Haloed,
     "joined": Haloed,
@@ -283,7 +281,7 @@ def check_class(kind: type[Stage]) -> None:
     own_methods = [method for method, base in CAPABILITIES.items() if issubclass(kind, base)]
     for attribute in [*"run grid carry growth error prepare warn warn_among assumes".split(), *own_methods]:
         own = inspect.getattr_static(kind, attribute, None)
-        if own is not None and not (callable(own) or isinstance(own, classmethod)):
+        if own is not None and not callable(own):
             raise TypeError(f"{name}.{attribute} is {own!r}; expected a method")
 
 

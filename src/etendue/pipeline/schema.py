@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from inspect import cleandoc
 from typing import Any, get_args, get_origin
 
+from etendue.contract.discretised import AUTO, Discretised
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, reads_of
 from etendue.contract.values import quantities
@@ -134,6 +135,8 @@ def _stage(name: str, kind: Any) -> Document:
         },
     }
     properties |= {key: _value(parameter, default, of) for key, (parameter, of, default) in own.items()}
+    for key in kind.automatic if issubclass(kind, Discretised) else ():
+        properties[key]["anyOf"].append({"const": AUTO})
     needed = [key for key, (_, _, default) in own.items() if default is MISSING]
     return {"properties": properties, "additionalProperties": False, **({"required": needed} if needed else {})}
 

@@ -59,7 +59,9 @@ def _choices(chosen: Any) -> list[str]:
 def with_values(pipeline: Any, held: Any) -> Any:
     """Return the pipeline with what is held: the tolerance, and the values of what it leaves open."""
     chosen = with_chosen(pipeline, held.chosen.values) if held.chosen else pipeline
-    return replace(chosen, tolerance=held.tolerance)
+    # The record of the run holds the tolerance as if it had been given, so that the record can be checked.
+    overrides = tuple({**dict(chosen.overrides), "tolerance": held.tolerance}.items())
+    return replace(chosen, tolerance=held.tolerance, overrides=overrides)
 
 
 def kept(held: Any, folder: Path, made: Any) -> Document:
@@ -86,9 +88,9 @@ def measured(measurement: Any, folder: Path, made: Any) -> Document:
     return global_error_document(found, measurement.pipeline.tolerance, measurement.pipeline.norm, stated)
 
 
-def _remedy(held: Any, answers: DocumentView, part: str) -> str:
+def _remedy(answers: DocumentView, part: str) -> str:
     finer = answers["remedies"].get(part, "")
-    return f"finer: {finer}" if finer else "refine that in the pipeline"
+    return f"refine that in the pipeline{f': {finer}' if finer else ''}"
 
 
 def beyond(held: Any, answers: DocumentView) -> list[str]:
@@ -109,6 +111,6 @@ def beyond(held: Any, answers: DocumentView) -> list[str]:
             worst = max(parts, key=lambda part: parts[part])
             said.append(
                 f"held against the reference, but not the answer: {name} is off by {plus_minus(error, unit)}, mostly "
-                f"by its {worst}; " + ("" if worst == "omissions" else _remedy(held, answers, worst))
+                f"by its {worst}" + ("" if worst == "omissions" else f"; {_remedy(answers, worst)}")
             )
     return said

@@ -105,7 +105,9 @@ def _print_held(out: Console, document: Document, errors: list[tuple[str, Docume
             own = [f"{name} within {limit:g}" for name, limit in hold["asked_of"].items()]
             every = [] if hold["asked"] is None else [f"all wanted variables are within {hold['asked']:g}"]
             what = ", ".join([*every, *own])
-            out.print(f"held: {escape(what)} of the reference, with local tolerance {hold['tolerance']:g}")
+            whole = hold.get("discretisation") and not hold.get("beyond")
+            of = "the same with everything refined" if whole else "the reference"
+            out.print(f"held: {escape(what)} of {of}, with local tolerance {hold['tolerance']:g}", soft_wrap=True)
         for text in hold.get("beyond", ()):
             out.print(escape(text))
     elif missed:
