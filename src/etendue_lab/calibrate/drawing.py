@@ -57,7 +57,8 @@ def photon_transfer(checks: list[Document], name: str, notice: str = "") -> Plot
     upper.set_title(f"Photon transfer of {name}", fontsize=10, loc="left")
     upper.legend(frameon=False, fontsize=8)
     if notice:
-        figure.text(0.99, 0.005, notice, ha="right", va="bottom", fontsize=6, color="0.35")
+        figure.get_layout_engine().set(rect=(0, 0.035, 1, 0.965))
+        figure.text(0.99, 0.01, notice, ha="right", va="bottom", fontsize=6, color="0.35")
     return Plot(figure, ["channel", "signal", "variance", "variance_predicted"], rows)
 
 

@@ -18,7 +18,7 @@ from etendue_lab.frames.frame_set import FrameSet, Level
 from etendue_lab.frames.moments import MONO, Site
 
 GROUPS = 8
-LARGEST = 1 << 11  # rows and columns; patterns of larger frames are those of their centre
+LARGEST = 1 << 10  # rows and columns; patterns of larger frames are those of their centre
 
 
 @dataclass(frozen=True)
