@@ -29,8 +29,6 @@ from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, ligh
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
-    pass
-
 
 def make_jobs(
     plan: Plan,
@@ -122,7 +120,7 @@ class Jobs(Mapping[CellRef, Job]):
     def _note_passed(self, ref: CellRef, cell: Cell, computed: bool, read: tuple[str, ...], transform: bool) -> None:
         """Note what a cell that is left out passes on: arrays that somebody needs, and the transform of its segment."""
         node = self.nodes[ref[0]]
-        wanted = self._wanted(node, ref, computed, read)
+        wanted = self._wanted(cell, node, computed, read)
         if computed and any(node.writes[v].optional for v in wanted):  # which only running the stage gives
             self._note_inputs(cell, False, None)
             for word in cell.open_words:
@@ -135,10 +133,17 @@ class Jobs(Mapping[CellRef, Job]):
         elif transform:
             self._reads(*cell.inputs[0][1:])
 
-    def _wanted(self, node: Node, ref: CellRef, computed: bool, read: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the variables of a cell that are stored, read or given to the caller."""
-        given = tuple(node.writes) if ref in self.show else ()
-        return tuple(dict.fromkeys((*read, *(self.kept[node.name] if computed else ()), *(given if computed else ()))))
+    def _wanted(self, cell: Cell, node: Node, computed: bool, read: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the variables of a cell that are read, stored or given to the caller, if they can be had."""
+        if not computed:
+            return read
+        kept = self.plan.kept
+        given = [
+            v
+            for v in (node.writes if cell.ref in self.show else ())
+            if (s := source_of(cell, v)) and (s in self.todo or not kept or (s[0], v) in kept)
+        ]
+        return tuple(dict.fromkeys((*read, *self.kept[node.name], *given)))
 
     def _passed(self, node: Node, wanted: tuple[str, ...], computed: bool) -> tuple[str, ...]:
         """Return those that a cell that is left out has from another cell, and not from the store."""
@@ -249,7 +254,7 @@ class Jobs(Mapping[CellRef, Job]):
     def _left_out(self, job: Job, cell: Cell, node: Node) -> Job:
         """Return the job of a cell that is left out: it passes on what others need of its input."""
         computed, transform = cell.ref in self.todo, job.transform
-        wanted = self._wanted(node, cell.ref, computed, self.read[self.number(cell.ref)])
+        wanted = self._wanted(cell, node, computed, self.read[self.number(cell.ref)])
         passes = self._passed(node, wanted, computed)
         before = cell.inputs[0][1] if len(node.segment) > 1 else None
         job = replace(job, passes=passes, segment=Segment(before, transform=True) if transform else None)
