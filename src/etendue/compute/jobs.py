@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Hashable, Iterator, Mapping, Set
+from dataclasses import replace
 from functools import cached_property, partial
 from itertools import accumulate
 from types import MappingProxyType
@@ -22,13 +23,11 @@ from etendue.contract.ports import Target
 from etendue.contract.stage import looks_at_stages, patterns_of, reads_of
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.identity.once import Once
+from etendue.plan.identity.same_as import source_of
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of
-from etendue.plan.same_as import source_of
 
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
-
-    pass
 
 
 def make_jobs(
@@ -121,7 +120,7 @@ class Jobs(Mapping[CellRef, Job]):
     def _note_passed(self, ref: CellRef, cell: Cell, computed: bool, read: tuple[str, ...], transform: bool) -> None:
         """Note what a cell that is left out passes on: arrays that somebody needs, and the transform of its segment."""
         node = self.nodes[ref[0]]
-        wanted = self._wanted(node, ref, computed, read)
+        wanted = self._wanted(cell, node, computed, read)
         if computed and any(node.writes[v].optional for v in wanted):  # which only running the stage gives
             self._note_inputs(cell, False, None)
             for word in cell.open_words:
@@ -134,10 +133,17 @@ class Jobs(Mapping[CellRef, Job]):
         elif transform:
             self._reads(*cell.inputs[0][1:])
 
-    def _wanted(self, node: Node, ref: CellRef, computed: bool, read: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the variables of a cell that are stored, read or given to the caller."""
-        given = tuple(node.writes) if ref in self.show else ()
-        return tuple(dict.fromkeys((*read, *(self.kept[node.name] if computed else ()), *(given if computed else ()))))
+    def _wanted(self, cell: Cell, node: Node, computed: bool, read: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the variables of a cell that are read, stored or given to the caller, if they can be had."""
+        if not computed:
+            return read
+        kept = self.plan.kept
+        given = [
+            v
+            for v in (node.writes if cell.ref in self.show else ())
+            if (s := source_of(cell, v)) and (s in self.todo or not kept or (s[0], v) in kept)
+        ]
+        return tuple(dict.fromkeys((*read, *self.kept[node.name], *given)))
 
     def _passed(self, node: Node, wanted: tuple[str, ...], computed: bool) -> tuple[str, ...]:
         """Return those that a cell that is left out has from another cell, and not from the store."""
@@ -206,16 +212,8 @@ class Jobs(Mapping[CellRef, Job]):
         # In what a cell reads, the values that other cells find come last.
         awaited = cell.found if node.name in self.finding else ()
         inputs = cell.inputs[: len(cell.inputs) - len(awaited)]
-        segment, passes, runs = None, tuple[str, ...](), True
-        if cell.left_out is not None:
-            wanted = self._wanted(node, ref, computed, read)
-            passes = self._passed(node, wanted, computed)
-            runs = computed and any(node.writes[v].optional for v in wanted)
-            if not runs:
-                inputs = self._passing(cell, inputs, passes, computed, transform and len(node.segment) == 1)
-            if transform:
-                segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, transform=True)
-        elif ref in self.direct:
+        segment = None
+        if ref in self.direct:
             (source, variable), before = self.direct[ref]
             inputs = ((inputs[0][0], source, variable), *inputs[1:])
             # this keeps all: a segment holds only transfer stages
@@ -226,7 +224,7 @@ class Jobs(Mapping[CellRef, Job]):
         grids, input_grids = self._grids(cell)
         seconds, bands = self._cost(node, cell)
         identity = next(iter(patterns_of(type(cell.stage)).values()), "")  # the owner of its fixed patterns
-        return Job(
+        job = Job(
             ref=cell.ref,
             task="compute" if computed else "load",
             stage=cell.stage,
@@ -245,15 +243,25 @@ class Jobs(Mapping[CellRef, Job]):
             seconds=seconds,
             by_band=bands,
             segment=segment,
-            looking=self._looking(cell) if cell.looks_at and runs else None,
-            waiting=Waiting(awaited, cell.open_words, plan.pipeline.seed)
-            if (awaited or cell.open_words) and runs
-            else None,
+            looking=self._looking(cell) if cell.looks_at else None,
+            waiting=Waiting(awaited, cell.open_words, plan.pipeline.seed) if awaited or cell.open_words else None,
             mapped=Mapped(cell.mapped, _leading(self.nodes, cell)) if cell.mapped else None,
             expected=plan.expected,
             look=self.looks.get(ref),
-            passes=passes,
         )
+        return job if cell.left_out is None else self._left_out(job, cell, node)
+
+    def _left_out(self, job: Job, cell: Cell, node: Node) -> Job:
+        """Return the job of a cell that is left out: it passes on what others need of its input."""
+        computed, transform = cell.ref in self.todo, job.transform
+        wanted = self._wanted(cell, node, computed, self.read[self.number(cell.ref)])
+        passes = self._passed(node, wanted, computed)
+        before = cell.inputs[0][1] if len(node.segment) > 1 else None
+        job = replace(job, passes=passes, segment=Segment(before, transform=True) if transform else None)
+        if computed and any(node.writes[v].optional for v in wanted):
+            return job  # the stage is run for these
+        inputs = self._passing(cell, cell.inputs, passes, computed, transform and before is None)
+        return replace(job, inputs=inputs, looking=None, waiting=None)
 
     def _passing(self, cell: Cell, inputs: Found, passes: tuple[str, ...], computed: bool, begins: bool) -> Found:
         """Return what a cell that is left out waits for: what it passes on, else only that its input has not failed.
@@ -352,7 +360,7 @@ def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Direct | None:
     cells, and for an end whose sum over bands is expanded.
     """
     node = nodes[cell.node]
-    if not node.segment or cell.segment_input is None:
+    if not node.segment or cell.segment_input is None or cell.left_out is not None:
         return None
     source, variable = cell.segment_input
     grid = plan.cells[source].grids[variable]

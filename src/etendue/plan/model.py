@@ -30,7 +30,7 @@ from etendue.contract.capabilities import (
 )
 from etendue.contract.stage import Stage, per_kind, quantities_of, reads_of, writes_of
 from etendue.pipeline.file import PipelineFile
-from etendue.plan.same_as import of_cell, same_as
+from etendue.plan.identity.same_as import of_cell, same_as
 from etendue.types.documents import DocumentView
 
 CellRef = tuple[str, tuple[int, ...]]
@@ -327,7 +327,7 @@ class Plan:
 
     @cached_property
     def same_as(self) -> Mapping[StageVariable, str]:
-        """The kept variables without an array of their own, and the stage that has their values (``plan.same_as``)."""
+        """By kept variable without an array of its own, the stage that has its values (``identity.same_as``)."""
         return same_as(self.nodes, self._grouped, self.cells, self.kept, self.copied)
 
     @cached_property

@@ -142,19 +142,25 @@ def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = 
     """
     todo = {ref for ref in (plan.cells if requested is None else requested) if ref not in finished}
     nodes = {node.name: node for node in plan.nodes}
+    read: set[CellRef] = set()  # by a cell to compute, as arrays
     # In reverse, since cells come after those they read: each source is added before the loop reaches it.
     for ref in reversed(list(plan.cells)):
         if ref not in todo:
             continue
         cell, node = plan.cells[ref], nodes[ref[0]]
         for number, (_, source, variable) in enumerate(cell.inputs):
-            if len(node.segment) > 1 and number == 0 and cell.left_out is None:
+            # A cell that is left out passes on the array of its input, if anybody reads or stores it.
+            passes = cell.left_out is not None and (ref in read or (ref[0], variable) in plan.with_arrays)
+            if len(node.segment) > 1 and number == 0 and not passes:
                 _need_segment(plan, source, todo)
-            elif (source[0], variable) not in plan.kept:
+                continue
+            read.add(source)
+            if (source[0], variable) not in plan.kept:
                 todo.add(source)
         todo |= {word.ref for word in cell.open_words if (word.ref[0], word.variable) not in plan.kept}
         for port, what, _ in node.looks_at:
             if not looks_at_stages(what):
+                read.update(dict(cell.looks_at).get(port, ()))
                 todo |= {s for s in dict(cell.looks_at).get(port, ()) if (s[0], what) not in plan.kept}
     return todo
 

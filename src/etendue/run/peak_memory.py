@@ -297,8 +297,7 @@ class _Run:
             if piece[1] == variable and variable in job.passes
         }
         if job.segment is not None and job.segment.previous is not None:
-            before = self.pieces.get(job.segment.previous, {})
-            found |= {piece: size for piece, size in before.items() if not piece[1]}
+            found |= {piece: n for piece, n in self.pieces.get(job.segment.previous, {}).items() if not piece[1]}
         elif job.segment is not None:  # made by the first stage that needs it
             grid = job.input_grids[job.inputs[0][0]]
             found[job.ref, ""] = grid.bands().size * self.padded(job)

@@ -11,10 +11,10 @@ import time
 from pathlib import Path
 
 from etendue import plain_files
+from etendue.archive.checks.left_out import left_out_damage
 from etendue.archive.journaling.journal import NAME as JOURNAL
 from etendue.archive.journaling.journal import Read
 from etendue.archive.read.inspection import Damage, Inspection, Told, Verified
-from etendue.archive.read.left_out_inspection import left_out_damage
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA
 from etendue.archive.records.manifest import NAME as MANIFEST

@@ -101,13 +101,8 @@ class Journal:
         self.encoder = msgspec.json.Encoder()
         found = read(root / NAME)
         self.entries, self.axes, self.arrays, self.run = found.said, found.axes, found.arrays, found.run
-        self.blocks, self.shards, self.records, self.outdated = (
-            found.blocks,
-            found.shards,
-            found.records,
-            found.outdated,
-        )
-        self.same = found.same
+        self.blocks, self.same, self.shards = found.blocks, found.same, found.shards
+        self.records, self.outdated = found.records, found.outdated
         self.damaged, self.torn, self.files_a_cell = found.damaged, found.torn, found.files_a_cell
         self.handle: int | None = None
 
@@ -219,11 +214,10 @@ class Journal:
 
     def set_same(self, same: Mapping[str, Mapping[str, str]]) -> None:
         """Record which variables of each group have no array, and which arrays they equal."""
-        groups = {*self.same, *same}
-        changed = {group: dict(same.get(group, {})) for group in sorted(groups)}
-        changed = {group: own for group, own in changed.items() if self.same.get(group, {}) != own}
+        every = {group: dict(same.get(group, {})) for group in sorted({*self.same, *same})}
+        changed = {group: own for group, own in every.items() if self.same.get(group, {}) != own}
         self._append({"event": "same", "group": group, "same": own} for group, own in changed.items())
-        self.same = {group: own for group, own in {**self.same, **changed}.items() if own}
+        self.same = every
 
     def put(self, shards: Mapping[str, Shard]) -> None:
         """Record that these shards are in their places."""
@@ -368,9 +362,7 @@ def _take(found: Read, value: DocumentView) -> None:
     elif event == "blocks":
         found.blocks[inside(value["group"])] = {inside(name): block_of(one) for name, one in value["blocks"].items()}
     elif event == "same":
-        same = same_of(value["same"])
-        found.same.pop(inside(value["group"]), None)
-        found.same |= {value["group"]: same} if same else {}
+        found.same[inside(value["group"])] = same_of(value["same"])
     elif event == "shard":
         found.shards[inside(value["path"])] = Shard(of_kind(int, value["size"]), kept_of(value["kept"]), True)
     elif event == "record":

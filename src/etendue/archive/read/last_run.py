@@ -44,7 +44,7 @@ def _laid_out_alike(store: ArchiveWriter) -> bool:
     return (
         journal.axes == laid.axes
         and blocks == laid.blocks
-        and journal.same == laid.same
+        and {group: own for group, own in journal.same.items() if own} == laid.same
         and not any(store.listing.has(f"{DATA}/{node}/{ROOT}") for node in others)
     )
 

@@ -16,7 +16,6 @@ import hashlib
 import json
 from collections.abc import AsyncGenerator, AsyncIterator, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -29,8 +28,8 @@ from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
 from zarr.storage import LocalStore, WrapperStore
 
 from etendue.archive.read import reading
-from etendue.archive.read.following import fault_of
-from etendue.archive.read.reading import StoredArchive, StoredCell, StoredChunk, StoredForm
+from etendue.archive.read.left_out_arrays import LeftOutArrays
+from etendue.archive.read.reading import StoredArchive, StoredCell, StoredChunk
 from etendue.archive.read.tree import ROOT, Tree
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA, damaged, digest_of, read_manifest
@@ -39,7 +38,6 @@ from etendue.archive.sharding.chunks import decode
 from etendue.archive.sharding.shards import fits, index_bytes, index_size, read_bytes
 from etendue.archive.sharding.unfolding import refuse_codecs, refuse_unfolding
 from etendue.archive.structure.layout import STATUS
-from etendue.archive.structure.metadata import in_order
 from etendue.archive.structure.naming import cell_label
 from etendue.contract.values.names import TABLES
 from etendue.errors import ArchiveError
@@ -88,7 +86,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         self.manifest = read_manifest(folder)
         self.whole = self.manifest is not None and "consolidated_metadata" in (self.root or {})
         self.small: dict[str, Mapping[str, bytes]] = {}
-        self.shared = {f"{one.group}/{one.variable}": one for one in archive.followed}
+        self.left_out = LeftOutArrays(archive)
 
     @classmethod
     def of(cls, archive: StoredArchive) -> VouchedStore:
@@ -115,8 +113,10 @@ class VouchedStore(WrapperStore[LocalStore]):
                 read = await self._store.get(key, prototype, byte_range)
                 await asyncio.to_thread(self.hold, f"{DATA}/{key}", read, byte_range is None)
                 self._refuse_unfolding(key, read)
-                if key == ROOT and self.shared and read is not None and byte_range is None:
-                    return prototype.buffer.from_bytes(await asyncio.to_thread(self._with_shared, read.to_bytes()))
+                if key == ROOT and self.left_out.by_node and read is not None and byte_range is None:
+                    return prototype.buffer.from_bytes(
+                        await asyncio.to_thread(self.left_out.consolidated, read.to_bytes())
+                    )
                 return read
             data = _cut(own, byte_range)
         return None if data is None else prototype.buffer.from_bytes(data)
@@ -150,7 +150,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         group, _, file = key.rpartition("/")
         if self._is_of_cells(group, file):
             return f"{DATA}/{key}" in self.shards
-        return (group in self.shared and file == ROOT) or await self._store.exists(key)
+        return (group in self.left_out.by_node and file == ROOT) or await self._store.exists(key)
 
     async def list_dir(self, prefix: str) -> AsyncIterator[str]:
         found = set()
@@ -207,11 +207,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         for cell in self.archive.cells.values():
             for chunk in cell.chunks:
                 found.setdefault(chunk.written.path, {})[chunk.written.slot] = cell, chunk
-        for node, one in self.shared.items():
-            for place, (cell, chunks) in one.cells.items():
-                inner = ["0"] * len(chunks[0].form.shape)
-                path = f"{DATA}/{node}/{'.'.join(['c', *map(str, place), *inner])}"
-                found[path] = {chunk.written.slot % chunk.form.pieces: (cell, chunk) for chunk in chunks}
+        found.update(self.left_out.files())
         return found
 
     def _is_of_cells(self, node: str, file: str) -> bool:
@@ -219,7 +215,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         journal = self.archive.journal
         if journal.files_a_cell:
             return f"{DATA}/{node}/{file}" in self.shards
-        return file.startswith("c") and (name in journal.blocks.get(group, ()) or node in self.shared)
+        return file.startswith("c") and (name in journal.blocks.get(group, ()) or node in self.left_out.by_node)
 
     def _cells(self, path: str, asked: ByteRequest | None) -> bytes | None:
         """Return a byte range of a shard assembled from the chunks of finished cells only, in the order of their
@@ -230,9 +226,8 @@ class VouchedStore(WrapperStore[LocalStore]):
             return None
         form = next(iter(own.values()))[1].form
         slots = 0 if self.archive.journal.files_a_cell else form.slots
-        shared = self.shared.get(path.removeprefix(f"{DATA}/").rpartition("/")[0])
-        if shared is not None:  # one cell to a file
-            slots = self._form(form, len(self.archive.journal.axes[shared.group])).slots
+        node = path.removeprefix(f"{DATA}/").rpartition("/")[0]
+        slots = self.left_out.form(node).slots if node in self.left_out.by_node else slots
         if not slots:
             return _cut(self._chunk(*own[0]), asked)
         places, size = {}, 0
@@ -271,8 +266,8 @@ class VouchedStore(WrapperStore[LocalStore]):
     def _made(self, key: str) -> bytes | None:
         """Return a file for which the journal is more recent than the disk; None to use the file on disk."""
         node = key.removesuffix(f"/{ROOT}") if key.endswith(f"/{ROOT}") else key.partition("/c/")[0].removesuffix("/c")
-        if node in self.shared:
-            return self._nodes_of_shared.get(node, {}).get(key)
+        if node in self.left_out.by_node:
+            return self.left_out.metadata.get(key)
         group, _, name = node.rpartition("/")
         axes = self.archive.journal.axes.get(group)
         if axes is None or self.archive.journal.files_a_cell or (self.whole and name != "status"):
@@ -280,51 +275,6 @@ class VouchedStore(WrapperStore[LocalStore]):
         if node not in self.small:
             self.small[node] = self._array(group, name, axes)
         return self.small[node].get(key)
-
-    @staticmethod
-    def _form(form: StoredForm, axes: int) -> StoredForm:
-        """Return the form of a variable without an array, whose cells have that of another: one cell to a file."""
-        return replace(form, block=(1,) * axes)
-
-    @cached_property
-    def _nodes_of_shared(self) -> dict[str, dict[str, bytes]]:
-        """By variable without an array, the metadata of the array that it would have."""
-        found: dict[str, dict[str, bytes]] = {}
-        for node, one in self.shared.items():
-            why = fault_of(self.archive.journal, one.group, one.variable)
-            document = None if why else disk.read_document(self.folder / DATA / one.path[1:] / ROOT)
-            if document is None:
-                raise ArchiveError(
-                    f"{self.folder / DATA / node} should equal {one.path}, but "
-                    f"{why or 'its metadata is not readable'}. "
-                    f"Find changes with: etendue verify {self.folder}"
-                )
-            axes, there = self.archive.journal.axes[one.group], self.archive.journal.axes[one.source]
-            own = [str(dim) for dim in document.get("dimension_names") or () if dim not in there]
-            form = self.archive.form(one.source, one.variable)
-            attrs = dict(document.get("attributes", {}))
-            beside = [
-                name
-                for name in str(attrs.pop("coordinates", "")).split()
-                if (self.folder / DATA / one.group / name / ROOT).is_file()
-            ]
-            attrs |= {"coordinates": " ".join(beside)} if beside else {}
-            tree, shape = Tree(), (*map(len, axes.values()), *form.shape)
-            tree.put_cells(node, shape, self._form(form, len(axes)), (*axes, *own), attrs)
-            found[node] = dict(tree.held)
-        return found
-
-    def _with_shared(self, root: bytes) -> bytes:
-        """Return the root's metadata with the arrays that variables without one would have."""
-        whole = json.loads(root)
-        nodes = (whole.get("consolidated_metadata") or {}).get("metadata")
-        if not isinstance(nodes, dict):
-            return root
-        for node, files in self._nodes_of_shared.items():
-            if one := files.get(f"{node}/{ROOT}"):
-                nodes[node] = json.loads(one)
-        whole["consolidated_metadata"]["metadata"] = in_order(nodes)
-        return json.dumps(whole).encode()
 
     def _array(self, group: str, name: str, axes: Mapping[str, list[Any]]) -> Mapping[str, bytes]:
         """Return the files of an array along axes that may have grown since it was written."""

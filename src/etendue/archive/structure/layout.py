@@ -118,20 +118,18 @@ def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
             own_cells = [cell for cell in cells if home[cell.ref] == path]
             groups[path].cells = _places(plan, node, groups[path], own_cells)
             _fill(plan, node, groups[path], own_cells, kept, own_cells)
-    layout = Layout(groups, parents, Homes(plan, homes), moves)
-    for group in groups.values():
-        _share(plan, layout, group)
+    return _shared(plan, Layout(groups, parents, Homes(plan, homes), moves))
+
+
+def _shared(plan: Plan, layout: Layout) -> Layout:
+    """Note which variables of each group have no array because all cells are left out, and where their values are."""
+    for group in layout.groups.values():
+        first = next(iter(group.cells))
+        for name in (v for v in plan.node(group.node).writes if (group.node, v) in plan.same_as):
+            group.same_as[name] = f"/{layout.home[plan.stored(first, name)]}/{name}"
+        if group.same_as:
+            group.attrs = {**group.attrs, SAME_AS: same_as_attribute(group.same_as)}
     return layout
-
-
-def _share(plan: Plan, layout: Layout, group: GroupLayout) -> None:
-    """Note which variables of a group have no array because all cells are left out, and where their values are."""
-    node = plan.node(group.node)
-    first = next(iter(group.cells))
-    for name in (v for v in node.writes if (node.name, v) in plan.same_as):
-        group.same_as[name] = f"/{layout.home[plan.stored(first, name)]}/{name}"
-    if group.same_as:
-        group.attrs = {**group.attrs, SAME_AS: same_as_attribute(group.same_as)}
 
 
 def same_as_attribute(found: Mapping[str, str]) -> str | list[str]:

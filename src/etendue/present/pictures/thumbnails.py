@@ -20,8 +20,8 @@ from etendue.contract.arrays.colouring import flat_dims
 from etendue.contract.arrays.dims import banded
 from etendue.contract.arrays.variables import variable as known
 from etendue.plan.drawn import drawn_of
+from etendue.plan.identity.same_as import source_of
 from etendue.plan.model import Cell, CellRef, Plan
-from etendue.plan.same_as import source_of
 from etendue.present.pictures.appearance import Appearance, appearance
 from etendue.present.pictures.details import PlaneWindow, band_of, lines_of
 from etendue.present.pictures.fitting import LARGEST, Fitted, Rows, Tinted, fitted
