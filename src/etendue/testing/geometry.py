@@ -131,7 +131,9 @@ def mirror_images(bench: Bench) -> None:
                 for port, array in inputs.items()
             }
             other = tried(bench, turned, frame)
-            for variable, values in places_of(bench, base).items() if other else ():
+            if other is None:
+                continue
+            for variable, values in places_of(bench, base).items():
                 found = np.flip(np.asarray(other.arrays[variable], float), axis)
                 off = ratio_of(float(apart(found, values).max(initial=0.0)), bench.full_scale(variable, values, frame))
                 within(
@@ -161,7 +163,9 @@ def shifted_pictures(bench: Bench) -> None:
     base = tried(bench, spotted((0, 0)), frame)
     for step in STEPS if base else ():
         other = tried(bench, spotted(step), frame)
-        for variable, values in places_of(bench, base).items() if other else ():
+        if other is None:
+            continue
+        for variable, values in places_of(bench, base).items():
             found = np.asarray(other.arrays[variable], float)
             inside = [slice(MARGIN, size - MARGIN) for size in frame]
             there = [slice(MARGIN + by, size - MARGIN + by) for by, size in zip(step, frame, strict=True)]
@@ -198,8 +202,8 @@ def far_corner(bench: Bench) -> None:
         within(
             off,
             room(bench, inputs, frame),
-            f"{bench.name}: {variable} of the same input is {off:.2g} of full scale from that of the first rows when it "
-            f"stands at row {FAR[0]}, column {FAR[1]} of {LARGE[0]} x {LARGE[1]}: places are counted in too few digits",
+            f"{bench.name}: {variable} of the same input is {off:.2g} of full scale from that of the first rows "
+            f"when it stands at row {FAR[0]}, column {FAR[1]} of {LARGE[0]} x {LARGE[1]}: places are counted in too few digits",
         )
 
 

@@ -78,7 +78,9 @@ class KnobLaws:
 
 
 def check_mean(bench: Bench) -> None:
-    """Check that ``mean`` gives the same variables and, on a flat input, the mean over draws and pixels at p = 1e-6, plus half a code if the stage rounds."""
+    """Check that ``mean`` gives the same variables and, on a flat input, the mean over draws and places at p = 1e-6,
+    plus half a code if the stage rounds.
+    """
     kind = bench.kind
     assert issubclass(kind, Sampled)
     try:
