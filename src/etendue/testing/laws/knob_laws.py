@@ -48,7 +48,7 @@ class KnobLaws:
 
     def test_its_draws_are_those_that_it_declares(self) -> None:
         """Mean, variance and correlation of two million draws at each of several levels, at p = 1e-6."""
-        from etendue.testing import statistics
+        from etendue.testing.behaviour import statistics
 
         statistics.drawn_as_declared(self.bench)
 

@@ -203,7 +203,8 @@ def far_corner(bench: Bench) -> None:
             off,
             room(bench, inputs, frame),
             f"{bench.name}: {variable} of the same input is {off:.2g} of full scale from that of the first rows "
-            f"when it stands at row {FAR[0]}, column {FAR[1]} of {LARGE[0]} x {LARGE[1]}: places are counted in too few digits",
+            f"when it stands at row {FAR[0]}, column {FAR[1]} of {LARGE[0]} x {LARGE[1]}: "
+            "places are counted in too few digits",
         )
 
 
