@@ -42,6 +42,7 @@ INPUTS: dict[str, tuple[tuple[str, float, Frame], ...]] = {  # by kind of case: 
         ("ordinary", 3.0, FRAME),
         ("ordinary", 1e-3, FRAME),
         ("ordinary", 1.0, (40, 50)),
+        ("ordinary", 1.0, (1, 14)),
     ),
     END: (("ordinary", 1.0, FRAME),),
 }

@@ -48,7 +48,7 @@ class KnobLaws:
 
     def test_its_draws_are_those_that_it_declares(self) -> None:
         """Mean, variance and correlation of two million draws at each of several levels, at p = 1e-6."""
-        from etendue.testing import statistics
+        from etendue.testing.behaviour import statistics
 
         statistics.drawn_as_declared(self.bench)
 
@@ -78,7 +78,9 @@ class KnobLaws:
 
 
 def check_mean(bench: Bench) -> None:
-    """Check that ``mean`` gives the same variables and, on a flat input, the mean over draws and pixels at p = 1e-6, plus half a code if the stage rounds."""
+    """Check that ``mean`` gives the same variables and, on a flat input, the mean over draws and places at p = 1e-6,
+    plus half a code if the stage rounds.
+    """
     kind = bench.kind
     assert issubclass(kind, Sampled)
     try:

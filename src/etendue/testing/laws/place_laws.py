@@ -6,7 +6,7 @@ Out: nothing, or a broken law: light lost at the rim, a picture moved by a fract
 
 from __future__ import annotations
 
-from etendue.testing import geometry
+from etendue.testing.behaviour import geometry
 from etendue.testing.bench import Bench
 
 

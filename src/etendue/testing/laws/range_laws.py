@@ -7,7 +7,7 @@ Out: nothing, or a broken law: a jump inside a range, a step larger than the sta
 
 from __future__ import annotations
 
-from etendue.testing import neutral, paths, steps
+from etendue.testing.behaviour import neutral, paths, steps
 from etendue.testing.bench import Bench
 
 

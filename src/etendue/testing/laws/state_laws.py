@@ -6,7 +6,7 @@ Out: nothing, or a broken law: something of one picture reaches the next, or ano
 
 from __future__ import annotations
 
-from etendue.testing import remembering
+from etendue.testing.behaviour import remembering
 from etendue.testing.bench import Bench
 
 

@@ -63,7 +63,6 @@ class CorrectDefects(DefectDetection):
     """
 
     role: ClassVar = "defect correction"
-    decides: ClassVar = True  # which pixels are defective
     handed: ClassVar = True  # of equally good neighbours it takes the first
     reads: ClassVar = {"mosaic_linear": "y x [1]", "defect_map": "y x [1] uint8"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", **FIGURES}
@@ -94,7 +93,6 @@ class CorrectFoundDefects(DefectDetection):
     """
 
     role: ClassVar = "defect correction"
-    decides: ClassVar = True  # which pixels are defective
     handed: ClassVar = True  # of equally good neighbours it takes the first
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", **FIGURES}

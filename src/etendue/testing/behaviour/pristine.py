@@ -24,7 +24,7 @@ from etendue.testing.bench import Arrays, Bench, digests
 
 _lock = threading.Lock()
 _server: list[subprocess.Popen[bytes]] = []
-COMMAND = "from etendue.testing import pristine; pristine.serve()"
+COMMAND = "from etendue.testing.behaviour import pristine; pristine.serve()"
 Answer = list[dict[str, str] | None]
 
 

@@ -57,7 +57,7 @@ def drawn_as_declared(bench: Bench) -> None:
 def check_level(bench: Bench, port: str, main: str, level: float, by_line: bool) -> None:
     inputs = {name: array * level for name, array in bench.arrays("uniform", FRAME).items()}
     value = float(np.asarray(inputs[port]).flat[0])
-    expected: Array | None = None
+    expected: dict[str, Array] | None = None
     if issubclass(bench.kind, Sampled):
         small = {name: array * level for name, array in bench.arrays("uniform", (2, 3)).items()}
         expected = mean_at(bench, small)

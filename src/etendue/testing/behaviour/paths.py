@@ -45,7 +45,14 @@ def jump_allowed(bench: Bench, inputs: Arrays) -> float:
 
 def continuous_in_light(bench: Bench) -> None:
     """Uniform light over thirteen decades; an ordinary picture; one channel that fades; one place that shines."""
-    if not bench.reads or bench.looks or jumps(bench) or is_transfer(bench.kind) or not bench.steady:
+    if (
+        not bench.reads
+        or bench.looks
+        or bench.given_grids
+        or jumps(bench)
+        or is_transfer(bench.kind)
+        or not bench.steady
+    ):
         return
     for port, declaration in bench.reads.items():
         if declaration.dtype != "float" or not {"y", "x"} <= set(declaration.dims):
@@ -82,7 +89,7 @@ def paths(bench: Bench, port: str) -> Iterator[tuple[str, Array, Walk, Arrays]]:
 
 def continuous_in_parameters(bench: Bench) -> None:
     """Every number of a stage over the whole of its range."""
-    if not bench.reads or bench.looks or jumps(bench) or not bench.steady:
+    if not bench.reads or bench.looks or bench.given_grids or jumps(bench) or not bench.steady:
         return
     inputs = bench.arrays("ordinary", SMALL)
     allowed = jump_allowed(bench, inputs)

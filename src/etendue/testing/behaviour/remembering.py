@@ -17,7 +17,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from etendue.testing import pristine
+from etendue.testing.behaviour import pristine
 from etendue.testing.bench import FRAME, Arrays, Bench, digests
 from etendue.testing.measured import hold
 

@@ -29,7 +29,7 @@ def codes_in_the_middle(bench: Bench) -> None:
     """
     port = bench.one_array
     main = next((v for v, d in bench.writes.items() if {"y", "x"} <= set(d.dims)), None)
-    if port is None or main is None or bench.reads[port].dtype != "float" or is_random(bench.kind):
+    if port is None or main is None or bench.reads[port].dtype != "float" or is_random(bench.kind) or bench.given_grids:
         return
     for low, high in SPANS:
         inputs = bench.arrays("uniform", FRAME)
