@@ -157,6 +157,7 @@ def test_a_run_ends_with_three_where_a_cell_failed_also_when_it_is_run_again(com
     for name, does in {
         "pipeline_of": lambda *_: made,
         "planned": lambda *_: made,
+        "with_kept_choices": lambda asked, *_: (asked, []),
         "recorded": lambda folder: SimpleNamespace(pipeline=lambda most: made),
         "execute": lambda *_: SimpleNamespace(failed=failed, answers=None),
         "_answers": lambda *_, **__: None,

@@ -132,6 +132,12 @@ def test_padding_has_no_seam(size, slope, curve):
 
 
 @settings(deadline=None)
+def test_fast_lengths_are_those_of_scipy():
+    assert [sampling.fast_length(n) for n in range(1, 5000)] == [
+        scipy.fft.next_fast_len(n, real=True) for n in range(1, 5000)
+    ]
+
+
 @given(st.integers(1, 600))
 def test_padded_sizes_are_fast(size):
     rest = sampling.padded_size(size)

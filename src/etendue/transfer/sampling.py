@@ -7,6 +7,8 @@ Sources: the discrete Fourier transform; trigonometric interpolation (a band-lim
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -20,7 +22,23 @@ ComplexArray = NDArray[np.complexfloating]
 
 def padded_size(size: int) -> int:
     """Return the samples of a padded axis: an eighth of the frame per side (16 to 128), rounded up to a fast length."""
-    return int(scipy.fft.next_fast_len(size + 2 * max(16, min(-(-size // 8), 128)), real=True))
+    return fast_length(size + 2 * max(16, min(-(-size // 8), 128)))
+
+
+@lru_cache(1024)
+def fast_length(size: int) -> int:
+    """Return the smallest number without prime factors above 5 that is at least ``size``: lengths of fast real
+    transforms, as ``scipy.fft.next_fast_len(size, real=True)``, without importing it while a plan is made.
+    """
+    best, fives = 1 << max(size - 1, 0).bit_length(), 1
+    while fives < best:
+        threes = fives
+        while threes < best:
+            twos = threes << max(-(-size // threes) - 1, 0).bit_length()
+            best = min(best, twos)
+            threes *= 3
+        fives *= 5
+    return best
 
 
 def _gap(plane: FloatArray, total: int, axis: int) -> FloatArray:

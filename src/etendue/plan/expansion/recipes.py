@@ -39,7 +39,7 @@ class Recipes:
         seed: int,
         expected: bool,
         versions: Mapping[str, str],
-        keys: bool,
+        keys: bool = True,
     ) -> None:
         self.cells, self.nodes, self.pipeline_seed, self.expected = cells, nodes, seed, expected
         self.stated, self.keys = versions, keys

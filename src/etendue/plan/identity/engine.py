@@ -103,6 +103,7 @@ HELD = (
     "etendue.plan.cost",
     "etendue.plan.identity.keys",
     "etendue.plan.identity.once",
+    "etendue.plan.identity.same_as",
     "etendue.plan.model",
     "etendue.plugins.discovery",
     "etendue.plugins.guests",
