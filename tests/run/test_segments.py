@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -131,13 +132,13 @@ def test_padding_has_no_seam(size, slope, curve):
     assert np.abs(np.diff(around, axis=1)).max() <= 2 * inside + bridge
 
 
-@settings(deadline=None)
 def test_fast_lengths_are_those_of_scipy():
     assert [sampling.fast_length(n) for n in range(1, 5000)] == [
         scipy.fft.next_fast_len(n, real=True) for n in range(1, 5000)
     ]
 
 
+@settings(deadline=None)
 @given(st.integers(1, 600))
 def test_padded_sizes_are_fast(size):
     rest = sampling.padded_size(size)
