@@ -250,19 +250,10 @@ class Refinement:
 
     def _refine(self, name: str, steps: int) -> bool:
         """Make a discretisation finer; return False, and keep why, if the stages, the memory or the time forbid it."""
-        values: Values = {}
-        for stage, some in self.open.items():
-            one = self.plan.of(stage)[0].stage if self._has(stage) else None
-            if not isinstance(one, Discretised) or name not in some.values() or one.discretisations().get(name, "no"):
-                continue
-            try:
-                for _ in range(steps):
-                    one = replace(one, **{n: v for n, v in one.finer(name).items() if n in some})
-            except (ValueError, TypeError) as error:
-                return self._not(name, plain(str(error)))
-            own = {n: float(getattr(one, n)) for n, of in some.items() if of == name}
-            if own != {n: getattr(self.plan.of(stage)[0].stage, n) for n in own}:
-                values[stage] = own
+        try:
+            values = self._finer(name, steps)
+        except (ValueError, TypeError) as error:
+            return self._not(name, plain(str(error)))
         if not values:
             return False
         pipeline = with_chosen(self.pipeline, values)
@@ -284,6 +275,20 @@ class Refinement:
             return self._not(words, f"the run would take about {_time(seconds)}; --hold-seconds are over")
         self.plan, self.pipeline = plan, plan.pipeline
         return True
+
+    def _finer(self, name: str, steps: int) -> Values:
+        """Return the parameters of stages that make a discretisation finer; raise what the stages raise."""
+        values: Values = {}
+        for stage, some in self.open.items():
+            one = self.plan.of(stage)[0].stage if self._has(stage) else None
+            if not isinstance(one, Discretised) or name not in some.values() or one.discretisations().get(name, "no"):
+                continue
+            for _ in range(steps):
+                one = replace(one, **{n: v for n, v in one.finer(name).items() if n in some})
+            own = {n: float(getattr(one, n)) for n, of in some.items() if of == name}
+            if own != {n: getattr(self.plan.of(stage)[0].stage, n) for n in own}:
+                values[stage] = own
+        return values
 
     def _not(self, what: str, why: str) -> bool:
         self.needed = f"{what}: {why}"

@@ -22,9 +22,9 @@ from etendue.plan.agreement import met_twice, taken_differently
 from etendue.plan.expansion.cells import Told, expand
 from etendue.plan.expansion.fields import notes_on_the_scene
 from etendue.plan.model import Cell, CellRef, Node, Plan
-from etendue.plan.request import Choice
 from etendue.plan.wiring.automatic import settled
 from etendue.plan.wiring.graph import build_graph, named_in_keep, resolve_keep
+from etendue.plan.wiring.request import Choice
 from etendue.plan.wiring.swapped import fitted_to_overrides
 from etendue.plugins.guests import Guest
 from etendue.telling import plain

@@ -13,8 +13,8 @@ from dataclasses import replace
 from etendue.plan.expansion.cells import expand
 from etendue.plan.model import Axis, Node, Plan
 from etendue.plan.planner import asked_of_stages, without_collecting
-from etendue.plan.request import Choice
 from etendue.plan.wiring.graph import Graph
+from etendue.plan.wiring.request import Choice
 from etendue.types.documents import DocumentView
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -74,22 +74,8 @@ def text(models: list[SensorModel], frames: FrameSet, pitch: float | None, diges
     if any("dark_current" in model.values for model in models):
         put("dark_current_density", "dark_current", ELEMENTARY_CHARGE / (area * 1e-8), "A cm-2")
         put("sensor_dark_nonuniformity", "dark_nonuniformity")
-    well = [model.values["full_well"] for model in models if "full_well" in model.values]
-    if well:
-        put("full_well_density", "full_well", 1 / area, "electron um-2")
-    else:
-        model = models[0]
-        most = 1.2 * (2**model.bits - 1) / model.response.gain
-        entry("camera", "full_well_density", quoted(f"{most / area:.6g} electron um-2"),
-              "1.2 times the charge of the top code, which is reached first", "definition")  # fmt: skip
-    efficiency = [model.values["quantum_efficiency"].value for model in models if "quantum_efficiency" in model.values]
-    if len(efficiency) == len(models):
-        letters = _by_letter(models, efficiency)
-        entry("camera", "peak_qe", json.dumps([float(f"{min(one, 1.0):.6g}") for one in letters]),
-              f"electrons per photon at the light used; {_interval(models, 'quantum_efficiency')}")  # fmt: skip
-        entry(
-            "camera", "sensitivity", quoted("flat"), "one wavelength was measured: the same at every other", "typical"
-        )
+    _put_full_well(models, area, entry, put)
+    _put_efficiency(models, entry)
     for key, name, unit in (
         ("dsnu_in_all", "dsnu_total", "electron"),
         ("prnu_in_all", "prnu_total", ""),
@@ -103,6 +89,32 @@ def text(models: list[SensorModel], frames: FrameSet, pitch: float | None, diges
     for number, (file, digest) in enumerate(sorted(digests.items())):
         entry("facts", f"frames_{number + 1:04d}", quoted(file), f"SHA-256 {digest}", "definition")
     return "\n".join(lines)
+
+
+def _put_full_well(
+    models: list[SensorModel], area: float, entry: Callable[..., None], put: Callable[..., None]
+) -> None:
+    """State the measured full well, or a definition that the top code reaches first."""
+    well = [model.values["full_well"] for model in models if "full_well" in model.values]
+    if well:
+        put("full_well_density", "full_well", 1 / area, "electron um-2")
+    else:
+        model = models[0]
+        most = 1.2 * (2**model.bits - 1) / model.response.gain
+        entry("camera", "full_well_density", quoted(f"{most / area:.6g} electron um-2"),
+              "1.2 times the charge of the top code, which is reached first", "definition")  # fmt: skip
+
+
+def _put_efficiency(models: list[SensorModel], entry: Callable[..., None]) -> None:
+    """State the quantum efficiency at the light used, if every channel has one."""
+    efficiency = [model.values["quantum_efficiency"].value for model in models if "quantum_efficiency" in model.values]
+    if len(efficiency) == len(models):
+        letters = _by_letter(models, efficiency)
+        entry("camera", "peak_qe", json.dumps([float(f"{min(one, 1.0):.6g}") for one in letters]),
+              f"electrons per photon at the light used; {_interval(models, 'quantum_efficiency')}")  # fmt: skip
+        entry(
+            "camera", "sensitivity", quoted("flat"), "one wavelength was measured: the same at every other", "typical"
+        )
 
 
 def _waves(model: SensorModel, entry: object) -> None:

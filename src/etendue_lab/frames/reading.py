@@ -111,7 +111,12 @@ def _folder(path: Path) -> FrameSet:
         return read_npz(stored[0])
     if not pictures:
         raise RequestError(f"{path}: holds no measurement: give a table (CSV: {COLUMNS}), one .npz, or pictures")
-    frames, patterns = [], set()
+    return _pictures(path, pictures)
+
+
+def _pictures(path: Path, pictures: list[Path]) -> FrameSet:
+    """Read pictures in a folder, of which those with ``dark`` in their name or folder saw no light."""
+    frames, patterns = [], set[str]()
     for one in pictures:
         source = PictureFrame(one)
         patterns.add(source.pattern)

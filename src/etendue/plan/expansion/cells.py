@@ -30,9 +30,9 @@ from etendue.plan.expansion.recipes import Recipes
 from etendue.plan.identity.once import Once
 from etendue.plan.machine import available_memory
 from etendue.plan.model import Alternative, Cell, CellRef, Node
-from etendue.plan.request import Choice
 from etendue.plan.wiring.graph import Graph
 from etendue.plan.wiring.quantities import to_be_found
+from etendue.plan.wiring.request import Choice
 from etendue.telling import human_bytes, plain
 
 BYTES_OF_A_CELL = 1300  # of a plan in memory, measured by benchmarks/scale.py

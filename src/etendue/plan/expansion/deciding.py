@@ -21,8 +21,8 @@ from etendue.plan.expansion import leave_out
 from etendue.plan.expansion.approximate import WatchedFacts, choose, open_knobs
 from etendue.plan.expansion.forms import Draft
 from etendue.plan.model import Approximated, Cell, CellRef, LeftOut, Node
-from etendue.plan.request import Choice
 from etendue.plan.wiring.graph import Graph
+from etendue.plan.wiring.request import Choice
 from etendue.transfer import effects
 
 

@@ -17,8 +17,8 @@ from etendue.errors import PluginError, nearest
 from etendue.pipeline.file import StageEntry
 from etendue.plan.identity.code import code_digest
 from etendue.plan.model import Alternative, Axis
-from etendue.plan.request import Request
 from etendue.plan.wiring.parameters import Unfit, expected, resolve
+from etendue.plan.wiring.request import Request
 from etendue.types.documents import Document, DocumentView
 
 Entries = Mapping[str, tuple[Alternative, ...]]  # by name of the stage

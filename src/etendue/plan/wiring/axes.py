@@ -13,10 +13,10 @@ from etendue.contract.values import quantities
 from etendue.contract.values.parameter import Parameter
 from etendue.errors import nearest
 from etendue.plan.model import Axis
-from etendue.plan.request import Request
 from etendue.plan.wiring.alternatives import Entries
 from etendue.plan.wiring.parameters import Unfit, axis_values
 from etendue.plan.wiring.quantities import Quantities
+from etendue.plan.wiring.request import Request
 
 
 class _Target(NamedTuple):

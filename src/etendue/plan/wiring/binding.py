@@ -24,8 +24,8 @@ from etendue.contract.values.units import same_unit
 from etendue.errors import nearest
 from etendue.pipeline.file import StageEntry
 from etendue.plan.model import Alternative, Axis, Node
-from etendue.plan.request import Request
 from etendue.plan.wiring.alternatives import Entries
+from etendue.plan.wiring.request import Request
 
 Bound = tuple[tuple[str, str, str], ...]  # (port, node, variable)
 Looks = tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer', 'datasheet' or variable, nodes in order)

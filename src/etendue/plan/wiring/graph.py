@@ -17,13 +17,13 @@ from etendue.errors import PluginError, RequestError, nearest
 from etendue.pipeline.file import PipelineFile
 from etendue.plan import stage_calls
 from etendue.plan.model import Alternative, Axis, Node
-from etendue.plan.request import Request
 from etendue.plan.wiring.alternatives import Entries, alternatives_of
 from etendue.plan.wiring.automatic import settled
 from etendue.plan.wiring.axes import resolve_axes
 from etendue.plan.wiring.binding import link
 from etendue.plan.wiring.missing import lacking
 from etendue.plan.wiring.quantities import resolve_quantities, to_be_found
+from etendue.plan.wiring.request import Request
 from etendue.plan.wiring.swapped import fitted_to_overrides
 from etendue.plugins import discovery
 from etendue.telling import plain

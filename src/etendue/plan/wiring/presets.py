@@ -17,8 +17,8 @@ from etendue.contract.values.units import as_written
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.presets import is_file, preset, preset_at, preset_names
 from etendue.plan.model import Axis
-from etendue.plan.request import Request
 from etendue.plan.wiring.parameters import Unfit, resolve
+from etendue.plan.wiring.request import Request
 from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
@@ -48,20 +48,29 @@ def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | No
         request.fault(
             place, f"unknown {whose.name} quantity {name!r}{nearest(name, [*words, *declared, *quantities.names()])}"
         )
-    named = {name for known in preset_names(whose) for name in _stated(known, whose)}
-    for table in tables.values():  # a file's values, beside those of installed ones
-        if word in table and is_file(str(table[word])):
-            try:
-                named |= preset_at(str(table[word]), whose, request.pipeline.folder).values().keys()
-            except RequestError as error:
-                request.faults += [Fault(place, fault.message) for fault in error.faults]
-                return None
+    named = _named(request, tables)
+    if named is None:
+        return None
     taken = [name for name in declared if name in own or (name in named and name not in request.pipeline.shared)]
     taken = [name for name in taken if name not in request.pipeline.sweep]
     gives = {name: _column(request, name, declared[name], tables) for name in taken}
     for name in sorted(named & declared.keys() & request.pipeline.shared.keys() - own):
         request.warnings.append(f"{whose.place(name)} overrides every {word} of the sweep")
     return None if len(request.faults) > before else Axis(word, word, tuple(tables), "", gives)
+
+
+def _named(request: Request, tables: Mapping[str, DocumentView]) -> set[str] | None:
+    """Return the quantities that installed presets give, and the files named here; None if a file is faulty."""
+    whose, word = request.pipeline.table, request.pipeline.table.preset
+    named = {name for known in preset_names(whose) for name in _stated(known, whose)}
+    for table in tables.values():
+        if word in table and is_file(str(table[word])):
+            try:
+                named |= preset_at(str(table[word]), whose, request.pipeline.folder).values().keys()
+            except RequestError as error:
+                request.faults += [Fault(f"sweep.{word}", fault.message) for fault in error.faults]
+                return None
+    return named
 
 
 def _tables(request: Request, written: Iterable[str]) -> dict[str, DocumentView]:

@@ -18,10 +18,10 @@ from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.contract.values.units import as_written
 from etendue.errors import nearest
 from etendue.plan.model import Axis
-from etendue.plan.request import Request
 from etendue.plan.wiring.alternatives import Entries, meaning
 from etendue.plan.wiring.parameters import Unfit, resolve
 from etendue.plan.wiring.presets import preset_axis
+from etendue.plan.wiring.request import Request
 from etendue.types.documents import Document
 
 
