@@ -259,7 +259,7 @@ def one(given: tuple[str, int]) -> Drawn:
             if (error.stage, error.variable) in true:
                 away, scale = true[error.stage, error.variable]
                 scale = scale or 1.0
-                why = "; ".join(f"{part}: {text}" for part, text in error.open.items())
+                why = "; ".join(f"{part}: {text}" for part, text in error.open.items() if part != "noise")
                 parts = {part: value.rms / scale for part, value in error.parts.items()}
                 own.append(Row(kind, seed, name, error.rms / scale, away / scale, parts, why))
     return Drawn(kind, seed, "", rows, (every[0].seconds, every[1].seconds), run)

@@ -14,6 +14,7 @@ from etendue.types.documents import DocumentView
 
 MATTERS = 0.02  # of the total: smaller parts are not listed
 LONGEST = 300  # characters of a text in a stored document
+NOISE = "noise"  # in ``open``: that of one draw
 TEXTS, NUMBERS = ("stage", "variable", "unit"), ("rms", "max")
 
 
@@ -66,12 +67,19 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, float) or abs(value) < 1e15
 
 
+def unknown_parts(error: DocumentView) -> list[str]:
+    """Return the parts of an error that were not measured. The interval of the noise is beside the error, no part of
+    it.
+    """
+    return [name for name in error["open"] if name != NOISE]
+
+
 def parts_text(error: DocumentView, missing: bool = True) -> str:
     """Return the parts of an error that matter, largest first, as ``bins 0.02, spacing 0.01``, and those missing."""
     total = number(error["rms"])
     own = sorted(((number(part["rms"]), name) for name, part in error["parts"].items()), reverse=True)
     known = ", ".join(f"{name} {value:.1g}" for value, name in own if value > MATTERS * total)
-    more = ", ".join(error["open"]) if missing else ""
+    more = ", ".join(unknown_parts(error)) if missing else ""
     return "; ".join(text for text in (known, f"{more} not measured" if more else "") if text)
 
 
@@ -79,9 +87,10 @@ def says_enough(error: DocumentView, complete: bool = False) -> bool:
     """Return whether an error may be shown: everything was measured, or, unless it must be ``complete``, at least one
     discretisation that matters.
     """
-    if error["open"] and not complete:
+    unknown = unknown_parts(error)
+    if unknown and not complete:
         return any(part["basis"] == "refined" and part["rms"] for part in error["parts"].values())
-    return bool(error["parts"]) and not error["open"]
+    return bool(error["parts"]) and not unknown
 
 
 def plus_minus(error: DocumentView | None, unit: str = "") -> str:
@@ -92,7 +101,7 @@ def plus_minus(error: DocumentView | None, unit: str = "") -> str:
         return ""
     inside = parts_text(error)
     noise = f" \u00b1{number(error['noise']):.1g} (noise)" if error.get("noise") else ""
-    if error["open"]:
+    if unknown_parts(error):
         return f"(error not known in full: {inside}){noise}"
     if not number(error["rms"]):
         return f"(exact){noise}"

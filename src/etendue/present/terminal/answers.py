@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from etendue.present.terminal.answer_texts import notes, number, parts_text, says_enough
+from etendue.present.terminal.answer_texts import notes, number, parts_text, says_enough, unknown_parts
 from etendue.present.terminal.terminal import _out, _table, escape, print_plan
 from etendue.types.documents import Document, DocumentView
 
@@ -57,7 +57,7 @@ def _error(row: DocumentView) -> str:
     if math.isnan(value):
         return "unknown"
     unit = row["unit"] if row["unit"] != "1" else ""
-    return f"{'at least ' if row['open'] else ''}{PLUS_MINUS if row['unit'] else ''}{value:.2g} {unit}".rstrip()
+    return f"{'at least ' if unknown_parts(row) else ''}{PLUS_MINUS if row['unit'] else ''}{value:.2g} {unit}".rstrip()
 
 
 def _largest(row: DocumentView) -> str:
