@@ -259,7 +259,10 @@ def richardson_lucy_periodic(
         if total_variation:
             estimate /= 1 - kind(total_variation) * _curvature(previous)
         np.maximum(estimate, kind(0), out=estimate)
-        estimate *= kind(mean / float(estimate.mean(dtype=np.float64)))
+        level = float(estimate.mean(dtype=np.float64))
+        if level == 0:  # underflow beside a hot pixel
+            return previous, float(done)
+        estimate *= kind(mean / level)
     return estimate, float(iterations)
 
 
