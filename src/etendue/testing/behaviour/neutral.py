@@ -40,7 +40,7 @@ def neutral_is_identity(bench: Bench) -> None:
         far = [getattr(bench.stage, name), *(span or ()), *real_ends(parameter, getattr(bench.stage, name))]
         effect = max((e for value in far if (e := done(bench, {name: value})) is not None and e <= 1.0), default=0.0)
         values = [0.0] if parameter.allows(0.0) else [1.0] if parameter.units in ("", "1") else []
-        for value in values:
+        for value in (one for one in values if one not in parameter.apart):
             left = [e for more in others if (e := done(bench, {**more, name: value})) is not None]
             bound = 2 * max(bound_of(bench, bench.arrays("ordinary", SMALL), "float64", 0.0, SMALL), EXACT)
             if not left or min(left) > NEARLY * effect or bound > NEARLY * effect:

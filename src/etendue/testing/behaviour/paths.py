@@ -88,7 +88,7 @@ def paths(bench: Bench, port: str) -> Iterator[tuple[str, Array, Walk, Arrays]]:
 
 
 def continuous_in_parameters(bench: Bench) -> None:
-    """Every number of a stage over the whole of its range."""
+    """Every number of a stage over the whole of its range, but for values that are declared to stand ``apart``."""
     if not bench.reads or bench.looks or bench.given_grids or jumps(bench) or not bench.steady:
         return
     inputs = bench.arrays("ordinary", SMALL)
@@ -112,9 +112,10 @@ def continuous_in_parameters(bench: Bench) -> None:
                 return None
 
         for values in ways:
-            follow(bench, walk, values, f"{name} =", allowed, worth, rank)
+            beside = values[~np.isin(values, parameter.apart)]
+            follow(bench, walk, beside, f"{name} =", allowed, worth, rank)
         for value in NICE[:: 3 if dear else 1]:
-            if low < value < high:
+            if low < value < high and value not in parameter.apart:
                 beside_a_whole_number(bench, walk, value, name, allowed)
 
 
