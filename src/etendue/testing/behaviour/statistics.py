@@ -20,7 +20,7 @@ from etendue.contract.capabilities import Noisy, Sampled, draws_anew, is_random
 from etendue.contract.stage import patterns_of
 from etendue.testing.bench import Bench, Frame
 from etendue.testing.checks import bound_of
-from etendue.testing.laws.knob_laws import mean_of
+from etendue.testing.means import mean_of
 from etendue.testing.measured import hold, ratio_of, within
 from etendue.testing.seeds import seed_of
 from etendue.types.arrays import Array
