@@ -25,7 +25,7 @@ from etendue.contract.capabilities import Datasheet, Noisy, Sampled, is_random
 from etendue.telling import said
 from etendue.testing.bench import FRAME, Bench, BenchTrial, Frame
 from etendue.testing.cases import END, ORDINARY, Case
-from etendue.testing.laws.knob_laws import mean_of
+from etendue.testing.means import mean_of
 from etendue.types.arrays import Array
 from etendue_lab.stability.rows import LawCase
 

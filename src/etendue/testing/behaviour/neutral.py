@@ -7,6 +7,7 @@ Out: nothing, or ``LawBroken``.
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from etendue.testing.measured import ratio_of, within
 
 NEARLY = 0.05  # of the effect elsewhere: so little is left only where nothing is meant to be
 EXACT = 1e-9
+SIDE = 0.2  # of a value, or of the range beside 0
 
 
 def neutral_is_identity(bench: Bench) -> None:
@@ -40,17 +42,29 @@ def neutral_is_identity(bench: Bench) -> None:
         far = [getattr(bench.stage, name), *(span or ()), *real_ends(parameter, getattr(bench.stage, name))]
         effect = max((e for value in far if (e := done(bench, {name: value})) is not None and e <= 1.0), default=0.0)
         values = [0.0] if parameter.allows(0.0) else [1.0] if parameter.units in ("", "1") else []
-        for value in values:
-            left = [e for more in others if (e := done(bench, {**more, name: value})) is not None]
+        for value in (one for one in values if one not in parameter.apart):
+            found = [(e, more) for more in others if (e := done(bench, {**more, name: value})) is not None]
             bound = 2 * max(bound_of(bench, bench.arrays("ordinary", SMALL), "float64", 0.0, SMALL), EXACT)
-            if not left or min(left) > NEARLY * effect or bound > NEARLY * effect:
+            left, more = min(found, key=lambda one: one[0], default=(math.inf, {}))
+            if left > NEARLY * effect or bound > NEARLY * effect:
                 continue
+            if any(
+                less <= left for side in beside(value, span) if (less := done(bench, {**more, name: side})) is not None
+            ):
+                continue  # on one side it does less: the value is one of a row, and none of its own
             within(
-                min(left),
+                left,
                 bound,
                 f"{bench.name}: with {name} = {value:g} it should leave {bench.reads[port].variable} alone, but "
-                f"changes it by {min(left):.2g} of its largest value, where its effect elsewhere is {effect:.2g}",
+                f"changes it by {left:.2g} of its largest value, where its effect elsewhere is {effect:.2g}",
             )
+
+
+def beside(value: float, span: tuple[float, float] | None) -> list[float]:
+    """Return a value on either side, within the range."""
+    low, high = span or (value, value)
+    step = SIDE * (abs(value) or high - low)
+    return [side for side in (value - step, value + step) if low <= side <= high]
 
 
 def done(bench: Bench, values: dict[str, float]) -> float | None:

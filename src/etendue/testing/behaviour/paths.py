@@ -4,8 +4,8 @@ In:  a ``Bench``.
 Out: nothing, or ``LawBroken`` that says where a result jumps, and by how much.
 
 A path is walked in steps; the steps that stand out from their neighbours are divided again and again. What is left of
-the change when a step is a billionth of its place is a jump. It may be twice the error that a stage states. Stages that
-``decide`` or write whole numbers jump by nature; ``steps`` measures theirs.
+the change when a step is a billionth of its place is a jump. It may be the errors that a stage states on
+both sides. Stages that ``decide`` or write whole numbers jump by nature; ``steps`` measures theirs.
 """
 
 from __future__ import annotations
@@ -36,11 +36,12 @@ DEAR = (9, 1, 40.0)  # the same, steps and rank for a stage that prepares tables
 NICE = (2.0, 0.5, 1.0, 3.0, 1.5, 4.0, 5.0, 2.5, 6.0, 8.0)  # values for which code may have a formula of its own
 BESIDE = 1e-9
 Walk = Callable[[float], BenchTrial | None]
+Errors = Callable[[float], float]  # what a stage states at a place of a path
 
 
-def jump_allowed(bench: Bench, inputs: Arrays) -> float:
-    """Return the largest jump that a stage may make: twice its error."""
-    return 2 * (bench.own_error(inputs, "float64", SMALL) or 0.0) + LEAST
+def stated(bench: Bench, inputs: Arrays) -> float:
+    """Return the error that a stage states; 0 if it states none."""
+    return bench.own_error(inputs, "float64", SMALL) or 0.0
 
 
 def continuous_in_light(bench: Bench) -> None:
@@ -58,7 +59,8 @@ def continuous_in_light(bench: Bench) -> None:
         if declaration.dtype != "float" or not {"y", "x"} <= set(declaration.dims):
             continue
         for word, places, walk, base in paths(bench, port):
-            follow(bench, walk, places, f"{port}, {word},", jump_allowed(bench, base))
+            error = stated(bench, base)
+            follow(bench, walk, places, f"{port}, {word},", lambda t, error=error: error)  # type: ignore[misc]
 
 
 def paths(bench: Bench, port: str) -> Iterator[tuple[str, Array, Walk, Arrays]]:
@@ -88,11 +90,10 @@ def paths(bench: Bench, port: str) -> Iterator[tuple[str, Array, Walk, Arrays]]:
 
 
 def continuous_in_parameters(bench: Bench) -> None:
-    """Every number of a stage over the whole of its range."""
+    """Every number of a stage over the whole of its range, but for values that are declared to stand ``apart``."""
     if not bench.reads or bench.looks or bench.given_grids or jumps(bench) or not bench.steady:
         return
     inputs = bench.arrays("ordinary", SMALL)
-    allowed = jump_allowed(bench, inputs)
     dear = is_transfer(bench.kind) or bench.kind.prepare is not Stage.prepare
     points, worth, rank = DEAR if dear else (POINTS, 2, RANK)
     for name, (parameter, kind, _) in parameters_of(bench.kind).items():
@@ -104,21 +105,28 @@ def continuous_in_parameters(bench: Bench) -> None:
         if low > 0 and high > 20 * low:
             ways.append(np.geomspace(low, high, points))
 
-        def walk(value: float, name: str = name) -> BenchTrial | None:
+        def at(value: float, name: str = name) -> Bench:
+            stage = dataclasses.replace(bench.stage, **{name: float(value)})
+            return Bench(stage, bench.given_grids or bench.input_grids(SMALL), bench.scales)
+
+        def walk(value: float, at: Callable[[float], Bench] = at) -> BenchTrial | None:
             try:
-                stage = dataclasses.replace(bench.stage, **{name: float(value)})
-                return tried(Bench(stage, bench.given_grids or bench.input_grids(SMALL), bench.scales), inputs)
+                return tried(at(value), inputs)
             except ValueError:
                 return None
 
+        def error(value: float, at: Callable[[float], Bench] = at) -> float:
+            return stated(at(value), inputs)
+
         for values in ways:
-            follow(bench, walk, values, f"{name} =", allowed, worth, rank)
+            beside = values[~np.isin(values, parameter.apart)]
+            follow(bench, walk, beside, f"{name} =", error, worth, rank)
         for value in NICE[:: 3 if dear else 1]:
-            if low < value < high:
-                beside_a_whole_number(bench, walk, value, name, allowed)
+            if low < value < high and value not in parameter.apart:
+                beside_a_whole_number(bench, walk, value, name, error)
 
 
-def beside_a_whole_number(bench: Bench, walk: Walk, value: float, name: str, allowed: float) -> None:
+def beside_a_whole_number(bench: Bench, walk: Walk, value: float, name: str, error: Errors) -> None:
     """Compare a number for which there may be a formula of its own with the next ones."""
     own, near = walk(value), walk(value * (1 + BESIDE))
     for variable, d in bench.writes.items() if own and near else ():
@@ -128,7 +136,7 @@ def beside_a_whole_number(bench: Bench, walk: Walk, value: float, name: str, all
         off = ratio_of(float(np.abs(one - other).max(initial=0.0)), float(np.abs(one).max(initial=0.0)))
         within(
             off,
-            allowed,
+            error(value) + error(value * (1 + BESIDE)) + LEAST,
             f"{bench.name}: {variable} with {name} = {value:g} is {off:.3g} of its largest value from that with "
             f"{value * (1 + BESIDE):.12g}: a formula for this value alone that does not agree with the general one",
         )
@@ -143,20 +151,21 @@ def tried(bench: Bench, inputs: Arrays) -> BenchTrial | None:
 
 
 def follow(
-    bench: Bench, walk: Walk, places: Array, word: str, allowed: float, worth: int = WORTH, rank: float = RANK
+    bench: Bench, walk: Walk, places: Array, word: str, error: Errors, worth: int = WORTH, rank: float = RANK
 ) -> None:
-    """Walk a path, and look into the steps that stand out."""
+    """Walk a path, and look into the steps that stand out. A jump may be the sum of the errors stated on both sides."""
     places = np.unique(places)
     trials = [walk(float(t)) for t in places]
     for variable in (name for name, d in bench.writes.items() if {"y", "x"} <= set(d.dims)):  # others may be counts
         values = [None if one is None or variable not in one.arrays else one.arrays[variable] for one in trials]
         for step in outstanding(places, values, worth, rank):
-            jump, at = narrowed(walk, variable, float(places[step]), float(places[step + 1]))
+            jump, (low, high) = narrowed(walk, variable, float(places[step]), float(places[step + 1]))
             off = ratio_of(*jump)
+            allowed = error(low) + error(high) + LEAST
             within(
                 off,
                 allowed,
-                f"{bench.name}: {variable} jumps by {off:.3g} of its largest value where {word} {at:.9g}; allowed: "
+                f"{bench.name}: {variable} jumps by {off:.3g} of its largest value where {word} {low:.9g}; allowed: "
                 f"{allowed:.2g}; declare decides = True if that is its nature",
             )
 
@@ -191,7 +200,7 @@ def summary(value: Array | None) -> tuple[float, float, float]:
     return (float(np.log(top)) if top > 0 else -700.0, shape, float(array.sum()) / (top or 1.0) / array.size)
 
 
-def narrowed(walk: Walk, variable: str, low: float, high: float) -> tuple[tuple[float, float], float]:
+def narrowed(walk: Walk, variable: str, low: float, high: float) -> tuple[tuple[float, float], tuple[float, float]]:
     """Divide a step, always keeping the part whose change differs most from that of the others."""
     jump = (0.0, 1.0)
     known: dict[float, Array | None] = {}
@@ -210,13 +219,13 @@ def narrowed(walk: Walk, variable: str, low: float, high: float) -> tuple[tuple[
         for t in places:
             value = at(float(t))
             if value is None:
-                return (0.0, 1.0), low  # refused in between
+                return (0.0, 1.0), (low, high)  # refused in between
             values.append(value)
         if any(value.shape != values[0].shape for value in values):
-            return (0.0, 1.0), low
+            return (0.0, 1.0), (low, high)
         changes = np.array([(after - before).ravel() for before, after in itertools.pairwise(values)])
         if not np.isfinite(changes).all():
-            return (0.0, 1.0), low
+            return (0.0, 1.0), (low, high)
         off = np.abs(changes - np.median(changes, axis=0)).max(axis=1, initial=0.0)
         part = int(off.argmax()) if off.max() > 0 else PARTS - 1
         low, high = float(places[part]), float(places[part + 1])
@@ -224,4 +233,4 @@ def narrowed(walk: Walk, variable: str, low: float, high: float) -> tuple[tuple[
         jump = (float(np.abs(changes[part]).max(initial=0.0)), scale)
         if ratio_of(*jump) < LEAST / 10:
             break
-    return jump, low
+    return jump, (low, high)

@@ -17,9 +17,10 @@ import numpy as np
 
 from etendue.contract import wording
 from etendue.contract.capabilities import Noisy, Sampled, draws_anew, is_random
+from etendue.contract.stage import patterns_of
 from etendue.testing.bench import Bench, Frame
 from etendue.testing.checks import bound_of
-from etendue.testing.laws.knob_laws import mean_of
+from etendue.testing.means import mean_of
 from etendue.testing.measured import hold, ratio_of, within
 from etendue.testing.seeds import seed_of
 from etendue.types.arrays import Array
@@ -171,14 +172,8 @@ def check_independence(bench: Bench, found: Array, main: str, value: float, z: f
     )
     if draws_anew(bench.kind):
         across = float((apart[0] * apart[1]).mean()) / variance
-        patterned = is_patterned(bench)
+        patterned = bool(patterns_of(bench.kind))
         hold(
             patterned or abs(across) <= z / math.sqrt(apart[0].size),
             f"{bench.name}: {main} at {value:g} of two draws has a correlation of {across:.3g}",
         )
-
-
-def is_patterned(bench: Bench) -> bool:
-    from etendue.contract.stage import patterns_of
-
-    return bool(patterns_of(bench.kind))

@@ -11,7 +11,7 @@ import numpy as np
 from etendue.archive.read.differing import full_scale
 from etendue.contract.capabilities import Sampled, is_random
 from etendue.testing.bench import Bench, Frame
-from etendue.testing.laws.knob_laws import mean_of
+from etendue.testing.means import mean_of
 from etendue.testing.measured import ratio_of, within
 from etendue.types.arrays import Array
 

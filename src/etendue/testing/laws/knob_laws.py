@@ -6,24 +6,21 @@ Out: nothing, or a broken law.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from etendue.compute.cell import compute
-from etendue.compute.joined.segments import Result
 from etendue.contract.arrays.grid import Coordinate, Grid
 from etendue.contract.capabilities import Sampled, is_random, mean_arguments_of, rounds
 from etendue.contract.stage import Stage, parameters_of
-from etendue.plan.model import CellRef
-from etendue.testing.bench import FRAME, Arrays, Bench, Frame, LawBroken
+from etendue.testing.behaviour import statistics
+from etendue.testing.bench import Bench, LawBroken
 from etendue.testing.checks import along_ladder
+from etendue.testing.means import mean_of
 from etendue.testing.measured import hold
 from etendue.testing.seeds import seed_of
-from etendue.types.arrays import Array
 
 DRAWS = 24
 ERRORS = 6.7  # standard errors of the mean over these draws: p = 1e-6 for the t distribution of 23 degrees of freedom
@@ -48,8 +45,6 @@ class KnobLaws:
 
     def test_its_draws_are_those_that_it_declares(self) -> None:
         """Mean, variance and correlation of two million draws at each of several levels, at p = 1e-6."""
-        from etendue.testing.behaviour import statistics
-
         statistics.drawn_as_declared(self.bench)
 
     def test_a_finer_setting_states_no_larger_error(self) -> None:
@@ -104,17 +99,3 @@ def check_mean(bench: Bench) -> None:
             abs(values.mean() - said) <= room,
             f"{bench.name} gives {name} = {values.mean():.6g} on average over {DRAWS} draws, but mean() is {said:.6g}",
         )
-
-
-def mean_of(bench: Bench, inputs: Arrays, frame: Frame = FRAME) -> dict[str, Array]:
-    """Return what ``mean`` returns when the engine calls it, with every input as floats."""
-    job = dataclasses.replace(bench.job(frame=frame), expected=True)
-    floats = {port: np.asarray(array, dtype=np.float64) for port, array in inputs.items()}
-    results: dict[CellRef, Result] = {}
-    for port, array in floats.items():
-        variable = bench.reads[port].variable
-        results[port, ()] = Result({variable: array}, {variable: float(array.min())})
-    result, report = compute(job, results)
-    if report.status != "done":
-        raise LawBroken(f"{bench.name}.mean failed: {report.message}")
-    return result.arrays
