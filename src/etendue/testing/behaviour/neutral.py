@@ -14,6 +14,7 @@ import numpy as np
 from etendue.archive.read.differing import full_scale
 from etendue.contract.capabilities import is_random
 from etendue.contract.stage import parameters_of
+from etendue.contract.values.parameter import Parameter
 from etendue.testing.bench import SMALL, Bench, largest_difference
 from etendue.testing.cases import real_ends, span_of
 from etendue.testing.checks import bound_of
@@ -38,26 +39,31 @@ def neutral_is_identity(bench: Bench) -> None:
     }
     for name, parameter in numbers.items():
         others = [{}, {other: 0.0 for other, one in numbers.items() if other != name and one.allows(0.0)}]
-        span = span_of(parameter, float, getattr(bench.stage, name))
-        far = [getattr(bench.stage, name), *(span or ()), *real_ends(parameter, getattr(bench.stage, name))]
-        effect = max((e for value in far if (e := done(bench, {name: value})) is not None and e <= 1.0), default=0.0)
-        values = [0.0] if parameter.allows(0.0) else [1.0] if parameter.units in ("", "1") else []
-        for value in (one for one in values if one not in parameter.apart):
-            found = [(e, more) for more in others if (e := done(bench, {**more, name: value})) is not None]
-            bound = 2 * max(bound_of(bench, bench.arrays("ordinary", SMALL), "float64", 0.0, SMALL), EXACT)
-            left, more = min(found, key=lambda one: one[0], default=(math.inf, {}))
-            if left > NEARLY * effect or bound > NEARLY * effect:
-                continue
-            if any(
-                less <= left for side in beside(value, span) if (less := done(bench, {**more, name: side})) is not None
-            ):
-                continue  # on one side it does less: the value is one of a row, and none of its own
-            within(
-                left,
-                bound,
-                f"{bench.name}: with {name} = {value:g} it should leave {bench.reads[port].variable} alone, but "
-                f"changes it by {left:.2g} of its largest value, where its effect elsewhere is {effect:.2g}",
-            )
+        _hold_neutral(bench, name, parameter, others)
+
+
+def _hold_neutral(bench: Bench, name: str, parameter: Parameter, others: list[dict[str, float]]) -> None:
+    """Hold the neutral value of a parameter, if it has one, with each of some values of the others."""
+    span = span_of(parameter, float, getattr(bench.stage, name))
+    far = [getattr(bench.stage, name), *(span or ()), *real_ends(parameter, getattr(bench.stage, name))]
+    effect = max((e for value in far if (e := done(bench, {name: value})) is not None and e <= 1.0), default=0.0)
+    values = [0.0] if parameter.allows(0.0) else [1.0] if parameter.units in ("", "1") else []
+    for value in (one for one in values if one not in parameter.apart):
+        found = [(e, more) for more in others if (e := done(bench, {**more, name: value})) is not None]
+        bound = 2 * max(bound_of(bench, bench.arrays("ordinary", SMALL), "float64", 0.0, SMALL), EXACT)
+        left, more = min(found, key=lambda one: one[0], default=(math.inf, {}))
+        if left > NEARLY * effect or bound > NEARLY * effect:
+            continue
+        sides = (done(bench, {**more, name: side}) for side in beside(value, span))
+        if any(less is not None and less <= left for less in sides):
+            continue  # on one side it does less: the value is one of a row, and none of its own
+        variable = bench.reads[str(bench.one_array)].variable
+        within(
+            left,
+            bound,
+            f"{bench.name}: with {name} = {value:g} it should leave {variable} alone, but changes it by {left:.2g} of "
+            f"its largest value, where its effect elsewhere is {effect:.2g}",
+        )
 
 
 def beside(value: float, span: tuple[float, float] | None) -> list[float]:
