@@ -118,6 +118,11 @@ BROKEN = [
 ]
 
 
+@pytest.fixture(autouse=True)
+def _fresh():
+    state.forget()
+
+
 def conformance(stage):
     return type("Conformance", (StageConformance,), {"stage": stage})()
 

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 from etendue_lab.stability.stages import rows_of_kind
-from tests.conformance.faulty import FAULTY, sound
+from tests.conformance.faulty import FAULTY, sound, state
 
 EVERY = [(kind, one) for kind, several in FAULTY.items() for one in several]
+
+
+@pytest.fixture(autouse=True)
+def _fresh():
+    state.forget()
 
 
 def test_there_are_forty_of_at_least_twelve_kinds():

@@ -15,6 +15,13 @@ _last: list[float] = []
 _scratch: dict[Any, Any] = {}
 
 
+def forget() -> None:
+    """Empty what these stages remember, as a process that has not met them."""
+    for one in (_means, _last, _scratch):
+        one.clear()
+    _brightest.cache_clear()
+
+
 @dataclass(frozen=True, kw_only=True)
 class MeanOfTheFirstPicture(OfCharge):
     """Subtracts a mean that is remembered by the size of the frame."""

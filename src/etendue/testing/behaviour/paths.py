@@ -28,6 +28,7 @@ LIGHT = np.concatenate([[0.0], np.geomspace(1e-9, 1e4, 261)])  # of full scale
 FADING = np.concatenate([[0.0], np.geomspace(1e-12, 4.0, 61)])
 PARTS = 8  # into which a step is divided
 DEPTH = 11  # divisions: 8^11 = 9e9
+FALLS = 4  # divisions over which the change at a jump stays as large, and that of a root does not
 WORTH = 4  # steps of a path that are looked into
 LEAST = 1e-6  # of full scale; what a smooth stage with a condition number of 1,000 changes over a billionth
 POINTS = 33  # values of a parameter, evenly spread, and as many by equal factors
@@ -202,7 +203,7 @@ def summary(value: Array | None) -> tuple[float, float, float]:
 
 def narrowed(walk: Walk, variable: str, low: float, high: float) -> tuple[tuple[float, float], tuple[float, float]]:
     """Divide a step, always keeping the part whose change differs most from that of the others."""
-    jump = (0.0, 1.0)
+    jump, sizes = (0.0, 1.0), list[float]()
     known: dict[float, Array | None] = {}
 
     def at(t: float) -> Array | None:
@@ -231,6 +232,9 @@ def narrowed(walk: Walk, variable: str, low: float, high: float) -> tuple[tuple[
         low, high = float(places[part]), float(places[part + 1])
         scale = max(float(np.abs(values[part]).max(initial=0.0)), float(np.abs(values[part + 1]).max(initial=0.0)))
         jump = (float(np.abs(changes[part]).max(initial=0.0)), scale)
+        sizes.append(jump[0])
         if ratio_of(*jump) < LEAST / 10:
             break
+    if len(sizes) > FALLS and sizes[-1] < 0.5 * sizes[-1 - FALLS]:
+        return (0.0, 1.0), (low, high)  # steep, as a root at 0, but smaller with every division
     return jump, (low, high)
