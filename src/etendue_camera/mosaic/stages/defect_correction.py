@@ -63,7 +63,6 @@ class CorrectDefects(DefectDetection):
     """
 
     role: ClassVar = "defect correction"
-    handed: ClassVar = True  # of equally good neighbours it takes the first
     reads: ClassVar = {"mosaic_linear": "y x [1]", "defect_map": "y x [1] uint8"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", **FIGURES}
     decides: ClassVar = True
@@ -93,7 +92,6 @@ class CorrectFoundDefects(DefectDetection):
     """
 
     role: ClassVar = "defect correction"
-    handed: ClassVar = True  # of equally good neighbours it takes the first
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", **FIGURES}
     decides: ClassVar = True
