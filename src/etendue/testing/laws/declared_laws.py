@@ -131,7 +131,7 @@ def variance_told(bench: Bench) -> None:
 def check_variance(bench: Bench, given: Array, found: Array, unit: str, by_line: bool) -> None:
     stage: Any = bench.stage
     name, said = next(((own, one.said) for own, one in wording.units().items() if one.noise), (unit, unit))
-    slope = float(np.cov(given.ravel(), found.ravel())[0, 1] / given.var())
+    slope = float(np.cov(given.ravel(), found.ravel(), ddof=0)[0, 1] / given.var())
     if (
         slope <= 0
         or not math.isfinite(slope)
