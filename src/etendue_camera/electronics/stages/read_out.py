@@ -198,7 +198,9 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
         response.check(self.response_bend, self.response_order, self.bend_scale())
 
     def variance(self, charge: float) -> float:
-        return 1 / (12 * self.dn_per_electron() ** 2)
+        share = min(max(charge, 0.0) / self.bend_scale(), 1.0) ** self.response_order if self.response_bend > 0 else 0.0
+        slope = 1 - self.response_bend * (1 + self.response_order) * share  # of the response, at this charge
+        return 1 / (12 * (self.dn_per_electron() * slope) ** 2)
 
     def datasheet(self) -> dict[str, float]:
         gain = self.dn_per_electron()
