@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from etendue import simulate
 from etendue.accuracy.answers import recalled
 from etendue.accuracy.answers.cached import answer_key
-from etendue.accuracy.answers.error import answers_of, part_between
+from etendue.accuracy.answers.error import Part, answers_of, part_between
 from etendue.accuracy.answers.pilots import state_errors
 from etendue.accuracy.answers.refinement import DRAWN, Point
 from etendue.archive.records.remembered import ANSWER, latest
@@ -406,3 +406,12 @@ def test_what_the_stages_refuse_is_no_remedy_and_the_stage_says_why() -> None:
     found = stated(made)
     assert "spacing" not in found.remedies
     assert "sampling = 'paper'" in found.errors["photon_rate"].fixed["spacing"]
+
+
+def test_what_is_known_of_one_variable_leaves_the_others_to_be_measured() -> None:
+    plan, known = make_plan(load(pipeline()), installed_stages()), {"bins": {"photon_rate": Part(0.5, 0.5)}}
+    own = state_errors(plan, installed_stages(), None, math.inf, known=known).errors
+    free = stated(pipeline()).errors
+    assert own["photon_rate"].parts["bins"] == Part(0.5, 0.5)
+    assert own["mean_snr"].parts["bins"] == free["mean_snr"].parts["bins"] != Part(0.0, 0.0)
+    assert not own["mean_snr"].open

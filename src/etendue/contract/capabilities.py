@@ -265,6 +265,9 @@ def no_coordinates(kind: type[Stage]) -> str:
     )
 
 
+METHODS = ("run", "grid", "carry", "growth", "error", "prepare", "warn", "warn_among", "assumes")  # of every stage
+
+
 def check_class(kind: type[Stage]) -> None:
     """Check the attributes and methods of a class apart from its ports; raise ``TypeError`` if one has a form that the
     engine does not read.
@@ -279,7 +282,7 @@ def check_class(kind: type[Stage]) -> None:
     if issubclass(kind, Sampled):
         mean_arguments_of(kind)
     own_methods = [method for method, base in CAPABILITIES.items() if issubclass(kind, base)]
-    for attribute in [*"run grid carry growth error prepare warn warn_among assumes".split(), *own_methods]:
+    for attribute in (*METHODS, *own_methods):
         own = inspect.getattr_static(kind, attribute, None)
         if own is not None and not callable(own):
             raise TypeError(f"{name}.{attribute} is {own!r}; expected a method")

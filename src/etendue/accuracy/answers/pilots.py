@@ -149,29 +149,28 @@ def _refine_all(
         for one in point.wanted:
             if one not in affected:
                 parts[one][name] = Part(0.0, 0.0, "not affected")
-        if name in known:
-            _take(parts, missing, affected, name, known[name])
-        if name in known or not affected:
+        rest = [one for one in affected if not _take(parts, missing, one, name, known)]
+        if not rest:
             continue
-        pair, seconds = _refined(evaluations, missing, name, affected)
+        pair, seconds = _refined(evaluations, missing, name, rest)
         dear += seconds
         if pair is None:
             fixed[name] = f"the stages accept no finer one{f' ({point.refusal})' if point.refusal else ''}"
         elif pair:
-            compare(parts, missing, pair, name, affected)
+            compare(parts, missing, pair, name, rest)
     return dear
 
 
-def _take(
-    parts: Parts, missing: Texts, affected: Iterable[StageVariable], name: str, known: Mapping[str, Part | str]
-) -> None:
-    """Add what is known of a discretisation."""
-    for stage, variable in affected:
-        found = known.get(variable, known.get(f"{stage}.{variable}", "not measured"))
-        if isinstance(found, str):
-            missing[stage, variable][name] = found
-        else:
-            parts[stage, variable][name] = found
+def _take(parts: Parts, missing: Texts, one: StageVariable, name: str, known: KnownParts) -> bool:
+    """Add what is known of a discretisation for a variable; return whether anything is."""
+    stage, variable = one
+    own = known.get(name, {})
+    found = own.get(variable, own.get(f"{stage}.{variable}"))
+    if isinstance(found, str):
+        missing[one][name] = found
+    elif found is not None:
+        parts[one][name] = found
+    return found is not None
 
 
 def refined_pair(evaluations: Evaluations, name: str) -> list[Evaluated] | None:
