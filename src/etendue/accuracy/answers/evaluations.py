@@ -131,18 +131,22 @@ class Evaluations:
         return found
 
     def affordable(self, *which: Which) -> frozenset[StageVariable]:
-        """Return the variables whose evaluations fit into what is left, the cheapest first."""
+        """Return variables whose evaluations fit into what is left: those of the pipeline's ``wanted`` first, and among
+        them the cheapest.
+        """
         plans = [(one, self.plan(*one)) for one in which if self._known(one, None) is None]
         made = [(one, plan) for one, plan in plans if plan is not None]
         every: dict[str, list[StageVariable]] = {one[0]: [] for one in self.point.wanted}
         for variable in self.point.wanted:
             every[variable[0]].append(variable)
-        costs = [(sum(self._seconds(one, plan, own) for one, plan in made), own) for own in every.values()]
         chosen: list[StageVariable] = []
-        for _, own in sorted(costs):
-            if sum(self._seconds(one, plan, [*chosen, *own]) for one, plan in made) > self.left:
-                break
-            chosen += own
+
+        def seconds(own: list[StageVariable]) -> float:
+            return sum(self._seconds(one, plan, own) for one, plan in made)
+
+        for own in sorted(every.values(), key=lambda own: (not self.point.asked.intersection(own), seconds(own))):
+            if seconds([*chosen, *own]) <= self.left:
+                chosen += own
         return frozenset(chosen)
 
     def _known(self, which: Which, asked: Asked) -> Evaluated | None:

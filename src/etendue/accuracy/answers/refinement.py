@@ -52,6 +52,7 @@ class Point:
 
     def __init__(self, plan: Plan, registry: Registry, place: AxisValues, wanted: tuple[StageVariable, ...]) -> None:
         self.registry, self.wanted, self.refusal = registry, wanted, ""
+        self.asked = frozenset(plan.wanted)  # those of them that the pipeline wants
         pipeline = replace(plan.pipeline, leave_out=plan.leaves_out and plan.pipeline.leave_out)
         self.pipeline = wanting(narrowed(pipeline, plan.axes, [dict(place)]), wanted)
         self.at = at = {axis.dim: axis.values.index(place[axis.dim]) for axis in plan.axes}

@@ -24,8 +24,8 @@ def print_answers(document: DocumentView | None) -> None:
     if document is None:
         out.print("error of the answer: known after a run")
         return
-    errors = [(name, one) for name, one in document["errors"].items() if says_enough(one)]
-    errors.sort(key=lambda item: number(item[1]["rms"]) == 0)  # wanted variables come first, errors of 0 last
+    known = [(name, one) for name, one in document["errors"].items() if says_enough(one)]
+    errors = [(name, one) for name, one in known if number(one["rms"]) != 0]  # wanted variables come first
     rows: list[Document] = [
         {**one, "name": name, "mostly": parts_text(one, missing=False)} for name, one in errors[:SHOWN]
     ]
@@ -47,6 +47,8 @@ def print_answers(document: DocumentView | None) -> None:
         )
     if len(errors) > SHOWN:
         out.print(f"{len(errors) - SHOWN} more variables: --json")
+    if len(known) > len(errors):
+        out.print(f"exact: {len(known) - len(errors)} variables that nothing of this changes")
     for text in notes(document):
         out.print(escape(text))
 
