@@ -26,7 +26,6 @@ from etendue.contract.discretised import Discretised
 from etendue.contract.registry import Registry
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.file import PipelineFile
-from etendue.plan.cost import cell_seconds
 from etendue.plan.machine import available_memory
 from etendue.plan.model import Plan, StageVariable
 from etendue.plan.planner import make_plan
@@ -48,7 +47,7 @@ Values = dict[str, dict[str, float]]  # by stage and parameter
 
 
 @dataclass
-class Own:
+class VariableError:
     """The error of discretisation of one variable, relative to its full scale or value."""
 
     limit: float
@@ -215,13 +214,13 @@ class Refinement:
             # What is asked in a unit is least of the largest scale, what is asked of a number of the smallest.
             self.scales[stage, name] = (min if number else max)(known, largest or 1.0), number
 
-    def _errors(self, known: Mapping[str, Mapping[str, Part | str]]) -> dict[str, Own]:
+    def _errors(self, known: Mapping[str, Mapping[str, Part | str]]) -> dict[str, VariableError]:
         found = {}
         for one, name in self.names.items():
             if not self.asked.asks(name):
                 continue
             scale, number = self.scales.get(one, (1.0, False))
-            own = found[name] = Own(self.asked.of_scale(name, scale))
+            own = found[name] = VariableError(self.asked.of_scale(name, scale))
             for part, measured in known.items():
                 value = measured.get(name, Part(0.0, 0.0))
                 if isinstance(value, str):
@@ -231,7 +230,7 @@ class Refinement:
                     own.parts[part] = self.factor * size / (scale if number else 1.0)
         return found
 
-    def _next(self, errors: Mapping[str, Own], stuck: set[str]) -> tuple[str, int]:
+    def _next(self, errors: Mapping[str, VariableError], stuck: set[str]) -> tuple[str, int]:
         """Return the discretisation to refine and by how many steps; '' if none is needed, or none helps."""
         may = {of for some in self.open.values() for of in some.values()} - stuck
         best, most, steps = "", 0.0, 0
@@ -264,7 +263,7 @@ class Refinement:
         except EtendueError as error:
             faults = error.faults if isinstance(error, RequestError) else ()
             return self._not(words, shortened(faults[0].message if faults else plain(str(error))))
-        seconds = _seconds(plan, self.rates)
+        seconds = self.rates.seconds(plan, plan.cells)
         if need > MEMORY * (available_memory() or math.inf):
             return self._not(words, f"the run would take about {human_bytes(need)} of memory and {_time(seconds)}")
         if seconds > self.until - self.began and steps == 1:
@@ -294,7 +293,7 @@ class Refinement:
         self.needed = f"{what}: {why}"
         return False
 
-    def _why(self, own: Own) -> str:
+    def _why(self, own: VariableError) -> str:
         if own.unknown:
             part, why = next(iter(own.unknown.items()))
             return f"{part} unknown: {why}"
@@ -308,14 +307,6 @@ def _larger(old: Part | str, new: Part | str) -> Part | str:
     if isinstance(old, str) or isinstance(new, str):
         return old if isinstance(old, str) else new
     return replace(new, rms=max(old.rms, new.rms), max=max(old.max, new.max))
-
-
-def _seconds(plan: Plan, rates: Rates) -> float:
-    """Return the expected seconds of the whole run."""
-    return math.fsum(
-        rates.of.get(cell.node, 1.0) * cell_seconds(plan.node(cell.node), cell, plan.precision)
-        for cell in plan.cells.values()
-    )
 
 
 def _time(seconds: float) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import zipfile
+import zlib
 from pathlib import Path
 from typing import IO, Any
 
@@ -54,9 +55,7 @@ class ArrayMember:
             for _ in range(index - self._next):
                 self._file.read(self._bytes)
             data = self._file.read(self._bytes)
-        except (OSError, ValueError, zipfile.BadZipFile, EOFError, ArithmeticError) as error:
-            raise RequestError(f"{self.path}: {self.member or 'the array'} is damaged: {error}") from None
-        except Exception as error:  # zlib.error
+        except (OSError, ValueError, zipfile.BadZipFile, zlib.error, EOFError, ArithmeticError) as error:
             raise RequestError(f"{self.path}: {self.member or 'the array'} is damaged: {error}") from None
         if len(data) != self._bytes:
             raise RequestError(f"{self.path}: {self.member or 'the array'} ends within frame {index}: it is truncated")
