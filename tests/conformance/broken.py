@@ -505,3 +505,12 @@ class WarnsOfPorts(Sound):
 
     def warn(self, facts: Any, grids: Any) -> list[str]:
         return ["bright"] if facts["charge"].high else []
+
+
+@dataclass(frozen=True, kw_only=True)
+class CountsInFewDigits(Sound):
+    """Every other row is darker, by a count that has eleven bits."""
+
+    def run(self, charge: Any, y: Any) -> dict[str, Any]:  # type: ignore[override]
+        odd = y.astype(np.float16) % 2
+        return {"charge": charge * (1.1 - 0.1 * odd[:, None]).astype(charge.dtype)}

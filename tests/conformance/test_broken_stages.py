@@ -8,6 +8,7 @@ import pytest
 from etendue.contract.arrays.grid import Grid, Labels, Line
 from etendue.testing import Finding, StageConformance, check_stage, laws
 from tests.conformance import broken
+from tests.conformance.faulty import geometry, noise, ranges, state, values
 
 BROKEN = [
     (broken.Transposed, "test_it_writes_what_it_declares", "shape"),
@@ -103,7 +104,23 @@ BROKEN = [
     (broken.LouderThanSaid, "test_the_noise_has_the_variance_that_it_says", "variance states 3 electron2"),
     (broken.NearlyLinear, "test_what_it_solves_costs_no_more_digits_than_its_condition", "cannot be recovered"),
     (broken.OtherShape, "test_it_writes_what_it_declares", "shape"),
+    (geometry.PaddedWithZeros, "test_uniform_light_stays_uniform_to_the_rim", "lost or gained at the rim"),
+    (geometry.BlursToTheRight, "test_mirrored_input_gives_the_mirrored_result", "mirrored left and right"),
+    (geometry.EveryOtherColumn, "test_a_shifted_picture_gives_the_shifted_result", "depends on the place"),
+    (broken.CountsInFewDigits, "test_the_far_corner_of_a_large_frame_is_like_the_near_one", "in too few digits"),
+    (state.MeanOfTheFirstPicture, "test_nothing_of_one_picture_reaches_the_next", "reaches the next"),
+    (state.SharedBuffer, "test_two_threads_do_not_notice_each_other", "different bits"),
+    (ranges.GainSwitches, "test_nothing_jumps_over_thirteen_decades_of_light", "charge jumps by"),
+    (ranges.ParameterSwitches, "test_nothing_jumps_over_the_range_of_a_parameter", "where strength = 0.6"),
+    (values.CutsDown, "test_codes_stand_in_the_middle_of_their_steps", "round to the nearest code"),
+    (values.NeutralIsDimmer, "test_a_neutral_value_changes_nothing", "with amount = 0 it should leave charge alone"),
+    (noise.MeanOff, "test_its_draws_are_those_that_it_declares", "standard errors from it"),
 ]
+
+
+@pytest.fixture(autouse=True)
+def _fresh():
+    state.forget()
 
 
 def conformance(stage):

@@ -10,6 +10,7 @@ from etendue.contract.values.parameter import MISSING
 from etendue.testing import StageConformance
 from etendue.testing.cases import ordinary
 from etendue.testing.laws.extreme_laws import ExtremeLaws
+from etendue.testing.laws.range_laws import RangeLaws
 
 CELLS = {"light": "cells"}
 HARD = {"light": "cells", "softness": 0.0}
@@ -253,8 +254,26 @@ CASES = [
 ]
 
 
+RANGES = {law for law in vars(RangeLaws) if law.startswith("test_")}
+
+
 @pytest.mark.parametrize("name", installed_stages().names())
 class TestInstalled(StageConformance):
+    """Without the laws of ranges, which walk through every parameter: ``TestRanges``."""
+
+    vars().update(dict.fromkeys(RANGES))
+
+    @pytest.fixture(autouse=True)
+    def _instance(self, name):
+        kind = installed_stages().load(name)
+        self.stage = kind(**ordinary(kind))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", installed_stages().names())
+class TestRanges(StageConformance):
+    vars().update(dict.fromkeys(law for law in dir(StageConformance) if law.startswith("test_") and law not in RANGES))
+
     @pytest.fixture(autouse=True)
     def _instance(self, name):
         kind = installed_stages().load(name)
@@ -265,10 +284,10 @@ class TestInstalled(StageConformance):
 @pytest.mark.parametrize(("name", "variant"), CASES)
 class TestVariants(StageConformance):
     """Without the laws of stability: the command holds them at every end of every range
-    (``tests/studies/test_stability.py``).
+    (``tests/studies/test_stability.py``). Without those of ranges: they leave the ordinary stage by themselves.
     """
 
-    vars().update(dict.fromkeys(law for law in vars(ExtremeLaws) if law.startswith("test_")))
+    vars().update(dict.fromkeys(law for law in vars(ExtremeLaws) if law.startswith("test_")) | dict.fromkeys(RANGES))
 
     @pytest.fixture(autouse=True)
     def _instance(self, name, variant):

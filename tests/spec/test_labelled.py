@@ -51,6 +51,7 @@ class Tilted(Stage):
     """Light that falls off along y, by the place on the image plane and the wavelength."""
 
     role: ClassVar = "grading"
+    handed: ClassVar = True  # it falls off towards larger y only
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     error: ClassVar = measured(1e-6, 1e-14)

@@ -70,6 +70,8 @@ class Stage:
     stage with the same.
     ``decides``: it rounds, counts or chooses by nature, so a small change of its input may change its output much. For
     any other stage the conformance kit reports where it jumps.
+    ``handed``: left and right, or up and down, differ by nature, as for a picture that is moved or sheared. For any
+    other stage the kit requires the mirrored result for mirrored input.
     ``keeps``: properties of its values that the conformance kit tests: ``"order"`` (no value falls if the input rises),
     ``"sum"`` (what leaves one position arrives at another).
     ``unseen``: by metric that it writes, the roles of stages that affect the subject of the metric but cannot enter it.
@@ -91,6 +93,7 @@ class Stage:
     elementwise: ClassVar[bool] = False
     once: ClassVar[tuple[str, ...]] = ()
     decides: ClassVar[bool] = False
+    handed: ClassVar[bool] = False
     keeps: ClassVar[tuple[str, ...]] = ()
     unseen: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 

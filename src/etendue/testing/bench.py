@@ -46,7 +46,8 @@ LARGE: Frame = (119, 160)  # large enough for sums to lose digits
 ODD_FRAMES: tuple[Frame, ...] = ((1, 1), (1, 7), (6, 1), (2, 2), (7, 5))
 PLANE = ("y", "x")
 SPACING = 2.0  # um, for light by band: a few samples of anything else fit into a frame
-EXTREMES = ("zeros", "tiny", "huge", "uniform", "point", "hole")
+EXTREMES = ("zeros", "tiny", "huge", "uniform", "point", "hole", "hot")
+HOT = 1e4  # full scales of one place among ordinary ones
 CLEAR = ("ValueError:", "OverflowError:", "ArithmeticError:")  # what a stage may raise if it cannot compute
 ROUNDING = 1e-12  # error in double precision of a stage that states none
 
@@ -260,6 +261,8 @@ class Bench:
         values = np.asarray(values * {"tiny": 1e-30 / full, "huge": 1e6}.get(what, 1.0))
         if what in ("point", "hole") and values.size:
             values[tuple(size // 2 for size in shape)] = 1.0 if what == "point" else 0.0
+        if what == "hot" and values.size:
+            values[tuple(size // 2 for size in shape)] = HOT
         values = np.asarray(values * full)
         return np.clip(np.rint(values), 0, np.iinfo(declaration.dtype).max) if whole else values
 

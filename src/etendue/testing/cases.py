@@ -22,12 +22,13 @@ from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.plan.wiring.parameters import LARGEST, SMALLEST, Unfit, resolve_file
 
-ORDINARY, END, CORNER, INSIDE = "ordinary", "end", "corner", "inside"
+ORDINARY, END, CORNER, FAR, INSIDE = "ordinary", "end", "corner", "far", "inside"
 BEYOND = (
     1e6,
     1e30,
 )  # for a range without an end: beyond anything that is built, and the largest number a pipeline may contain
 NUDGE = 1e-12  # relative distance of a value just inside an open end
+SOME = 0.1  # of a quantity that is ordinarily 0, and whose ends may both be refused
 WORK = 8  # largest multiple of its ordinary value for an integer without a near end
 DECADES = 20.0  # if the ends of a range are a larger factor apart, it is sampled logarithmically
 WIDE = 100.0  # a range without an end is sampled up to this factor from its ordinary value
@@ -39,7 +40,7 @@ class Case:
     """One instance of a stage."""
 
     name: str
-    where: str  # ordinary, end, corner or inside
+    where: str  # ordinary, end, corner, far (all at their ultimate ends) or inside
     stage: Stage | None
     refused: str = ""  # if there is no stage, the reason
     broke: bool = False  # whether it failed instead of refusing
@@ -68,6 +69,10 @@ def cases(kind: type[Stage], points: int = POINTS) -> Iterator[Case]:
         return
     for number, share in enumerate(corners(len(ranges))):
         yield made(f"corner {number + 1}", CORNER, kind, {**base, **drawn(kind, ranges, share)})
+    for word, far in (("lowest", 0), ("highest", 1)):
+        ultimate = {name: end for name in ranges if (end := limits(declared(kind, name)[0])[far]) is not None}
+        if len(ultimate) > 1:
+            yield made(f"all {word}", FAR, kind, {**base, **ultimate})
     for number, share in enumerate(sobol(len(ranges), points)):
         yield made(f"inside {number + 1}", INSIDE, kind, {**base, **drawn(kind, ranges, share)})
 
@@ -156,6 +161,8 @@ def real_ends(parameter: Parameter, now: float) -> list[float]:
         [0.0] if parameter.allows(0) and (parameter.held is None or parameter.held[0] <= 0 <= parameter.held[1]) else []
     )
     found += [math.inf] if parameter.infinite else []
+    if now == 0 and not parameter.fidelity and parameter.allows(SOME):
+        found.append(SOME)
     return [value for value in found if not parameter.fidelity or value >= abs(now)]
 
 

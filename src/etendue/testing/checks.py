@@ -223,9 +223,9 @@ def values_outside(parameter: Parameter, kind: Any) -> Iterator[Any]:
     if parameter.below is not None:
         numbers.append(parameter.below)
     if parameter.at_least is not None:
-        numbers.append(parameter.at_least - 1)
+        numbers.append(parameter.at_least - max(1.0, 1e-6 * abs(parameter.at_least)))
     if parameter.at_most is not None:
-        numbers.append(parameter.at_most + 1)
+        numbers.append(parameter.at_most + max(1.0, 1e-6 * abs(parameter.at_most)))
     if parameter.choices:
         yield "no such choice"
     elif kind in (int, float):

@@ -47,14 +47,17 @@ from etendue.testing.checks import (
 )
 from etendue.testing.laws.extreme_laws import ExtremeLaws
 from etendue.testing.laws.knob_laws import KnobLaws
+from etendue.testing.laws.place_laws import PlaceLaws
+from etendue.testing.laws.range_laws import RangeLaws
 from etendue.testing.laws.row_laws import RowLaws
+from etendue.testing.laws.state_laws import StateLaws
 from etendue.testing.laws.window_laws import WindowLaws
 from etendue.testing.laws.word_laws import WordLaws
 from etendue.testing.measured import hold, ratio_of, within
 from etendue.testing.transfer_checks import check_single_bands, check_transfer
 
 
-class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
+class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, PlaceLaws, StateLaws, RangeLaws):
     """Subclass it and set ``stage``; pytest then tests the stage against each law.
 
     Attributes

@@ -36,11 +36,15 @@ CURVED = (
 LEVELS = (
     (1.0, "ordinary"),
     (1e-6, "ordinary"),
+    (1e-12, "ordinary"),
+    (1e-20, "ordinary"),
     (1e3, "ordinary"),
+    (1e6, "ordinary"),
     (1.0, "decades"),
     (1.0, "faint"),
     (1.0, "point"),
     (1.0, "hole"),
+    (1.0, "hot"),
 )
 FREQUENCIES = 400  # number of frequencies first evaluated, from 1e-6 to 1e3 um-1
 ZOOMS, CLOSER = 6, 30.0  # number and factor of the zooms to where the precisions differ most

@@ -50,6 +50,7 @@ def check_transfer(bench: Bench) -> None:
         1e-12,
         f"{bench.name}.transfer(-f) is {uneven:.2g} from the conjugate of transfer(f): a real image becomes complex",
     )
+    check_not_moved(bench, product)
     wide = np.linspace(-3.0, 3.0, 61)
     highest = np.abs(product.at(wide[:, None], wide[None, :])).max()
     limit = max(1.0, bench.stage.gain or 1.0)
@@ -62,6 +63,27 @@ def check_transfer(bench: Bench) -> None:
         hold(
             right, f"{bench.name}.weights has shape {weights.shape}, not (channel, {len(bands) - 1}), or is not finite"
         )
+
+
+def check_not_moved(bench: Bench, product: Product) -> None:
+    """Check that it does not move the picture as a whole: a phase in proportion to the frequency and nothing else."""
+    if bench.kind.handed:
+        return
+    small = np.array([0.005, 0.01, 0.02, 0.04])
+    for word, value in (
+        ("right", product.at(np.zeros((1, 1)), small[None, :]).reshape(-1, small.size)),
+        ("down", product.at(small[:, None], np.zeros((1, 1))).reshape(-1, small.size)),
+    ):
+        if not np.iscomplexobj(value) or np.abs(value).min() < 1e-3:
+            continue
+        by = -np.angle(value) / (2 * np.pi * small)  # um
+        if np.ptp(by) <= 1e-6 * (1 + np.abs(by).max()):
+            within(
+                float(np.abs(by).max()),
+                1e-9,
+                f"{bench.name}.transfer moves the picture {by.flat[0]:.3g} um to the {word}; declare handed = True if "
+                "that is intended",
+            )
 
 
 def check_single_bands(bench: Bench) -> None:

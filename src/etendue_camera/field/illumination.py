@@ -54,7 +54,7 @@ def overlap_of_discs(radius: float, rim: float, shift: Floats) -> Floats:
         # gap + away rather than away + large - small, which would lose a shift far below the radii
         by_small = 2.0 * np.arctan(np.sqrt(outer * (gap + away) / (inner * (away + both))))
         by_large = 2.0 * np.arctan(np.sqrt(outer * inner / ((gap + away) * (away + both))))
-        area = small**2 * _segment(by_small) + large**2 * _segment(by_large)
+        area = small**2 * segment_area(by_small) + large**2 * segment_area(by_large)
     whole = np.pi * small**2
     area = np.where(inner <= 0.0, whole, np.where(outer <= 0.0, 0.0, np.minimum(area, whole)))
     return (area / (np.pi * radius**2))[()]
@@ -166,7 +166,7 @@ def table_at(where: Floats, nodes: FloatArray, values: FloatArray) -> Floats:
     return np.interp(where, nodes, values).astype(np.result_type(where, np.float32), copy=False)
 
 
-def _segment(half_angle: Floats) -> Floats:
+def segment_area(half_angle: Floats) -> Floats:
     """Return (u - sin u)/2 for u = 2 x half_angle: the area of a segment of a unit circle."""
     u = 2.0 * np.asarray(half_angle)
     squared = u * u

@@ -24,6 +24,7 @@ from etendue.transfer import sampling
 OUTER_FREQUENCY = 1 / 256  # cycles/pixel; below it the power spectrum of a picture is taken as flat
 # times the largest value: with a larger pedestal, single precision would keep fewer than 20 bits of a picture
 FAR_ABOVE = 16.0
+HOT = 20.0  # largest value over the mean above which planes are deconvolved in double precision
 STEEPEST = 1e-3  # of the largest value: much larger gradients count by direction only in the total variation
 
 
@@ -259,7 +260,10 @@ def richardson_lucy_periodic(
         if total_variation:
             estimate /= 1 - kind(total_variation) * _curvature(previous)
         np.maximum(estimate, kind(0), out=estimate)
-        estimate *= kind(mean / float(estimate.mean(dtype=np.float64)))
+        level = float(estimate.mean(dtype=np.float64))
+        if level == 0:  # underflow beside a hot pixel
+            return previous, float(done)
+        estimate *= kind(mean / level)
     return estimate, float(iterations)
 
 
@@ -300,7 +304,8 @@ def richardson_lucy(
     planes = _floating(planes)
     require.shape(planes.ndim == 3, "planes", planes, "(channel, y, x)")
     require.amount("pedestal", pedestal)
-    transfer = np.broadcast_to(_on_padded(planes, transfer, "transfer"), (planes.shape[0], *transfer.shape[-2:]))
+    given = np.broadcast_to(transfer, (planes.shape[0], *transfer.shape[-2:]))
+    transfer = np.broadcast_to(_on_padded(planes, transfer, "transfer"), given.shape)
     limits = np.broadcast_to(np.asarray(residual, dtype=float), planes.shape[:1])
     result, done = np.empty_like(planes), np.empty(planes.shape[0])
     for channel, plane in enumerate(planes):
@@ -308,11 +313,15 @@ def richardson_lucy(
         wanted = max(float(pedestal), -float(whole.min()))
         if wanted > FAR_ABOVE * float(whole.max()):  # single precision would keep the pedestal and lose the picture
             whole = whole.astype(np.float64)
+        own = transfer[channel]
+        if float(whole.max()) + wanted > HOT * (float(whole.mean(dtype=np.float64)) + wanted):
+            # its rounding in a Fourier transform is spread over all that is darker, and each iteration magnifies it
+            whole, own = whole.astype(np.result_type(whole.dtype, np.float64), copy=False), given[channel]
         lift = whole.dtype.type(wanted)
         # if the pedestal equals the smallest value, rounding must not leave it below 0
         estimate, done[channel] = richardson_lucy_periodic(
             np.maximum(whole + lift, 0),
-            transfer[channel],
+            own,
             iterations,
             total_variation,
             float(limits[channel]),

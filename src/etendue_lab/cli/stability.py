@@ -11,6 +11,9 @@ from etendue.cli.saying import command, later
 @command("stability")
 @click.argument("stages", nargs=-1, metavar="[STAGE]...")
 @click.option("--all", "every", is_flag=True, help="Show every case, not just the worst of each law.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, help="Another seed for what the statistical laws draw; default: 0."
+)
 @options.WORKERS
 @options.JSON
 @later("etendue_lab.stability.terminal:stability_command")
@@ -19,8 +22,12 @@ def stability() -> None:
 
     Every installed stage, plugins included, is run at the ends and corners of every range that it declares, at zero and
     infinity where allowed, and inside; in single, double and long double precision; with dark, bright, undefined or
-    negative inputs; with inputs and parameters changed in their last bit. Then kernels are compared with closed forms
-    evaluated to many digits, and whole cameras are run at extremes. If STAGE is given, only those stages are tested.
+    negative inputs; with inputs and parameters changed in their last bit, and followed for jumps over their ranges.
+    Uniform light must stay uniform to the rim, mirrored and shifted pictures must give mirrored and shifted results; no
+    picture may reach the next or another thread; noise must have the declared mean and variance, and no correlation;
+    codes must be rounded to the nearest; a neutral parameter must change nothing. Built-in stages are held to stored
+    references. Then kernels are compared with closed forms evaluated to many digits, and whole cameras are run at
+    extremes. If STAGE is given, only those stages are tested.
 
     Errors are relative to the largest output value; the condition number says how much a small change grows.
 

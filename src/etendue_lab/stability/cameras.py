@@ -163,6 +163,23 @@ def scenes() -> Iterator[tuple[str, Document]]:
     yield "300 bands", changed({"bin_width": 1.0})
     yield "1 band of 1 nm", changed({"wavelength_from": 550.0, "wavelength_to": 551.0, "bin_width": 1.0})
     yield "infrared alone", changed({"wavelength_from": 790.0, "wavelength_to": 830.0, "bin_width": 10.0})
+    daylight = {"illuminant": "D65"}
+    yield (
+        "daylight beyond silicon",
+        changed({"wavelength_from": 1150.0, "wavelength_to": 1250.0, "bin_width": 10.0}, daylight),
+    )
+    yield (
+        "daylight to beyond silicon",
+        changed({"wavelength_from": 380.0, "wavelength_to": 1300.0, "bin_width": 20.0}, daylight),
+    )
+    yield (
+        "daylight below silicon",
+        changed({"wavelength_from": 250.0, "wavelength_to": 400.0, "bin_width": 10.0}, daylight),
+    )
+    yield (
+        "hot points on black",
+        changed(scene(STAND_IN["spots"], background=0.0, pitch=54.0, spot_sigma=0.5), {}, (9, 12)),
+    )
     yield "hard edges as cells", changed({"light": "cells", "softness": 0.0})
 
 

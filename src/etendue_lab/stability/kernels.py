@@ -23,6 +23,7 @@ from etendue.types.arrays import Array
 from etendue_camera.colour import difference, encoding
 from etendue_camera.constants import ELEMENTARY_CHARGE
 from etendue_camera.electronics import distributions, dynamic_range
+from etendue_camera.field import illumination
 from etendue_camera.light import planck, radiometry
 from etendue_camera.optics import diffraction
 from etendue_camera.restoration import deconvolution, sharpening
@@ -82,6 +83,8 @@ FORMS = {
             * photodiode.aperture_otf(f, side)
         )
     ),
+    "overlap_of_discs": ClosedForm(illumination.overlap_of_discs),
+    "segment_area": ClosedForm(illumination.segment_area),
     "photons_from_energy": ClosedForm(radiometry.photons_from_energy),
     "i_max": ClosedForm(lambda well, t, dark: dynamic_range.saturation_current(well, t, dark)),
     "i_min": ClosedForm(dynamic_range.smallest_current),

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from etendue.contract.registry import installed_stages
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.run.workers import begin_worker
+from etendue.testing.seeds import seeded
 from etendue_lab.stability import cameras, kernels, stages
 from etendue_lab.stability.rows import LawCase
 
@@ -31,12 +32,13 @@ class WorkShare:
     name: str
     share: int = 0
     stages: frozenset[str] = frozenset()  # closed forms of these stages only, if any
+    seed: int = 0  # of the statistical laws
 
 
 Told = Callable[[int, int, str], None]  # parts done, total, the last one
 
 
-def parts(names: Sequence[str]) -> list[WorkShare]:
+def parts(names: Sequence[str], seed: int = 0) -> list[WorkShare]:
     """Return the parts of the work.
 
     Raises
@@ -52,7 +54,7 @@ def parts(names: Sequence[str]) -> list[WorkShare]:
             )
     forms = WorkShare("forms", "closed forms", stages=frozenset(names))
     cameras = [] if names else [WorkShare("cameras", "whole cameras", share) for share in range(SHARES)]
-    return [*(WorkShare("stage", name) for name in sorted(set(names)) or registry.names()), forms, *cameras]
+    return [*(WorkShare("stage", name, seed=seed) for name in sorted(set(names)) or registry.names()), forms, *cameras]
 
 
 def rows_of_part(part: WorkShare) -> list[LawCase]:
@@ -63,14 +65,20 @@ def rows_of_part(part: WorkShare) -> list[LawCase]:
         if part.what == "cameras":
             chosen = itertools.islice(cameras.cameras(), part.share, None, SHARES)
             return [row for name, document in chosen for row in cameras.rows_of_camera(name, document)]
-        return list(stages.rows_of(part.name))
+        with seeded(part.seed):
+            return list(stages.rows_of(part.name))
     except PluginError as error:
         return [LawCase(part.name, "it can be loaded", "", False, why=str(error))]
 
 
-def stability(names: Sequence[str], workers: int = 0, told: Told = lambda done, total, name: None) -> list[LawCase]:
-    """Return every row, in the order of the parts: the number of processes only affects the time."""
-    every = parts(names)
+def stability(
+    names: Sequence[str], workers: int = 0, told: Told = lambda done, total, name: None, seed: int = 0
+) -> list[LawCase]:
+    """Return every row, in the order of the parts: the number of processes only affects the time.
+
+    ``seed``: of what the statistical laws draw; all else is the same for any.
+    """
+    every = parts(names, seed)
     found: dict[WorkShare, list[LawCase]] = {}
     for number, (part, rows) in enumerate(done(every, workers or os.cpu_count() or 1), 1):
         found[part] = rows

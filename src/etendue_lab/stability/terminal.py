@@ -94,9 +94,9 @@ def trying() -> Iterator[Callable[[int, int, str], None]]:
         yield lambda done, total, name: progress.update(task, completed=done, total=total, description=name[:24])
 
 
-def stability_command(stages: tuple[str, ...], every: bool, workers: int | None, as_json: bool) -> None:
+def stability_command(stages: tuple[str, ...], every: bool, seed: int, workers: int | None, as_json: bool) -> None:
     with trying() as told:
-        rows = check(stages, workers or 0, told)
+        rows = check(stages, workers or 0, told, seed)
     if as_json:
         say(document(rows))
     else:

@@ -21,6 +21,8 @@ class DemosaicMenon(Haloed):
     """
 
     role: ClassVar = "demosaicing"
+    decides: ClassVar = True  # between two directions
+    handed: ClassVar = True  # the library treats equal directions as one of them
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     creates: ClassVar = {"channel": RGB}

@@ -43,6 +43,8 @@ class Parameter:
     length: int | None = None
     one_for_all: bool = False  # a list that may be written as a single number
     infinite: bool = False
+    # values with a meaning of their own, which is not the limit of the numbers beside them: 0 for "as the others say"
+    apart: tuple[float, ...] = ()
     # value for testing a stage that has no default, or a large one; a file as in a pipeline, "package:..."
     example: Any = None
     doc: str = ""

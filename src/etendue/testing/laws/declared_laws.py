@@ -20,6 +20,7 @@ from etendue.testing.bench import LARGE, SMALL, Bench
 from etendue.testing.checks import bound_of
 from etendue.testing.digits import UNSTATED
 from etendue.testing.measured import hold, magnified, ratio_of, within
+from etendue.testing.seeds import seed_of
 from etendue.types.arrays import Array
 
 BRIGHTER = (1 + 1e-6, 1.01, 2.0, 1e3)
@@ -120,7 +121,7 @@ def variance_told(bench: Bench) -> None:
             inputs = bench.arrays("uniform", LARGE, level)
             random = np.random.default_rng([seed, 2])
             inputs[port] = inputs[port] * random.uniform(0.9, 1.1, inputs[port].shape)
-            trial = bench.run(inputs, frame=LARGE, seed=b"variance %d" % seed)
+            trial = bench.run(inputs, frame=LARGE, seed=seed_of(f"variance {seed}"))
             if not trial.done:
                 return
             given.append(inputs[port])

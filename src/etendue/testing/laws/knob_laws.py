@@ -6,26 +6,24 @@ Out: nothing, or a broken law.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from etendue.compute.cell import compute
-from etendue.compute.joined.segments import Result
 from etendue.contract.arrays.grid import Coordinate, Grid
 from etendue.contract.capabilities import Sampled, is_random, mean_arguments_of, rounds
 from etendue.contract.stage import Stage, parameters_of
-from etendue.plan.model import CellRef
-from etendue.testing.bench import Arrays, Bench, LawBroken
+from etendue.testing.behaviour import statistics
+from etendue.testing.bench import Bench, LawBroken
 from etendue.testing.checks import along_ladder
+from etendue.testing.means import mean_of
 from etendue.testing.measured import hold
-from etendue.types.arrays import Array
+from etendue.testing.seeds import seed_of
 
 DRAWS = 24
-ERRORS = 6.0  # standard errors of the mean over these draws
+ERRORS = 6.7  # standard errors of the mean over these draws: p = 1e-6 for the t distribution of 23 degrees of freedom
 LEVEL = 0.3  # of full scale; far from clipping
 
 
@@ -44,6 +42,10 @@ class KnobLaws:
         """
         if issubclass(self.bench.kind, Sampled):
             check_mean(self.bench)
+
+    def test_its_draws_are_those_that_it_declares(self) -> None:
+        """Mean, variance and correlation of two million draws at each of several levels, at p = 1e-6."""
+        statistics.drawn_as_declared(self.bench)
 
     def test_a_finer_setting_states_no_larger_error(self) -> None:
         """Along the settings of a knob, from the cheapest to the reference, the stated error never grows."""
@@ -71,8 +73,8 @@ class KnobLaws:
 
 
 def check_mean(bench: Bench) -> None:
-    """Check that ``mean`` gives the same variables and, on a flat input, the mean over draws and pixels within six
-    standard errors, plus half a code if the stage rounds.
+    """Check that ``mean`` gives the same variables and, on a flat input, the mean over draws and places at p = 1e-6,
+    plus half a code if the stage rounds.
     """
     kind = bench.kind
     assert issubclass(kind, Sampled)
@@ -84,7 +86,7 @@ def check_mean(bench: Bench) -> None:
     expected = mean_of(bench, inputs)
     drawn: dict[str, list[float]] = {}
     for seed in range(DRAWS):
-        for name, array in bench.result(inputs, seed=f"draw {seed}".encode()).arrays.items():
+        for name, array in bench.result(inputs, seed=seed_of(f"draw {seed}")).arrays.items():
             drawn.setdefault(name, []).append(float(np.mean(array, dtype=np.float64)))
     for name, declaration in bench.writes.items():
         if declaration.dtype != "float" and declaration.unit == "1":
@@ -97,17 +99,3 @@ def check_mean(bench: Bench) -> None:
             abs(values.mean() - said) <= room,
             f"{bench.name} gives {name} = {values.mean():.6g} on average over {DRAWS} draws, but mean() is {said:.6g}",
         )
-
-
-def mean_of(bench: Bench, inputs: Arrays) -> dict[str, Array]:
-    """Return what ``mean`` returns when the engine calls it, with every input as floats."""
-    job = dataclasses.replace(bench.job(), expected=True)
-    floats = {port: np.asarray(array, dtype=np.float64) for port, array in inputs.items()}
-    results: dict[CellRef, Result] = {}
-    for port, array in floats.items():
-        variable = bench.reads[port].variable
-        results[port, ()] = Result({variable: array}, {variable: float(array.min())})
-    result, report = compute(job, results)
-    if report.status != "done":
-        raise LawBroken(f"{bench.name}.mean failed: {report.message}")
-    return result.arrays

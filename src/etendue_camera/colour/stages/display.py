@@ -230,6 +230,7 @@ class Encode(_Encoding):
     rounding: white that is clipped in the camera is 1 up to the last bits, on either side."""
 
     role: ClassVar = "display encoding"
+    decides: ClassVar = True  # the two parts of BT.709 do not quite meet; a power is infinitely steep at 0
     working: ClassVar = 2.3
     reads: ClassVar = {"rgb_linear": "channel y x [1]"}
     writes: ClassVar = {"rgb_display": "channel y x [1]", "gamut_clipped": "[1]"}
@@ -256,6 +257,7 @@ class Decode(_Encoding):
     """Decode encoded display values to linear ones; values that ``encode`` clipped stay clipped."""
 
     role: ClassVar = "display decoding"
+    decides: ClassVar = True  # the two parts of BT.709 do not quite meet; a power is infinitely steep at 0
     reads: ClassVar = {"rgb_display": "channel y x [1]"}
     writes: ClassVar = {"rgb_linear": "channel y x [1]"}
     keeps: ClassVar = ("order",)

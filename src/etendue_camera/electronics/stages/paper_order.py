@@ -50,6 +50,7 @@ class PaperExposure(Haloed):
     """
 
     role: ClassVar = "exposure"
+    decides: ClassVar = True  # charge below the smallest detectable is 0
     reads: ClassVar = {"rgb_camera": "channel y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     gain: ClassVar = None  # it jumps at the smallest detectable charge, and clips

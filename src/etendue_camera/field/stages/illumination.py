@@ -139,6 +139,7 @@ class AngularResponse(Dimming, Banded, Bounded):
         units="mm",
         at_least=0,
         infinite=True,
+        apart=(0.0,),
         doc="distance from the exit pupil to the sensor; 0: from the camera's pupils, f (m_p - m); inf: telecentric",
     )
     microlens_shift: float = param(

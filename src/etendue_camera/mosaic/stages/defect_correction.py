@@ -63,6 +63,7 @@ class CorrectDefects(DefectDetection):
     """
 
     role: ClassVar = "defect correction"
+    handed: ClassVar = True  # of equally good neighbours it takes the first
     reads: ClassVar = {"mosaic_linear": "y x [1]", "defect_map": "y x [1] uint8"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", **FIGURES}
     decides: ClassVar = True
@@ -92,6 +93,7 @@ class CorrectFoundDefects(DefectDetection):
     """
 
     role: ClassVar = "defect correction"
+    handed: ClassVar = True  # of equally good neighbours it takes the first
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", **FIGURES}
     decides: ClassVar = True

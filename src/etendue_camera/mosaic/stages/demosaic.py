@@ -46,6 +46,7 @@ class DemosaicNearest(_Demosaic, Haloed):
     """Demosaic by the nearest sample of each colour."""
 
     gain: ClassVar = 1.0
+    handed: ClassVar = True  # the nearest neighbour on one side
     nanoseconds: ClassVar = 2.0
     working: ClassVar = 0.4
 

@@ -213,11 +213,13 @@ class RichardsonLucy(Inverse):
         return estimate, transfer, done
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the rounding error. It grows with each iteration, more so at edges created by total variation; the
-        stopping point depends on all of it.
+        """Bound the rounding error. It grows with each iteration, more so at edges created by total variation, and with
+        places far above clipping beside ordinary ones; the stopping point depends on all of it.
         """
+        hot = min(max(facts["rgb_camera"].high or 1.0, 1.0), 1e4)  # measured up to 10,000 times clipping
+        single, double = 1e-6 * max(1.0, hot / 300), 3e-15 * hot
         rounding = (
-            (1e-6 if precision == "float32" else 3e-15) * (10 + self.iterations) * (1 + 10 * self.total_variation)
+            (single if precision == "float32" else double) * (10 + self.iterations) * (1 + 10 * self.total_variation)
         )
         return rounding + self.table_error(), "measured"
 

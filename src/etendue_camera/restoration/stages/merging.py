@@ -29,6 +29,7 @@ class MergeFrames(KnownNoise):
     """
 
     role: ClassVar = "merging"
+    decides: ClassVar = True  # which values of a frame are clipped, or too far from the median, and count no more
     reads: ClassVar = {
         "rgb_camera": "frame channel y x [1]",
         "integration_time": "frame [s]",

@@ -32,6 +32,7 @@ class Defects(Sampled):
     """
 
     role: ClassVar = "sensor defects"
+    decides: ClassVar = True  # which pixels are defective
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
     writes: ClassVar = {"photocurrent": "y x [electron/s]", "defect_map": "y x [1] uint8"}
     gain: ClassVar = None  # the brightest hot pixel does not count towards the full scale of the light

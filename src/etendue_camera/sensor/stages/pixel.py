@@ -119,6 +119,7 @@ class Pixel(Collecting, Summed):
     """
 
     role: ClassVar = "pixel"
+    handed: ClassVar = True  # aperture_offset_x and aperture_offset_y move what a pixel sees
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"photon_rate": "channel y x [electron/s]"}
     # worst case: pixels smaller than the sample spacing, which interpolate, 10000 x 10000; 1.4 from two samples on

@@ -1,0 +1,89 @@
+"""Neutral values: a parameter at 0, or a number without a unit at 1, that should leave the input alone.
+
+In:  a ``Bench`` whose stage writes the variable that it reads.
+Out: nothing, or ``LawBroken``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from etendue.archive.read.differing import full_scale
+from etendue.contract.capabilities import is_random
+from etendue.contract.stage import parameters_of
+from etendue.contract.values.parameter import Parameter
+from etendue.testing.bench import SMALL, Bench, largest_difference
+from etendue.testing.cases import real_ends, span_of
+from etendue.testing.checks import bound_of
+from etendue.testing.measured import ratio_of, within
+
+NEARLY = 0.05  # of the effect elsewhere: so little is left only where nothing is meant to be
+EXACT = 1e-9
+SIDE = 0.2  # of a value, or of the range beside 0
+
+
+def neutral_is_identity(bench: Bench) -> None:
+    """Find the values at which nearly nothing is done, alone and with all the others at theirs; there it is nothing."""
+    port = bench.one_array
+    if port is None or is_random(bench.kind) or bench.given_grids:
+        return
+    if bench.reads[port].variable not in bench.writes or bench.reads[port].dtype != "float":
+        return
+    numbers = {
+        name: parameter
+        for name, (parameter, kind, _) in parameters_of(bench.kind).items()
+        if kind is float and not parameter.fidelity
+    }
+    for name, parameter in numbers.items():
+        others = [{}, {other: 0.0 for other, one in numbers.items() if other != name and one.allows(0.0)}]
+        _hold_neutral(bench, name, parameter, others)
+
+
+def _hold_neutral(bench: Bench, name: str, parameter: Parameter, others: list[dict[str, float]]) -> None:
+    """Hold the neutral value of a parameter, if it has one, with each of some values of the others."""
+    span = span_of(parameter, float, getattr(bench.stage, name))
+    far = [getattr(bench.stage, name), *(span or ()), *real_ends(parameter, getattr(bench.stage, name))]
+    effect = max((e for value in far if (e := done(bench, {name: value})) is not None and e <= 1.0), default=0.0)
+    values = [0.0] if parameter.allows(0.0) else [1.0] if parameter.units in ("", "1") else []
+    for value in (one for one in values if one not in parameter.apart):
+        found = [(e, more) for more in others if (e := done(bench, {**more, name: value})) is not None]
+        bound = 2 * max(bound_of(bench, bench.arrays("ordinary", SMALL), "float64", 0.0, SMALL), EXACT)
+        left, more = min(found, key=lambda one: one[0], default=(math.inf, {}))
+        if left > NEARLY * effect or bound > NEARLY * effect:
+            continue
+        sides = (done(bench, {**more, name: side}) for side in beside(value, span))
+        if any(less is not None and less <= left for less in sides):
+            continue  # on one side it does less: the value is one of a row, and none of its own
+        variable = bench.reads[str(bench.one_array)].variable
+        within(
+            left,
+            bound,
+            f"{bench.name}: with {name} = {value:g} it should leave {variable} alone, but changes it by {left:.2g} of "
+            f"its largest value, where its effect elsewhere is {effect:.2g}",
+        )
+
+
+def beside(value: float, span: tuple[float, float] | None) -> list[float]:
+    """Return a value on either side, within the range."""
+    low, high = span or (value, value)
+    step = SIDE * (abs(value) or high - low)
+    return [side for side in (value - step, value + step) if low <= side <= high]
+
+
+def done(bench: Bench, values: dict[str, float]) -> float | None:
+    """Return what a stage with these values changes, in full scales; None if it refuses them."""
+    variable = bench.reads[str(bench.one_array)].variable
+    try:
+        stage = dataclasses.replace(bench.stage, **values)
+        own = Bench(stage, bench.given_grids, bench.scales, bench.coordinates)
+        inputs = own.arrays("ordinary", SMALL)
+        trial = own.run(inputs, frame=SMALL)
+    except ValueError:
+        return None
+    given = np.asarray(inputs[str(bench.one_array)], float)
+    if not trial.done or trial.arrays[variable].shape != given.shape:
+        return None
+    return ratio_of(largest_difference(np.asarray(trial.arrays[variable], float), given), full_scale(given))

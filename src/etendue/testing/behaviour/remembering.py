@@ -1,0 +1,136 @@
+"""What a stage remembers: results of one picture in another, buffers that are used again, state that threads share.
+
+In:  a ``Bench``.
+Out: nothing, or ``LawBroken``.
+
+The results here are compared with those of a process in which the stage has computed nothing else (``pristine``).
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import TimeoutError as Late
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from etendue.testing.behaviour import pristine
+from etendue.testing.bench import FRAME, Arrays, Bench, digests
+from etendue.testing.measured import hold
+
+LINES = 60  # lines of a stage's own code at which another thread runs it meanwhile
+PATIENCE = 0.5  # seconds for that run; one that waits for a lock is left waiting until the first has ended
+PICTURES = ("ordinary", "decades", "uniform")
+
+
+def pictures(bench: Bench) -> list[Arrays]:
+    """Return pictures of one size that differ in level, mean and shape."""
+    return [bench.arrays(what, FRAME, factor) for what, factor in zip(PICTURES, (1.0, 0.31, 0.07), strict=True)]
+
+
+def one_after_another(bench: Bench) -> None:
+    """A, B, A, in one process; B first in a fresh process; and what was returned stays as it was."""
+    given = pictures(bench) if bench.reads else []
+    found = []
+    for inputs in given:
+        trial = bench.run(inputs)
+        if not trial.done:
+            return
+        found.append((trial, digests(trial.arrays)))
+    for number, (trial, before) in enumerate(found):
+        hold(
+            digests(trial.arrays) == before,
+            f"{bench.name} overwrites what it returned for {PICTURES[number]} input when it computes another picture: "
+            "return a new array",
+        )
+    for number, inputs in enumerate(given):
+        hold(
+            digests(bench.run(inputs).arrays) == found[number][1],
+            f"{bench.name} gives different bits for {PICTURES[number]} input after another picture: it remembers "
+            "something",
+        )
+    alone = pristine.digests_alone(bench, list(reversed(given))) if given else None
+    for number, own in enumerate(reversed(alone or [])):
+        hold(
+            own is None or own == found[number][1],
+            f"{bench.name} gives different bits for {PICTURES[number]} input than in a process that computed another "
+            "picture first: what it keeps from one picture reaches the next",
+        )
+
+
+def one_inside_another(bench: Bench) -> None:
+    """Another thread computes another picture at every line of the stage's own code; neither notices."""
+    if not bench.reads:
+        return
+    first, second, *_ = pictures(bench)
+    alone, other = bench.run(first), bench.run(second)
+    if not (alone.done and other.done):
+        return
+    wanted, beside = digests(alone.arrays), digests(other.arrays)
+    meanwhile: list[dict[str, str]] = []
+    failed: list[str] = []
+
+    def interrupt() -> None:
+        trial = bench.run(second)
+        meanwhile.append(digests(trial.arrays))
+        if not trial.done:
+            failed.append(trial.last_line)
+
+    with ThreadPoolExecutor(1) as pool, stopping_at_lines_of(bench, lambda: _wait(pool, interrupt)):
+        trial = bench.run(first)
+    text = "state is shared between threads: keep it in local variables"
+    hold(
+        trial.done and not failed,
+        f"{bench.name} fails while another thread runs it: {(failed or [trial.last_line])[0]}",
+    )
+    hold(digests(trial.arrays) == wanted, f"{bench.name} gives different bits while another thread runs it; {text}")
+    hold(all(own == beside for own in meanwhile), f"{bench.name} gives different bits inside another run of it; {text}")
+
+
+def _wait(pool: ThreadPoolExecutor, call: Callable[[], None]) -> None:
+    try:
+        pool.submit(call).result(PATIENCE)
+    except Late:
+        return  # it waits for a lock that the interrupted run holds
+
+
+@contextmanager
+def stopping_at_lines_of(bench: Bench, call: Callable[[], None]) -> Iterator[None]:
+    """Call something the first time that this thread comes to a line of the stage's own distribution."""
+    folder = own_folder(bench)
+    seen: set[tuple[str, int]] = set()
+    before = sys.gettrace()
+
+    def local(frame: FrameType, event: str, _: Any) -> Any:
+        place = (frame.f_code.co_filename, frame.f_lineno)
+        if event == "line" and place not in seen and len(seen) < LINES:
+            seen.add(place)
+            sys.settrace(None)
+            try:
+                call()
+            finally:
+                sys.settrace(enter)
+        return local
+
+    def enter(frame: FrameType, event: str, _: Any) -> Any:
+        return local if folder and frame.f_code.co_filename.startswith(folder) else None
+
+    sys.settrace(enter)
+    try:
+        yield
+    finally:
+        sys.settrace(before)
+
+
+def own_folder(bench: Bench) -> str:
+    """Return the file or the package folder of a stage's code, apart from the engine's."""
+    module = sys.modules.get(bench.kind.__module__)
+    file = getattr(module, "__file__", None)
+    if not file:
+        return ""
+    top = sys.modules.get(bench.kind.__module__.partition(".")[0])
+    home = getattr(top, "__file__", None)
+    return str(Path(home).parent) if home and Path(home).name == "__init__.py" else str(file)

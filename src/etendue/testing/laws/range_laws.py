@@ -1,0 +1,33 @@
+"""The laws of ranges, one test method each.
+
+In:  the bench of a stage.
+Out: nothing, or a broken law: a jump inside a range, a step larger than the stated error, an offset of half a code, a
+     neutral value that is not.
+"""
+
+from __future__ import annotations
+
+from etendue.testing.behaviour import neutral, paths, steps
+from etendue.testing.bench import Bench
+
+
+class RangeLaws:
+    """Mix-in of ``StageConformance``."""
+
+    bench: Bench
+
+    def test_nothing_jumps_over_thirteen_decades_of_light(self) -> None:
+        """Unless it decides, or writes whole numbers: then by no more than twice the error that it states."""
+        paths.continuous_in_light(self.bench)
+
+    def test_nothing_jumps_over_the_range_of_a_parameter(self) -> None:
+        """The same along every number of the stage."""
+        paths.continuous_in_parameters(self.bench)
+
+    def test_codes_stand_in_the_middle_of_their_steps(self) -> None:
+        """No offset of half a code, and no step larger than the stated error."""
+        steps.codes_in_the_middle(self.bench)
+
+    def test_a_neutral_value_changes_nothing(self) -> None:
+        """Where a parameter at 0 or 1 nearly leaves the input alone, it does so within the stated error."""
+        neutral.neutral_is_identity(self.bench)

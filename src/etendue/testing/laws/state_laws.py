@@ -1,0 +1,24 @@
+"""The laws of state, one test method each.
+
+In:  the bench of a stage.
+Out: nothing, or a broken law: something of one picture reaches the next, or another thread.
+"""
+
+from __future__ import annotations
+
+from etendue.testing.behaviour import remembering
+from etendue.testing.bench import Bench
+
+
+class StateLaws:
+    """Mix-in of ``StageConformance``."""
+
+    bench: Bench
+
+    def test_nothing_of_one_picture_reaches_the_next(self) -> None:
+        """A, B, A gives the same A; B after A is B in a process of its own; what was returned stays."""
+        remembering.one_after_another(self.bench)
+
+    def test_two_threads_do_not_notice_each_other(self) -> None:
+        """Another thread computes another picture at every line of its code."""
+        remembering.one_inside_another(self.bench)

@@ -1,0 +1,143 @@
+"""Built-in stages held to stored references: what each case gave when its reference was recorded.
+
+In:  ``data/stage_references.json``: by stage and case, three numbers for each variable and input.
+Out: a row per case.
+
+The references are this project's own results in double precision, recorded by ``python benchmarks/stage_references.py``
+once the laws and the closed forms held. They show what a slip, or a library of another version, changes; not whether it
+was right before: for that there are the closed forms. Random stages are held to their mean, variance and datasheet,
+since a generator may change its stream.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.capabilities import Datasheet, Noisy, Sampled, is_random
+from etendue.telling import said
+from etendue.testing.bench import FRAME, Bench, BenchTrial, Frame
+from etendue.testing.cases import END, ORDINARY, Case
+from etendue.testing.means import mean_of
+from etendue.types.arrays import Array
+from etendue_lab.stability.rows import LawCase
+
+LAW = "stored reference"
+FILE = "stage_references.json"
+BOUND = 1e-9  # of full scale: roundings of other machines and libraries stay far below
+DIGITS = 12
+LEVELS = (0.0, 1.0, 30.0, 1e4)  # at which a variance is held
+INPUTS: dict[str, tuple[tuple[str, float, Frame], ...]] = {  # by kind of case: picture, level, frame
+    ORDINARY: (
+        ("ordinary", 1.0, FRAME),
+        ("decades", 1.0, FRAME),
+        ("point", 1.0, (11, 13)),
+        ("ordinary", 3.0, FRAME),
+        ("ordinary", 1e-3, FRAME),
+        ("ordinary", 1.0, (40, 50)),
+        ("ordinary", 1.0, (1, 14)),
+    ),
+    END: (("ordinary", 1.0, FRAME),),
+}
+OTHER = (("ordinary", 1.0, FRAME), ("ordinary", 1e-2, FRAME))
+Numbers = dict[str, list[float]]
+
+
+@cache
+def stored() -> Mapping[str, Mapping[str, Numbers]]:
+    """Return all references by stage and case."""
+    text = (resources.files("etendue_lab") / "data" / FILE).read_text(encoding="utf-8")
+    found: Mapping[str, Mapping[str, Numbers]] = json.loads(text)["stages"]
+    return found
+
+
+def numbers_of(case: Case) -> Numbers:
+    """Return the numbers of one case, by what they are of."""
+    assert case.stage is not None
+    bench = Bench(case.stage)
+    found: Numbers = {}
+    inputs = INPUTS.get(case.where, OTHER) if bench.reads else (("ordinary", 1.0, FRAME),)
+    for what, level, frame in inputs:
+        try:
+            arrays = bench.arrays(what, frame, level)
+            results = means(bench, arrays, frame) if is_random(bench.kind) else result(bench.run(arrays, frame=frame))
+        except ValueError:
+            continue  # it refuses the grid
+        place = f"{what} x {level:g}, {frame[0]} x {frame[1]}"
+        for variable, values in results.items():
+            found[f"{variable}, {place}"] = summary(values)
+    with suppress(ValueError):  # it refuses the case
+        if isinstance(case.stage, Noisy):
+            found["variance"] = [rounded(float(case.stage.variance(level))) for level in LEVELS]
+        if isinstance(case.stage, Datasheet):
+            found["datasheet"] = [rounded(float(value)) for value in case.stage.datasheet().values()]
+    return found
+
+
+def result(trial: BenchTrial) -> Mapping[str, Array]:
+    return {v: a for v, a in trial.arrays.items() if np.asarray(a).dtype.kind in "iufbc"} if trial.done else {}
+
+
+def means(bench: Bench, arrays: Any, frame: Frame) -> Mapping[str, Array]:
+    if issubclass(bench.kind, Sampled):
+        return mean_of(bench, arrays, frame)
+    return result(bench.run(arrays, frame=frame)) if bench.steady else {}
+
+
+def summary(values: Array) -> list[float]:
+    """Return the largest value, and two sums with weights of either sign, relative to it and to the number of values.
+
+    Values that are not finite are replaced by a number that no ordinary value is.
+    """
+    array = np.asarray(values, dtype=float).ravel()
+    array = np.where(np.isfinite(array), array, -12345.678)
+    top = float(np.abs(array).max(initial=0.0))
+    count = np.arange(array.size, dtype=float)
+    size = math.sqrt(array.size) or 1.0
+    sums = [float((array * np.cos(rate * count + 0.3)).sum()) / (top or 1.0) / size for rate in (0.61, 1.93)]
+    return [rounded(number) for number in (top, *sums)]
+
+
+def rounded(number: float) -> float:
+    return float(f"{number:.{DIGITS}g}")
+
+
+def row_of(name: str, case: Case) -> Iterator[LawCase]:
+    """Yield the row of a case that has a reference."""
+    wanted = stored().get(name, {}).get(case.name)
+    if wanted is None or case.stage is None:
+        return
+    try:
+        found = numbers_of(case)
+    except Exception as error:
+        yield LawCase(name, LAW, case.name, False, why=said(error))
+        return
+    worst, place = 0.0, ""
+    for what in {**wanted, **found}:
+        off = apart(found.get(what), wanted.get(what), what)
+        if off > worst:
+            worst, place = off, what
+    why = "" if worst <= BOUND else f"{place} is {worst:.2g} of full scale from its stored reference"
+    yield LawCase(name, LAW, case.name, worst <= BOUND, worst, BOUND, why=why)
+
+
+def apart(found: list[float] | None, wanted: list[float] | None, what: str) -> float:
+    """Return the largest difference: of the largest value relative to itself, of sums as they are."""
+    if found is None or wanted is None or len(found) != len(wanted):
+        return math.inf
+    relative = what in ("variance", "datasheet")
+    off = 0.0
+    for place, (one, other) in enumerate(zip(found, wanted, strict=True)):
+        if one == other or (math.isnan(one) and math.isnan(other)):
+            continue
+        scale = max(abs(one), abs(other)) if relative or place == 0 else 1.0
+        difference = abs(one - other) / scale
+        off = max(off, difference if math.isfinite(difference) else math.inf)
+    return off
