@@ -21,12 +21,14 @@ def test_there_are_forty_of_at_least_twelve_kinds():
     assert len({one for _, one in EVERY}) == len(EVERY)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "one"), EVERY, ids=[one.__name__ for _, one in EVERY])
 def test_a_faulty_stage_is_caught(kind, one):
     rows = rows_of_kind(one.__name__, one)
     assert next((row for row in rows if row.ok is False), None), kind
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("one", sound.SOUND, ids=lambda one: one.__name__)
 def test_a_sound_stage_is_not_accused(one):
     assert [row for row in rows_of_kind(one.__name__, one) if row.ok is False] == []

@@ -11,6 +11,7 @@ from etendue.testing import StageConformance
 from etendue.testing.cases import ordinary
 from etendue.testing.laws.extreme_laws import ExtremeLaws
 from etendue.testing.laws.range_laws import RangeLaws
+from etendue.testing.laws.state_laws import StateLaws
 
 CELLS = {"light": "cells"}
 HARD = {"light": "cells", "softness": 0.0}
@@ -284,10 +285,13 @@ class TestRanges(StageConformance):
 @pytest.mark.parametrize(("name", "variant"), CASES)
 class TestVariants(StageConformance):
     """Without the laws of stability: the command holds them at every end of every range
-    (``tests/studies/test_stability.py``). Without those of ranges: they leave the ordinary stage by themselves.
+    (``tests/studies/test_stability.py``). Without those of ranges, which leave the ordinary stage by themselves, of
+    state and of a million draws.
     """
 
     vars().update(dict.fromkeys(law for law in vars(ExtremeLaws) if law.startswith("test_")) | dict.fromkeys(RANGES))
+    vars().update(dict.fromkeys(law for law in vars(StateLaws) if law.startswith("test_")))
+    vars().update(test_its_draws_are_those_that_it_declares=None)
 
     @pytest.fixture(autouse=True)
     def _instance(self, name, variant):

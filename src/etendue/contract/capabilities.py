@@ -383,6 +383,12 @@ def draws_anew(kind: type[Stage]) -> bool:
     return "rng" in arguments_of(kind)
 
 
+def decides(stage: Stage) -> bool:
+    """Return whether a small change of a stage's input may change its output much, by nature."""
+    said = type(stage).decides
+    return said if isinstance(said, bool) else any(getattr(stage, name) in values for name, values in said.items())
+
+
 def rounds(kind: type[Stage]) -> bool:
     """Return whether a stage writes whole numbers in a physical unit, as the codes of a converter."""
     return any(d.dtype != "float" and d.unit != "1" for d in writes_of(kind).values())

@@ -68,8 +68,8 @@ class Stage:
     ``elementwise``: every value depends only on values at its own position, so ``run`` may get many frames at once.
     ``once``: physics that should occur once along a path (``"diffraction"``, ``"fall-off"``); the plan notes a second
     stage with the same.
-    ``decides``: it rounds, counts or chooses by nature, so a small change of its input may change its output much. For
-    any other stage the conformance kit reports where it jumps.
+    ``decides``: it rounds, counts or chooses by nature, so a small change of its input may change its output much; or
+    {parameter: the values with which it does}. For any other stage the conformance kit reports where it jumps.
     ``handed``: left and right, or up and down, differ by nature, as for a picture that is moved or sheared. For any
     other stage the kit requires the mirrored result for mirrored input.
     ``keeps``: properties of its values that the conformance kit tests: ``"order"`` (no value falls if the input rises),
@@ -92,7 +92,7 @@ class Stage:
     pointwise: ClassVar[bool] = False
     elementwise: ClassVar[bool] = False
     once: ClassVar[tuple[str, ...]] = ()
-    decides: ClassVar[bool] = False
+    decides: ClassVar[bool | Mapping[str, tuple[Any, ...]]] = False
     handed: ClassVar[bool] = False
     keeps: ClassVar[tuple[str, ...]] = ()
     unseen: ClassVar[Mapping[str, tuple[str, ...]]] = {}

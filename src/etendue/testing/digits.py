@@ -15,7 +15,7 @@ from numpy.typing import DTypeLike
 
 from etendue.archive.read.differing import full_scale
 from etendue.compute.tables import prepared_of
-from etendue.contract.capabilities import Transfer, is_random
+from etendue.contract.capabilities import Transfer, decides, is_random
 from etendue.plan.wiring.parameters import SMALLEST
 from etendue.testing.bench import FRAME, LARGE, Arrays, Bench, BenchTrial, Frame, largest_difference
 from etendue.testing.checks import bound_of
@@ -77,7 +77,7 @@ def digits_kept(bench: Bench) -> None:
         both = allowed(bench, given, "float32", frame) + allowed(bench, given, "float64", frame)
         compare(bench, single, double, where, "float32", both, frame)
     for port, declaration in bench.reads.items():
-        if declaration.dtype == "float" and not bench.kind.decides:
+        if declaration.dtype == "float" and not decides(bench.stage):
             double_inside(bench, port)
 
 

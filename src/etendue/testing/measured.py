@@ -22,6 +22,7 @@ class WorstError:
     error: float | None = None
     bound: float | None = None
     condition: float | None = None
+    untried: str = ""
 
     def take(self, error: float, bound: float) -> None:
         if self.error is None or self.bound is None or _nearness(error, bound) > _nearness(self.error, self.bound):
@@ -59,6 +60,12 @@ def told(error: float, bound: float) -> None:
     """Record an error and its bound; the bound is tested elsewhere."""
     if (found := _now.get()) is not None:
         found.take(error, bound)
+
+
+def untried(what: str) -> None:
+    """Record what a law leaves out for this instance, and why."""
+    if (found := _now.get()) is not None:
+        found.untried = what
 
 
 def within(error: float, bound: float, otherwise: str) -> None:

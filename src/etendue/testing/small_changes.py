@@ -15,6 +15,7 @@ import math
 import numpy as np
 
 from etendue.archive.read.differing import full_scale
+from etendue.contract.capabilities import decides
 from etendue.contract.stage import parameters_of
 from etendue.plan.wiring.parameters import SMALLEST
 from etendue.testing.bench import Arrays, Bench, BenchTrial, largest_difference
@@ -31,7 +32,7 @@ UNITS = (2.0**-20, 2.0**20)
 
 def jumps(bench: Bench) -> bool:
     """Return whether a stage decides or rounds by nature: it writes integers, or declares it."""
-    return bench.kind.decides or any(d.dtype != "float" for d in bench.writes.values())
+    return decides(bench.stage) or any(d.dtype != "float" for d in bench.writes.values())
 
 
 def input_changes(bench: Bench) -> None:

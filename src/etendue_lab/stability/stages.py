@@ -197,8 +197,8 @@ def held(name: str, law: str, case: Case, check: Callable[[], object], always: b
         except Exception as error:  # a stage may fail anywhere, also in grid or describe
             yield row(name, law, case, False, found, said(error))
             return
-    if always or found.error is not None or found.condition is not None:
-        yield row(name, law, case, True, found, "")
+    if always or found.error is not None or found.condition is not None or found.untried:
+        yield row(name, law, case, True, found, found.untried)
 
 
 def row(name: str, law: str, case: Case, ok: bool, found: WorstError, why: str) -> LawCase:

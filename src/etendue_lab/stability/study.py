@@ -96,8 +96,8 @@ def done(every: list[WorkShare], workers: int) -> Iterator[tuple[WorkShare, list
         return
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=begin_worker)
     try:
-        longest_first = sorted(every, key=lambda part: part.what == "stage")
-        waiting = {pool.submit(rows_of_part, part): part for part in longest_first}
+        cameras_last = sorted(every, key=lambda part: part.what == "cameras")  # equal parts, to fill the last seconds
+        waiting = {pool.submit(rows_of_part, part): part for part in cameras_last}
         for future in as_completed(waiting):
             part = waiting[future]
             try:

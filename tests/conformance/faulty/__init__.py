@@ -3,6 +3,6 @@
 Each looks right in its declaration. ``FAULTY``: by kind, the classes; every kind has at least three.
 """
 
-from tests.conformance.faulty import geometry, noise, ranges, state, values
+from tests.conformance.faulty import geometry, noise, ranges, several, state, values
 
-FAULTY = {**geometry.FAULTY, **noise.FAULTY, **ranges.FAULTY, **state.FAULTY, **values.FAULTY}
+FAULTY = {**geometry.FAULTY, **noise.FAULTY, **ranges.FAULTY, **several.FAULTY, **state.FAULTY, **values.FAULTY}

@@ -28,6 +28,7 @@ from etendue.types.arrays import Array
 
 OWN = 1e-9  # of full scale: roundings of transforms, for a stage that states no error
 ODD: Frame = (11, 13)  # odd, so that a mirror image of a mask has the same phase
+EVEN: Frame = (12, 24)  # a multiple of what a stage with a grid of its own may bin
 WIDE: Frame = (35, 37)
 PLACES = ("y", "x")
 STEPS = ((0, 1), (1, 0), (3, 2))
@@ -44,14 +45,16 @@ def told_where(bench: Bench) -> bool:
     return named or (bench.kind.prepare is not Stage.prepare and not is_transfer(bench.kind))
 
 
-def frames(bench: Bench) -> bool:
-    """Return whether a stage reads frames and writes frames of the same pixels, and draws nothing."""
+def frames(bench: Bench, same: bool = True) -> bool:
+    """Return whether a stage reads frames and writes frames, of the same pixels if so asked, and draws nothing."""
     if is_random(bench.kind) or bench.looks or bench.given_grids:
         return False
     read = [d for d in bench.reads.values() if {*PLACES} <= set(d.dims)]
     written = [d for d in bench.writes.values() if {*PLACES} <= set(d.dims)]
     if not read or not written:
         return False
+    if not same:
+        return True
     grids, job = bench.input_grids(), bench.job()
     places = {
         (grid.line("y"), grid.line("x"))
@@ -72,7 +75,7 @@ def uniform_to_the_rim(bench: Bench) -> None:
     """Uniform input gives uniform output, up to the last row and column; if a stage is told where it is, its output is
     that of a larger uniform frame at the same places.
     """
-    if not frames(bench):
+    if not frames(bench, same=told_where(bench)):
         return
     if told_where(bench):
         of_a_larger_frame(bench)
@@ -121,9 +124,9 @@ def mirror_images(bench: Bench) -> None:
     """The result for a mirrored picture is the mirrored result: nothing is moved by half a pixel or more, and both
     borders are treated alike.
     """
-    if not frames(bench) or is_transfer(bench.kind) or bench.kind.handed:
+    if not frames(bench, same=False) or is_transfer(bench.kind) or bench.kind.handed:
         return
-    frame = ODD
+    frame = ODD if frames(bench) else EVEN
     for what in ("ordinary", "decades", "point"):
         inputs = bench.arrays(what, frame)
         if bench.kind.negative != "keep":

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from etendue.testing.cases import real_ends, span_of
 from etendue.testing.checks import bound_of
 from etendue.testing.measured import ratio_of, within
 
+NOTHING = ("none", "off", "identity", "nothing")
 NEARLY = 0.05  # of the effect elsewhere: so little is left only where nothing is meant to be
 EXACT = 1e-9
 SIDE = 0.2  # of a value, or of the range beside 0
@@ -37,6 +39,11 @@ def neutral_is_identity(bench: Bench) -> None:
         for name, (parameter, kind, _) in parameters_of(bench.kind).items()
         if kind is float and not parameter.fidelity
     }
+    for name, (parameter, kind, _) in parameters_of(bench.kind).items():
+        if kind is int and not parameter.fidelity and (parameter.allows(0) or parameter.allows(1)):
+            _hold_number(bench, name, parameter)
+        for word in {*(parameter.choices or ())} & {*NOTHING}:
+            _hold_nothing(bench, name, word)
     for name, parameter in numbers.items():
         others = [{}, {other: 0.0 for other, one in numbers.items() if other != name and one.allows(0.0)}]
         _hold_neutral(bench, name, parameter, others)
@@ -66,6 +73,37 @@ def _hold_neutral(bench: Bench, name: str, parameter: Parameter, others: list[di
         )
 
 
+def _hold_number(bench: Bench, name: str, parameter: Parameter) -> None:
+    """Hold a whole number, as a radius of 0 or a factor of 1, with which nearly nothing is done."""
+    effects = [
+        done(bench, {name: value}) for value in (0, 1, 2, 3, getattr(bench.stage, name)) if parameter.allows(value)
+    ]
+    effect = max((e for e in effects if e is not None and e <= 1.0), default=0.0)
+    for value in [0] if parameter.allows(0) and 0 not in parameter.apart else [1] if parameter.allows(1) else []:
+        left = done(bench, {name: value})
+        if left is not None and left <= NEARLY * effect:
+            _hold_left(bench, name, value, left, effect)
+
+
+def _hold_nothing(bench: Bench, name: str, word: str) -> None:
+    """Hold a choice that says that nothing is done, with other parameters that might do something."""
+    left = done(bench, {name: word})
+    others = [done(bench, {name: one}) for one in parameters_of(bench.kind)[name][0].choices or () if one != word]
+    effect = max((e for e in others if e is not None), default=0.0)
+    if left is not None and left <= NEARLY * effect:
+        _hold_left(bench, name, word, left, effect)
+
+
+def _hold_left(bench: Bench, name: str, value: object, left: float, effect: float) -> None:
+    bound = 2 * max(bound_of(bench, bench.arrays("ordinary", SMALL), "float64", 0.0, SMALL), EXACT)
+    within(
+        left,
+        bound,
+        f"{bench.name}: with {name} = {value} it should leave {bench.reads[str(bench.one_array)].variable} alone, but "
+        f"changes it by {left:.2g} of its largest value, where its effect elsewhere is {effect:.2g}",
+    )
+
+
 def beside(value: float, span: tuple[float, float] | None) -> list[float]:
     """Return a value on either side, within the range."""
     low, high = span or (value, value)
@@ -73,7 +111,7 @@ def beside(value: float, span: tuple[float, float] | None) -> list[float]:
     return [side for side in (value - step, value + step) if low <= side <= high]
 
 
-def done(bench: Bench, values: dict[str, float]) -> float | None:
+def done(bench: Bench, values: Mapping[str, object]) -> float | None:
     """Return what a stage with these values changes, in full scales; None if it refuses them."""
     variable = bench.reads[str(bench.one_array)].variable
     try:

@@ -3,137 +3,302 @@
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken`` that says where a result jumps, and by how much.
 
-A path is walked in steps; the steps that stand out from their neighbours are divided again and again. What is left of
-the change when a step is a billionth of its place is a jump. It may be the errors that a stage states on
-both sides. Stages that ``decide`` or write whole numbers jump by nature; ``steps`` measures theirs.
+A jump may be the errors that a stage states on both sides. Stages that ``decide`` or write whole numbers jump by
+nature; ``steps`` measures theirs. A stage that treats every place by itself is given a whole path in one frame;
+``jumps_along`` says how a path is walked.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from etendue.contract.capabilities import is_transfer
+from etendue.contract.capabilities import decides, is_transfer
 from etendue.contract.stage import Stage, parameters_of
-from etendue.testing.bench import SMALL, Arrays, Bench, BenchTrial
+from etendue.plan.wiring.parameters import SMALLEST
+from etendue.testing.behaviour.walking import LEAST, RANK, Results, Walk, jumps_along
+from etendue.testing.bench import SMALL, Arrays, Bench, BenchTrial, Frame
 from etendue.testing.cases import span_of
-from etendue.testing.measured import ratio_of, within
-from etendue.testing.small_changes import jumps
+from etendue.testing.measured import ratio_of, untried, within
 from etendue.types.arrays import Array
 
-LIGHT = np.concatenate([[0.0], np.geomspace(1e-9, 1e4, 261)])  # of full scale
-FADING = np.concatenate([[0.0], np.geomspace(1e-12, 4.0, 61)])
-PARTS = 8  # into which a step is divided
-DEPTH = 11  # divisions: 8^11 = 9e9
-FALLS = 4  # divisions over which the change at a jump stays as large, and that of a root does not
-WORTH = 4  # steps of a path that are looked into
-LEAST = 1e-6  # of full scale; what a smooth stage with a condition number of 1,000 changes over a billionth
-POINTS = 33  # values of a parameter, evenly spread, and as many by equal factors
-RANK = 4.0  # how many times more than its neighbours a step must bend to be looked into
-DEAR = (9, 1, 40.0)  # the same, steps and rank for a stage that prepares tables or is a transfer function
+
+def levels(top: float, from_: float, count: int) -> Array:
+    return np.concatenate([[0.0], np.geomspace(from_, top, count)])
+
+
+LIGHT = levels(1e4, 1e-9, 131)  # of full scale: ten a decade, each in a run of its own
+FADING = levels(4.0, 1e-12, 31)
+FINE, FINE_FADING = levels(1e4, 1e-9, 1301), levels(4.0, 1e-12, 601)  # in one frame
+WORTH, FINE_WORTH = 4, 8  # steps of a path that are looked into
+POINTS = 49  # values of a parameter, evenly spread, and as many by equal factors
+OFTEN = (POINTS, 2, RANK)  # values of a parameter, steps looked into by each number of a summary, and rank
+DEAR = (9, 0, 40.0)  # the same for a stage that prepares tables or is a transfer function: one step in all
+VAGUE = 0.05  # stated error beyond which a jump of a parameter could not be told from it
 NICE = (2.0, 0.5, 1.0, 3.0, 1.5, 4.0, 5.0, 2.5, 6.0, 8.0)  # values for which code may have a formula of its own
 BESIDE = 1e-9
-Walk = Callable[[float], BenchTrial | None]
-Errors = Callable[[float], float]  # what a stage states at a place of a path
+PROOF: Frame = (6, 8)  # in which it is seen whether places know of each other
+BY_ITSELF = 1e-12  # relative; vector units round by place
+Path = tuple[str, Array, Walk, int]
 
 
-def stated(bench: Bench, inputs: Arrays) -> float:
+def stated(bench: Bench, inputs: Arrays, frame: Frame = SMALL) -> float:
     """Return the error that a stage states; 0 if it states none."""
-    return bench.own_error(inputs, "float64", SMALL) or 0.0
+    return bench.own_error(inputs, "float64", frame) or 0.0
+
+
+def by_place(bench: Bench) -> list[str]:
+    """Return the variables that have places; others may be counts."""
+    return [name for name, d in bench.writes.items() if {"y", "x"} <= set(d.dims)]
 
 
 def continuous_in_light(bench: Bench) -> None:
     """Uniform light over thirteen decades; an ordinary picture; one channel that fades; one place that shines."""
-    if (
-        not bench.reads
-        or bench.looks
-        or bench.given_grids
-        or jumps(bench)
-        or is_transfer(bench.kind)
-        or not bench.steady
-    ):
+    if not bench.reads or bench.looks or bench.given_grids or is_transfer(bench.kind) or not may_be_walked(bench):
         return
     for port, declaration in bench.reads.items():
-        if declaration.dtype != "float" or not {"y", "x"} <= set(declaration.dims):
+        if declaration.dtype == "uint16" and bench.one_array == port and treats_places_alone(bench):
+            of_codes(bench, port)
+        if declaration.dtype != "float" or not declaration.dims:
             continue
-        for word, places, walk, base in paths(bench, port):
-            error = stated(bench, base)
-            follow(bench, walk, places, f"{port}, {word},", lambda t, error=error: error)  # type: ignore[misc]
+        if not {"y", "x"} <= set(declaration.dims):
+            along_entries(bench, port)
+            continue
+        error = 2 * stated(bench, bench.arrays("ordinary", SMALL))
+        for word, places, walk, worth in frames(bench, port) if treats_places_alone(bench) else paths(bench, port):
+            allowed = error + LEAST
+            for variable, (off, low, _) in jumps_along(walk, places, by_place(bench), allowed, worth).items():
+                judge(bench, variable, off, allowed, f"{port}, {word}, {low:.9g}")
 
 
-def paths(bench: Bench, port: str) -> Iterator[tuple[str, Array, Walk, Arrays]]:
+def judge(bench: Bench, variable: str, off: float, allowed: float, where: str) -> None:
+    within(
+        off,
+        allowed,
+        f"{bench.name}: {variable} jumps by {off:.3g} of its largest value where {where}; allowed: {allowed:.2g}; "
+        "declare decides = True if that is its nature",
+    )
+
+
+def may_be_walked(bench: Bench) -> bool:
+    return bench.steady and not decides(bench.stage) and all(d.dtype == "float" for d in bench.writes.values())
+
+
+def treats_places_alone(bench: Bench) -> bool:
+    """Return whether moved places, and others beside them, give the same values: every place is treated by itself."""
+    framed = [port for port, d in bench.reads.items() if d.dims[-2:] == ("y", "x")]
+    if any(d.dims[-2:] != ("y", "x") for d in bench.writes.values() if {"y", "x"} & set(d.dims)):
+        return False
+    inputs = bench.arrays("decades", PROOF)
+    order = np.random.default_rng(11).permutation(PROOF[0] * PROOF[1])
+
+    def moved(array: Array) -> Array:
+        return array.reshape(*array.shape[:-2], -1)[..., order].reshape(array.shape)
+
+    other = {port: moved(array) if port in framed else array for port, array in inputs.items()}
+    half = {port: array.copy() for port, array in inputs.items()}
+    for port in framed:
+        half[port][..., PROOF[0] // 2 :, :] *= 50.0
+    first, second, third = (tried(bench, one, PROOF) for one in (inputs, other, half))
+    if first is None or second is None or third is None:
+        return False
+    for variable in by_place(bench):
+        own, turned, beside = (np.asarray(one.arrays[variable], float) for one in (first, second, third))
+        if own.shape[-2:] != PROOF:
+            return False
+        top = BY_ITSELF * np.abs(own).max(axis=tuple(range(own.ndim - 2)), initial=0.0)
+        upper = slice(0, PROOF[0] // 2)
+        if (np.abs(moved(own) - turned) > moved(top)).any():
+            return False
+        if (np.abs(own - beside)[..., upper, :] > top[..., upper, :]).any():
+            return False
+    return True
+
+
+def frames(bench: Bench, port: str) -> Iterator[Path]:
+    """Yield paths of a stage that treats every place by itself: a frame of one row holds many places of a path."""
+    names, depth = by_place(bench), bench.reads[port].dims[:-2]
+    one = bench.arrays("ordinary", (1, 1))[port]
+
+    def walked(lit: Callable[[Array], Array]) -> Walk:
+        def walk(places: Array) -> Sequence[Results | None]:
+            frame = (1, len(places))
+            inputs = bench.arrays("uniform", frame)
+            trial = tried(bench, {**inputs, port: lit(places)}, frame)
+            if trial is None:
+                return [None] * len(places)
+            found = [np.moveaxis(np.asarray(trial.arrays[name], float)[..., 0, :], -1, 0) for name in names]
+            return [dict(zip(names, values, strict=True)) for values in zip(*found, strict=True)]
+
+        return walk
+
+    even = np.full_like(one, bench.scale(port))
+    yield "uniform, times", FINE, walked(lambda t: even * t), FINE_WORTH
+    if not depth:
+        return
+    yield "of an ordinary colour, times", FINE, walked(lambda t: one * t), FINE_WORTH
+    for plane in range(min(one.shape[0], 3)):
+        alone = np.zeros_like(one)
+        alone[plane] = one[plane]
+        yield (
+            f"plane {plane} alone, times",
+            FINE_FADING,
+            walked(lambda t, alone=alone: one - alone + alone * t),  # type: ignore[misc]
+            FINE_WORTH,
+        )
+
+
+def paths(bench: Bench, port: str) -> Iterator[Path]:
+    """Yield paths of any stage: a run for every place of a path."""
     even, ordinary = bench.arrays("uniform", SMALL), bench.arrays("ordinary", SMALL)
-    scale = bench.scale(port)
 
-    def scaled(base: Arrays) -> Walk:
-        return lambda t: tried(bench, {**base, port: base[port] * t})
+    def walked(lit: Callable[[float], Arrays]) -> Walk:
+        return lambda places: [results(tried(bench, lit(float(t)), SMALL)) for t in places]
 
-    yield "uniform, times", LIGHT, scaled(even), even
-    yield "of an ordinary picture, times", LIGHT, scaled(ordinary), ordinary
+    yield "uniform, times", LIGHT, walked(lambda t: {**even, port: even[port] * t}), WORTH
+    yield "of an ordinary picture, times", LIGHT, walked(lambda t: {**ordinary, port: ordinary[port] * t}), WORTH
 
-    def shining(t: float) -> BenchTrial | None:
+    def shining(t: float) -> Arrays:
         array = np.array(ordinary[port])
-        array[..., 2, 2] = t * scale
-        return tried(bench, {**ordinary, port: array})
+        array[..., 2, 2] = t * bench.scale(port)
+        return {**ordinary, port: array}
 
-    yield "one place, in full scales,", LIGHT, shining, ordinary
+    yield "one place, in full scales,", LIGHT, walked(shining), WORTH
     for plane in range(min(even[port].shape[0], 3)) if even[port].ndim == 3 else ():
 
-        def fading(t: float, plane: int = plane) -> BenchTrial | None:
+        def fading(t: float, plane: int = plane) -> Arrays:
             array = np.array(ordinary[port])
             array[plane] *= t
-            return tried(bench, {**ordinary, port: array})
+            return {**ordinary, port: array}
 
-        yield f"plane {plane} alone, times", FADING, fading, ordinary
+        yield f"plane {plane} alone, times", FADING, walked(fading), WORTH
+
+
+def of_codes(bench: Bench, port: str) -> None:
+    """Every step from a code to the next is between the one before and the one after: no code is lost or doubled."""
+    side = 256
+    codes = np.broadcast_to(np.arange(side * side).reshape(side, side), bench.array(port, "zeros", (side, side)).shape)
+    trial = tried(bench, {port: codes}, (side, side))
+    error = 2 * stated(bench, {port: codes}, (side, side)) + LEAST
+    for variable in by_place(bench) if trial else ():
+        assert trial is not None
+        for values in np.asarray(trial.arrays[variable], float).reshape(-1, side * side):
+            step = np.diff(values)
+            low, high = np.minimum(step[:-2], step[2:]), np.maximum(step[:-2], step[2:])
+            scale = np.maximum(np.abs(values[1:-2]), 1e-3 * np.abs(values).max()) + SMALLEST
+            off = np.maximum(low - step[1:-1], step[1:-1] - high) / scale
+            worst = int(off.argmax())
+            judge(
+                bench, variable, max(float(off[worst]), 0.0), error, f"{port} steps from code {worst + 1} to the next"
+            )
+
+
+def along_entries(bench: Bench, port: str) -> None:
+    """Walk along each of the first numbers of an input without places, such as the white of each channel."""
+    ordinary = bench.arrays("ordinary", SMALL)
+    allowed = 2 * stated(bench, ordinary) + LEAST
+    for entry in range(min(ordinary[port].size, 3)):
+
+        def faded(t: float, entry: int = entry) -> Arrays:
+            array = np.array(ordinary[port])
+            array.flat[entry] *= t
+            return {**ordinary, port: array}
+
+        def walk(places: Array, faded: Callable[[float], Arrays] = faded) -> Sequence[Results | None]:
+            return [results(tried(bench, faded(float(t)), SMALL)) for t in places]
+
+        for variable, (off, low, _) in jumps_along(walk, FADING, by_place(bench), allowed, WORTH).items():
+            judge(bench, variable, off, allowed, f"{port}, entry {entry} alone, times {low:.9g}")
 
 
 def continuous_in_parameters(bench: Bench) -> None:
     """Every number of a stage over the whole of its range, but for values that are declared to stand ``apart``."""
-    if not bench.reads or bench.looks or bench.given_grids or jumps(bench) or not bench.steady:
+    if not bench.reads or bench.looks or bench.given_grids or not may_be_walked(bench):
         return
     inputs = bench.arrays("ordinary", SMALL)
     dear = is_transfer(bench.kind) or bench.kind.prepare is not Stage.prepare
-    points, worth, rank = DEAR if dear else (POINTS, 2, RANK)
+    bench = cheaper(bench) if dear else bench
+    if stated(bench, inputs) > VAGUE:
+        untried(f"no parameter was walked along: a jump could not be told from the stated error, {VAGUE:g} or more")
+        return
+    points, worth, rank = DEAR if dear else OFTEN
     for name, (parameter, kind, _) in parameters_of(bench.kind).items():
         span = span_of(parameter, kind, getattr(bench.stage, name))
         if span is None:
             continue
-        low, high = span
+        if dear and not math.isfinite(getattr(bench.stage, name)):
+            untried(f"{name} was not walked along: its ordinary value is {getattr(bench.stage, name):g}")
+            continue
+        low, high = nearer(span, getattr(bench.stage, name)) if dear else span
         ways = [np.linspace(low, high, points)]
         if low > 0 and high > 20 * low:
-            ways.append(np.geomspace(low, high, points))
+            ways = [*([] if dear else ways), np.geomspace(low, high, points)]
 
         def at(value: float, name: str = name) -> Bench:
             stage = dataclasses.replace(bench.stage, **{name: float(value)})
             return Bench(stage, bench.given_grids or bench.input_grids(SMALL), bench.scales)
 
-        def walk(value: float, at: Callable[[float], Bench] = at) -> BenchTrial | None:
-            try:
-                return tried(at(value), inputs)
-            except ValueError:
-                return None
+        def walk(places: Array, at: Callable[[float], Bench] = at) -> Sequence[Results | None]:
+            return [at_value(at, float(t), inputs) for t in places]
 
         def error(value: float, at: Callable[[float], Bench] = at) -> float:
-            return stated(at(value), inputs)
+            try:
+                return stated(at(value), inputs)
+            except ValueError:  # refused
+                return 0.0
 
         for values in ways:
-            beside = values[~np.isin(values, parameter.apart)]
-            follow(bench, walk, beside, f"{name} =", error, worth, rank)
-        for value in NICE[:: 3 if dear else 1]:
+            beside = np.unique(values[~np.isin(values, parameter.apart)])
+            least = min(error(float(values[0])), error(float(values[-1]))) + LEAST
+            for variable, (off, first, last) in jumps_along(walk, beside, by_place(bench), least, worth, rank).items():
+                judge(bench, variable, off, error(first) + error(last) + LEAST, f"{name} = {first:.9g}")
+        for value in NICE[: 1 if dear else None]:
             if low < value < high and value not in parameter.apart:
                 beside_a_whole_number(bench, walk, value, name, error)
 
 
-def beside_a_whole_number(bench: Bench, walk: Walk, value: float, name: str, error: Errors) -> None:
-    """Compare a number for which there may be a formula of its own with the next ones."""
-    own, near = walk(value), walk(value * (1 + BESIDE))
-    for variable, d in bench.writes.items() if own and near else ():
-        if not {"y", "x"} <= set(d.dims) or own.arrays[variable].shape != near.arrays[variable].shape:  # type: ignore[union-attr]
+def cheaper(bench: Bench) -> Bench:
+    """Return the bench of the stage with its cheapest setting of each knob that states no larger error with it."""
+    stage, inputs = bench.stage, bench.arrays("ordinary", SMALL)
+    for name, (parameter, _, _) in parameters_of(bench.kind).items():
+        for value in parameter.settings[:1] if parameter.fidelity else ():
+            try:
+                other = dataclasses.replace(stage, **{name: value})
+                if stated(Bench(other, bench.given_grids, bench.scales), inputs) <= max(stated(bench, inputs), LEAST):
+                    stage = other
+            except ValueError:  # it refuses the setting
+                continue
+    return Bench(stage, bench.given_grids, bench.scales, bench.coordinates)
+
+
+def nearer(span: tuple[float, float], now: float) -> tuple[float, float]:
+    """Return the part of a range within a factor of ten of the ordinary value; if that is 0, a hundredth of the
+    range.
+    """
+    low, high = span
+    size = 10 * abs(now) or 0.01 * max(abs(low), abs(high))
+    return (max(low, size / 100 if low > 0 else -size), min(high, size)) if low < size and high > -size else span
+
+
+def at_value(at: Callable[[float], Bench], value: float, inputs: Arrays) -> Results | None:
+    try:
+        return results(tried(at(value), inputs, SMALL))
+    except ValueError:
+        return None
+
+
+def beside_a_whole_number(bench: Bench, walk: Walk, value: float, name: str, error: Callable[[float], float]) -> None:
+    """Compare a number for which there may be a formula of its own with the next one."""
+    own, near = walk(np.array([value, value * (1 + BESIDE)]))
+    for variable in by_place(bench) if own and near else ():
+        assert own is not None
+        assert near is not None
+        if own[variable].shape != near[variable].shape:
             continue
-        one, other = (np.asarray(trial.arrays[variable], dtype=float) for trial in (own, near))  # type: ignore[union-attr]
+        one, other = (np.asarray(trial[variable], dtype=float) for trial in (own, near))
         off = ratio_of(float(np.abs(one - other).max(initial=0.0)), float(np.abs(one).max(initial=0.0)))
         within(
             off,
@@ -143,98 +308,13 @@ def beside_a_whole_number(bench: Bench, walk: Walk, value: float, name: str, err
         )
 
 
-def tried(bench: Bench, inputs: Arrays) -> BenchTrial | None:
+def tried(bench: Bench, inputs: Arrays, frame: Frame) -> BenchTrial | None:
     try:
-        trial = bench.run(inputs, frame=SMALL)
+        trial = bench.run(inputs, frame=frame)
     except ValueError:
         return None
     return trial if trial.done else None
 
 
-def follow(
-    bench: Bench, walk: Walk, places: Array, word: str, error: Errors, worth: int = WORTH, rank: float = RANK
-) -> None:
-    """Walk a path, and look into the steps that stand out. A jump may be the sum of the errors stated on both sides."""
-    places = np.unique(places)
-    trials = [walk(float(t)) for t in places]
-    for variable in (name for name, d in bench.writes.items() if {"y", "x"} <= set(d.dims)):  # others may be counts
-        values = [None if one is None or variable not in one.arrays else one.arrays[variable] for one in trials]
-        for step in outstanding(places, values, worth, rank):
-            jump, (low, high) = narrowed(walk, variable, float(places[step]), float(places[step + 1]))
-            off = ratio_of(*jump)
-            allowed = error(low) + error(high) + LEAST
-            within(
-                off,
-                allowed,
-                f"{bench.name}: {variable} jumps by {off:.3g} of its largest value where {word} {low:.9g}; allowed: "
-                f"{allowed:.2g}; declare decides = True if that is its nature",
-            )
-
-
-def outstanding(places: Array, values: list[Array | None], worth: int, rank_at_least: float) -> list[int]:
-    """Return the steps whose change stands out from a cubic through those beside it."""
-    table = np.array([summary(value) for value in values])
-    valid = np.isfinite(table).all(axis=1)
-    usable = valid[:-1] & valid[1:]
-    found = [0] if places[0] == 0 and usable[:1].all() else []
-    for column in range(table.shape[1]):
-        change = np.where(usable, np.diff(table[:, column]), 0.0)
-        wide = np.pad(change, 3, mode="edge")
-        third = np.abs(wide[3:] - 3 * wide[2:-1] + 3 * wide[1:-2] - wide[:-3])  # of four neighbouring steps
-        bent = np.minimum(third[1:-2], third[2:-1])  # both that have the step in their middle
-        bent = bent[: change.size]
-        around = np.pad(bent, 6, mode="reflect" if bent.size > 6 else "edge")
-        quiet = np.array([np.median(around[n : n + 13]) for n in range(bent.size)])
-        rank = np.where(usable, bent / (quiet + 1e-10), -1.0)
-        found += [int(n) for n in np.argsort(-rank)[:worth] if rank[n] > rank_at_least]
-    return list(dict.fromkeys(found))
-
-
-def summary(value: Array | None) -> tuple[float, float, float]:
-    """Return three numbers that jump where an array does: its largest value, and two weighted sums relative to it."""
-    if value is None or not np.size(value):
-        return (np.nan, np.nan, np.nan)
-    array = np.asarray(value, dtype=float)
-    top = float(np.abs(array).max())
-    weights = np.cos(np.arange(array.size)).reshape(array.shape)
-    shape = float((array * weights).sum()) / (top or 1.0)
-    return (float(np.log(top)) if top > 0 else -700.0, shape, float(array.sum()) / (top or 1.0) / array.size)
-
-
-def narrowed(walk: Walk, variable: str, low: float, high: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Divide a step, always keeping the part whose change differs most from that of the others."""
-    jump, sizes = (0.0, 1.0), list[float]()
-    known: dict[float, Array | None] = {}
-
-    def at(t: float) -> Array | None:
-        if t not in known:
-            one = walk(t)
-            known[t] = None if one is None else np.asarray(one.arrays[variable], dtype=float)
-        return known[t]
-
-    for _ in range(DEPTH):
-        places = np.linspace(low, high, PARTS + 1)
-        if np.unique(places).size < PARTS + 1:
-            break
-        values = []
-        for t in places:
-            value = at(float(t))
-            if value is None:
-                return (0.0, 1.0), (low, high)  # refused in between
-            values.append(value)
-        if any(value.shape != values[0].shape for value in values):
-            return (0.0, 1.0), (low, high)
-        changes = np.array([(after - before).ravel() for before, after in itertools.pairwise(values)])
-        if not np.isfinite(changes).all():
-            return (0.0, 1.0), (low, high)
-        off = np.abs(changes - np.median(changes, axis=0)).max(axis=1, initial=0.0)
-        part = int(off.argmax()) if off.max() > 0 else PARTS - 1
-        low, high = float(places[part]), float(places[part + 1])
-        scale = max(float(np.abs(values[part]).max(initial=0.0)), float(np.abs(values[part + 1]).max(initial=0.0)))
-        jump = (float(np.abs(changes[part]).max(initial=0.0)), scale)
-        sizes.append(jump[0])
-        if ratio_of(*jump) < LEAST / 10:
-            break
-    if len(sizes) > FALLS and sizes[-1] < 0.5 * sizes[-1 - FALLS]:
-        return (0.0, 1.0), (low, high)  # steep, as a root at 0, but smaller with every division
-    return jump, (low, high)
+def results(trial: BenchTrial | None) -> Mapping[str, Array] | None:
+    return None if trial is None else trial.arrays

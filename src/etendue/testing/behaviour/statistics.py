@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from etendue.contract import wording
-from etendue.contract.capabilities import Noisy, Sampled, draws_anew, is_random
+from etendue.contract.capabilities import Noisy, Sampled, draws_anew, is_random, rounds
 from etendue.contract.stage import patterns_of
 from etendue.testing.bench import Bench, Frame
 from etendue.testing.checks import bound_of
@@ -27,7 +27,8 @@ from etendue.types.arrays import Array
 
 P = 1e-6
 FRAME: Frame = (448, 512)
-DRAWS = 4  # frames at a level
+DRAWS = 4  # frames at a level; two of several planes
+PLANES = 3
 LEVELS = (0.0, 1e-5, 3e-4, 2.5e-3, 3.3e-3, 0.1, 0.5)  # of full scale
 ROUNDED = 1e-13  # relative spread that is rounding
 RARE = 30.0  # kurtosis above which a few events make the sums, which are then not normal
@@ -43,12 +44,13 @@ def z_of(p: float) -> float:
 
 def drawn_as_declared(bench: Bench) -> None:
     """Draw frames at several levels; compare mean and variance of each, and look for what places or draws share."""
-    port = bench.one_array
-    if port is None or not is_random(bench.kind) or bench.given_grids or bench.reads[port].dims != ("y", "x"):
+    port = next((p for p, d in bench.reads.items() if d.dims[-2:] == ("y", "x")), None)
+    if port is None or not is_random(bench.kind) or bench.given_grids or bench.looks:
         return
-    main = next((v for v, d in bench.writes.items() if d.dims == ("y", "x") and d.dtype == "float"), None)
-    noisy, sampled = isinstance(bench.stage, Noisy), issubclass(bench.kind, Sampled)
-    if main is None or not (noisy or sampled) or bench.steady:
+    main = next((v for v, d in bench.writes.items() if d.dims[-2:] == ("y", "x") and d.unit != "1"), None) or next(
+        (v for v, d in bench.writes.items() if d.dims[-2:] == ("y", "x") and d.dtype == "float"), None
+    )
+    if main is None or bench.steady:
         return
     by_line = bool(getattr(bench.kind, "by_line", False))
     for level in LEVELS:
@@ -56,27 +58,52 @@ def drawn_as_declared(bench: Bench) -> None:
 
 
 def check_level(bench: Bench, port: str, main: str, level: float, by_line: bool) -> None:
-    inputs = {name: array * level for name, array in bench.arrays("uniform", FRAME).items()}
+    """Check each plane by itself, and with the next."""
+    inputs = {**bench.arrays("uniform", FRAME), port: bench.array(port, "uniform", FRAME) * level}
     value = float(np.asarray(inputs[port]).flat[0])
     expected: dict[str, Array] | None = None
     if issubclass(bench.kind, Sampled):
-        small = {name: array * level for name, array in bench.arrays("uniform", (2, 3)).items()}
-        expected = mean_at(bench, small)
+        small = {**bench.arrays("uniform", (2, 3)), port: bench.array(port, "uniform", (2, 3)) * level}
+        expected = mean_of(bench, small, (2, 3))
     frames = []
-    for number in range(DRAWS):
+    for number in range(DRAWS if len(bench.reads[port].dims) == 2 else 2):
         trial = draw(bench, inputs, number)
-        if trial is None:
+        if trial is None or trial[main].shape[-2:] != FRAME:
             return
         frames.append(trial[main])
-    found = np.array(frames, dtype=float)
+    every = np.array(frames, dtype=float)
+    planes = every.reshape(len(frames), -1, *FRAME).swapaxes(0, 1)
+    said = None if expected is None or main not in expected else np.asarray(expected[main], float).reshape(-1, 2, 3)
+    for number, found in enumerate(planes[:PLANES]):
+        check_plane(bench, port, main, value, found, None if said is None else float(said[number].mean()), by_line)
+        if number:
+            check_planes(bench, main, value, planes[number - 1], found)
+
+
+def check_planes(bench: Bench, main: str, value: float, one: Array, other: Array) -> None:
+    """No plane knows of the one before."""
+    one, other = one - one.mean(), other - other.mean()
+    scale = float(one.std() * other.std())
+    off = abs(ratio_of(float((one * other).mean()), scale)) if scale else 0.0
+    within(
+        off,
+        z_of(P / len(LEVELS) / PLANES) / math.sqrt(one.size),
+        f"{bench.name}: {main} at {value:g} has a correlation of {off:.3g} between two planes: draw numbers for each",
+    )
+
+
+def check_plane(
+    bench: Bench, port: str, main: str, value: float, found: Array, said: float | None, by_line: bool
+) -> None:
+    inputs = bench.arrays("uniform", (2, 3))
     spread = float(found.std())
     if spread <= ROUNDED * max(value, float(np.abs(found).max())):
         return  # nothing is drawn at this level
     tests = len(LEVELS) * (len(NEAR) + 6)
     z = z_of(P / tests)
     share = bound_of(bench, inputs, "float64")  # what the stage states about its distribution
-    if expected is not None and main in expected:
-        check_means(bench, found, float(np.mean(expected[main])), main, value, z, share, by_line)
+    if said is not None:
+        check_means(bench, found, said, main, value, z, share, by_line)
     if isinstance(bench.stage, Noisy):
         check_variances(bench, found, port, main, value, z, share, by_line)
     rare = float((((found - found.mean()) / spread) ** 4).mean()) > RARE
@@ -90,17 +117,13 @@ def draw(bench: Bench, inputs: Any, number: int) -> dict[str, Array] | None:
     return trial.arrays if trial.done else None
 
 
-def mean_at(bench: Bench, inputs: Any) -> dict[str, Array] | None:
-    job_frame = next(iter(inputs.values())).shape
-    return mean_of(bench, inputs, job_frame)
-
-
 def check_means(
     bench: Bench, found: Array, said: float, main: str, value: float, z: float, share: float, by_line: bool
 ) -> None:
     count = found.size / (min(found.shape[-2:]) if by_line else 1)
     error = found.std() / math.sqrt(count)
-    room = z * error + share * abs(found.std()) + 1e-12 * abs(said)
+    rounded = 0.5 if rounds(bench.kind) else 0.0  # codes at one level
+    room = z * error + share * abs(found.std()) + 1e-12 * abs(said) + rounded
     off = abs(float(found.mean()) - said)
     within(
         ratio_of(off, float(found.std())),

@@ -27,10 +27,11 @@ def codes_in_the_middle(bench: Bench) -> None:
     """Compare the steps of evenly spread input with the stated error, and codes with the stated mean, or with a
     straight line through whole numbers.
     """
-    port = bench.one_array
+    framed = [p for p, d in bench.reads.items() if {"y", "x"} <= set(d.dims) and d.dtype == "float"]
     main = next((v for v, d in bench.writes.items() if {"y", "x"} <= set(d.dims)), None)
-    if port is None or main is None or bench.reads[port].dtype != "float" or is_random(bench.kind) or bench.given_grids:
+    if not framed or main is None or is_random(bench.kind) or bench.given_grids or bench.looks:
         return
+    port = framed[0]
     for low, high in SPANS:
         inputs = bench.arrays("uniform", FRAME)
         shares = np.random.default_rng(5).permutation(np.linspace(low, high, FRAME[0] * FRAME[1])).reshape(FRAME)
@@ -49,7 +50,7 @@ def codes_in_the_middle(bench: Bench) -> None:
         if levels.size < STAIRS * inside.sum():
             check_width(bench, main, codes, levels)
         whole = bench.writes[main].dtype != "float" and bench.writes[main].unit != "1"
-        if whole and bench.reads[port].dims == ("y", "x"):
+        if whole and bench.one_array and bench.reads[port].dims == ("y", "x"):
             check_place(bench, port, main, shares[inside], codes[inside], inside)
 
 

@@ -22,10 +22,11 @@ from etendue.contract.capabilities import draws_anew, halo_of, is_transfer
 from etendue.contract.values import quantities
 from etendue.plugins import discovery
 from etendue.testing.bench import Bench, Frame
-from etendue.testing.measured import hold, ratio_of, within
+from etendue.testing.measured import hold, ratio_of, untried, within
 from etendue.types.arrays import Array
 
 FIRST: tuple[Frame, ...] = ((1, 0), (0, 1), (1, 1))  # first pixels of the windows
+FARTHEST = 40  # pixels of reach up to which windows and strips are tried; frames grow with its square
 AT_LEAST = 12  # pixels of a window in each direction
 PLAIN = Pattern(
     ("ab", "bc"), {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "c": (0.0, 0.0, 1.0)}
@@ -46,6 +47,9 @@ class WindowLaws:
         if bench.given_grids or is_transfer(bench.kind) or draws_anew(bench.kind) or not _pixel_by_pixel(bench):
             return
         pattern, halo = _pattern(bench), halo_of(bench.stage)
+        if (halo or 0) > FARTHEST:
+            untried(f"it reaches {halo} pixels: windows are tried up to {FARTHEST}")
+            return
         down, across = (-(-(AT_LEAST + 2 * (halo or 0)) // period) * period for period in pattern.period)
         frame, whole = (down, across), (down + pattern.period[0], across + pattern.period[1])
         for what in ("even colours", "a picture") if halo is not None else ("even colours",):

@@ -216,6 +216,7 @@ class _Encoding(Haloed):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 15.0
     error: ClassVar[Any] = measured(1e-6, 1e-15)
+    decides: ClassVar = {"encoding": ("BT.709",)}  # its printed constants leave a step of 2.5e-4 between the two parts
 
     encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"))
     exponent: float = param(0.45, above=0, at_most=5, doc="exponent of encoding 'power' (eq. 15)")
@@ -230,7 +231,6 @@ class Encode(_Encoding):
     rounding: white that is clipped in the camera is 1 up to the last bits, on either side."""
 
     role: ClassVar = "display encoding"
-    decides: ClassVar = True  # the two parts of BT.709 do not quite meet; a power is infinitely steep at 0
     working: ClassVar = 2.3
     reads: ClassVar = {"rgb_linear": "channel y x [1]"}
     writes: ClassVar = {"rgb_display": "channel y x [1]", "gamut_clipped": "[1]"}
@@ -257,7 +257,6 @@ class Decode(_Encoding):
     """Decode encoded display values to linear ones; values that ``encode`` clipped stay clipped."""
 
     role: ClassVar = "display decoding"
-    decides: ClassVar = True  # the two parts of BT.709 do not quite meet; a power is infinitely steep at 0
     reads: ClassVar = {"rgb_display": "channel y x [1]"}
     writes: ClassVar = {"rgb_linear": "channel y x [1]"}
     keeps: ClassVar = ("order",)

@@ -46,6 +46,7 @@ class Meter(GainChain):
         0.0,
         at_least=0,
         at_most=100,
+        apart=(0.0,),
         doc="target fraction of saturation; 0: 0.128 for mean and centre, 0.9 for highlight",
     )
     quantile: float = param(0.99, above=0, at_most=1, doc="fraction of the pixels at or below the highlight")

@@ -89,7 +89,10 @@ class Wiener(Inverse):
     working: ClassVar = 17.0
 
     noise_variance: float = param(
-        0.0, at_least=0, doc="noise variance, 1 = the square of clipping; 0: the camera's own at clipping"
+        0.0,
+        at_least=0,
+        apart=(0.0,),
+        doc="noise variance, 1 = the square of clipping; 0: the camera's own at clipping",
     )
     contrast: float = param(0.2, above=0, at_most=10, doc="rms contrast of the picture, 1 = clipping")
     exponent: float = param(
@@ -213,14 +216,15 @@ class RichardsonLucy(Inverse):
         return estimate, transfer, done
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the rounding error. It grows with each iteration, more so at edges created by total variation, and with
-        places far above clipping beside ordinary ones; the stopping point depends on all of it.
+        """Bound the rounding error. It grows with each iteration, more so with places far above clipping beside
+        ordinary ones; the stopping point depends on all of it. Total variation magnifies it without an end: where a
+        picture is nearly flat, rounding decides the direction of a gradient, and a picture in single precision may
+        differ by all of its full scale.
         """
+        if self.total_variation:
+            return (1.0 if precision == "float32" else 1e-7) + self.table_error(), "measured"
         hot = min(max(facts["rgb_camera"].high or 1.0, 1.0), 1e4)  # measured up to 10,000 times clipping
-        single, double = 1e-6 * max(1.0, hot / 300), 3e-15 * hot
-        rounding = (
-            (single if precision == "float32" else double) * (10 + self.iterations) * (1 + 10 * self.total_variation)
-        )
+        rounding = (1e-6 * max(1.0, hot / 300) if precision == "float32" else 3e-15 * hot) * (10 + self.iterations)
         return rounding + self.table_error(), "measured"
 
 

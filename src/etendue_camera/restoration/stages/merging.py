@@ -48,7 +48,7 @@ class MergeFrames(KnownNoise):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 40.0
     working: ClassVar = 3.5
-    error: ClassVar = measured(2e-6, 1e-14)
+    error: ClassVar = measured(4e-6, 1e-14)
 
     method: str = param("hdr", choices=("mean", "sigma_clipped", "hdr"), doc="how frames are weighted or rejected")
     sigmas: float = param(

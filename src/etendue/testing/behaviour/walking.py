@@ -1,0 +1,148 @@
+"""Walks along a path of inputs: which steps stand out, and what is left of them when they are divided.
+
+In:  ``Walk``: results at several places of a path.
+Out: the size of a jump, and where it is.
+
+A step stands out if its change is not that of a polynomial through its neighbours. What is left of the change when the
+step is a billionth of its place is a jump.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from etendue.testing.measured import ratio_of, untried
+from etendue.types.arrays import Array
+
+PARTS = 4  # into which a step is divided
+DEPTH = 17  # divisions: 4^17 = 2e10
+SHALLOW = 4  # of a stage for which a run costs much
+NEAR, TINY = 1e-9, 1e-100  # of the first step from 0
+FALLS = 6  # divisions over which the change at a jump stays as large, and that of a root does not
+LEAST = 1e-6  # of full scale; what a smooth stage with a condition number of 1,000 changes over a billionth
+ENOUGH = 4.0  # times smaller than allowed: not looked into any further
+RANK = 4.0  # how many times more than its neighbours a step must bend to be looked into
+AROUND = 13  # steps with which one is compared
+Results = Mapping[str, Array]
+Walk = Callable[[Array], Sequence[Results | None]]  # results at several places of a path; None where refused
+Jump = tuple[float, float, float]  # of the largest value, between two places
+
+
+def jumps_along(
+    walk: Walk, places: Array, variables: Sequence[str], allowed: float, worth: int, rank: float = RANK
+) -> dict[str, Jump]:
+    """Return the largest jump of each variable along a path, of the steps that stand out; 0 for jumps that are much
+    smaller than allowed. ``worth``: steps looked into by each number of a summary; 0: one in all, by a few divisions.
+    """
+    found = {variable: (0.0, float(places[0]), float(places[-1])) for variable in variables}
+    trials = walk(places)
+    for variable in variables:
+        values = [None if one is None else one.get(variable) for one in trials]
+        beginning = (
+            beside_zero(walk, variable, float(places[1]), allowed) if len(places) > 1 and places[0] == 0 else None
+        )
+        if beginning:
+            found[variable] = beginning
+        steps = outstanding(places, values, max(worth, 1), rank)
+        for step in steps if worth else steps[:1]:
+            depth, high = DEPTH if worth else SHALLOW, float(places[step + 1])
+            ends = (float(places[step]) or NEAR * high, high)  # what is beside 0 was compared above
+            jump = narrowed(walk, variable, *ends, allowed / ENOUGH, depth)
+            if jump[0] > found[variable][0]:
+                found[variable] = jump
+    return found
+
+
+def outstanding(places: Array, values: Sequence[Array | None], worth: int, rank_at_least: float) -> list[int]:
+    """Return the steps whose change stands out from a polynomial through those beside it."""
+    if len(places) < 2:
+        return []
+    table = summaries(values)
+    valid: Array = np.asarray(np.isfinite(table).all(axis=1))
+    usable = valid[:-1] & valid[1:]
+    found: list[int] = []
+    half = AROUND // 2
+    for column in range(table.shape[1]):
+        change = np.where(usable, np.diff(table[:, column]), 0.0)
+        wide = np.pad(change, 3, mode="edge")
+        others = 15 * (wide[2:-4] + wide[4:-2]) - 6 * (wide[1:-5] + wide[5:-1]) + wide[:-6] + wide[6:]
+        bent = np.abs(change - others / 20)  # from what a polynomial through the three steps on either side gives
+        around = np.pad(bent, half, mode="reflect" if bent.size > half else "edge")
+        quiet = np.median(sliding_window_view(around, AROUND), axis=-1)
+        ranks = np.where(usable, bent / (quiet + 1e-10), -1.0)
+        order = [int(n) for n in np.argsort(-ranks) if ranks[n] > rank_at_least]
+        inside = [n for n in order if 3 <= n < change.size - 3]
+        found += [*inside[:worth], *[n for n in order if n not in inside][:1]]  # at the ends few are beside it
+    return list(dict.fromkeys(found))
+
+
+def beside_zero(walk: Walk, variable: str, first: float, allowed: float) -> Jump | None:
+    """Compare 0 with two small numbers: of a root, however steep, little is left at the smaller."""
+    trials = walk(np.array([0.0, first * TINY, first * NEAR]))
+    values = [np.asarray(one[variable], dtype=float) for one in trials if one is not None]
+    if len(values) < len(trials) or any(value.shape != values[0].shape for value in values):
+        return None
+    zero, tiny, near = values
+    sizes = [float(np.abs(value - zero).max(initial=0.0)) for value in (tiny, near)]
+    scale = max(float(np.abs(value).max(initial=0.0)) for value in (zero, tiny))
+    off = ratio_of(sizes[0], scale)
+    return (off, 0.0, first * TINY) if off > allowed and sizes[0] > 0.5 * sizes[1] else None
+
+
+def summaries(values: Sequence[Array | None]) -> Array:
+    """Return three numbers of each array that jump where it does: its largest value, and two weighted sums relative to
+    it.
+    """
+    shapes = [np.shape(value) for value in values if value is not None]
+    usual = max(set(shapes), key=shapes.count) if shapes else ()
+    blank = np.full(usual, np.nan)
+    same = [blank if value is None or np.shape(value) != usual else value for value in values]
+    table = np.asarray(same, dtype=float).reshape(len(values), -1)
+    if not table.shape[1]:
+        return np.full((len(values), 3), np.nan)
+    top = np.abs(table).max(axis=1)
+    scale = np.where(top > 0, top, 1.0)[:, None]
+    with np.errstate(all="ignore"):
+        relative = table / scale
+        logs = np.where(top > 0, np.log(top), np.where(np.isnan(top), np.nan, -700.0))
+    return np.stack([logs, relative @ np.cos(np.arange(table.shape[1])), relative.mean(axis=1)], axis=1)
+
+
+def narrowed(walk: Walk, variable: str, low: float, high: float, least: float, depth: int = DEPTH) -> Jump:
+    """Divide a step, always keeping the part whose change differs most from that of the others: by the whole of a jump,
+    if there is one.
+    """
+    none = (0.0, low, high)
+    jump, sizes = none, list[float]()
+    known: dict[float, Array | None] = {}
+    for _ in range(depth):
+        places = np.linspace(low, high, PARTS + 1)
+        if np.unique(places).size < PARTS + 1:
+            break
+        new = [float(t) for t in places if float(t) not in known]
+        for t, one in zip(new, walk(np.array(new)), strict=True):
+            known[t] = None if one is None else np.asarray(one[variable], dtype=float)
+        values = [value for t in places if (value := known[float(t)]) is not None]
+        if len(values) < places.size or any(value.shape != values[0].shape for value in values):
+            return none  # refused in between, or of another size
+        changes = np.array([(after - before).ravel() for before, after in itertools.pairwise(values)])
+        if not np.isfinite(changes).all():
+            return none
+        off = np.abs(changes - np.median(changes, axis=0)).max(axis=1, initial=0.0)
+        part = int(off.argmax()) if off.max() > 0 else PARTS - 1
+        low, high = float(places[part]), float(places[part + 1])
+        scale = max(float(np.abs(values[part]).max(initial=0.0)), float(np.abs(values[part + 1]).max(initial=0.0)))
+        sizes.append(float(np.abs(changes[part]).max(initial=0.0)))
+        jump = (ratio_of(sizes[-1], scale), low, high)
+        if ratio_of(float(off.max(initial=0.0)), scale) < least:
+            return none  # smooth; a bend falls by 4 with every division, a curve by 16
+    if depth < DEPTH:
+        untried(f"{variable} between {low:.6g} and {high:.6g} was not divided any further")
+        return none
+    if len(sizes) > FALLS and sizes[-1] < 0.5 * sizes[-1 - FALLS]:
+        return none  # steep, as a root at 0, but smaller with every division
+    return jump
