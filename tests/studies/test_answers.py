@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from etendue import simulate
-from etendue.accuracy.answers import recalled
+from etendue.accuracy.answers import pilots, recalled
 from etendue.accuracy.answers.cached import answer_key
 from etendue.accuracy.answers.error import Part, answers_of, part_between
 from etendue.accuracy.answers.pilots import state_errors
@@ -23,8 +23,9 @@ from etendue.contract.registry import installed_stages
 from etendue.pipeline.toml import dumps
 from etendue.plan.planner import make_plan
 from etendue.plan.shown import answers
+from etendue.plan.variants import with_draw
 from etendue.present.terminal.answer_texts import is_sound, notes, plus_minus
-from etendue.session import load
+from etendue.session import collect, load
 
 CAMERA = {
     "f_number": 4.0,
@@ -97,6 +98,54 @@ def test_stated_error_covers_a_run_with_everything_three_times_as_fine(scene: di
         floor = 1e-7 * max(float(np.max(np.abs(array))), 1.0)
         assert error.rms + floor >= true.rms, name
         assert error.rms <= 10 * max(true.rms, floor), name
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda one: one.get("use", "slanted_edge"))
+def test_cheaper_ways_cover_it_too(scene: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The budget counts as small for any pipeline here."""
+    monkeypatch.setattr(pilots, "THRIFT", 1e12)
+    made = pipeline(**scene)
+    finer = copy.deepcopy(made)
+    for name in ("spacing", "bin_width"):
+        finer["stages"][0][name] /= 3
+    own, exact = values(made, False), values(finer, True)
+    errors = stated(made, 1e6).errors
+    for name in own:
+        array, declared, stage = own[name]
+        true = part_between(array, exact[name][0], declared, stage)
+        assert isinstance(true, Part)
+        if "noise-free path" in errors[name].open:  # so few are black that noise decides
+            continue
+        assert not errors[name].open, name
+        assert errors[name].rms >= true.rms - 1e-7, (name, errors[name].rms, true.rms)
+
+
+SWEPT = {
+    "f_number": [2.0, 4.0, 8.0],
+    "integration_time": ["5 ms", "10 ms"],
+    "diffraction.use": [
+        {"use": "diffraction", "label": "sharp"},
+        {"use": "lens_gaussian", "sigma": 3.0, "label": "soft"},
+    ],
+}
+
+
+@pytest.mark.parametrize("place", [(0, 1, 1), (2, 0, 0), (1, 1, 0)])
+def test_the_plan_of_one_point_computes_what_that_point_alone_computes(place: tuple[int, int, int]) -> None:
+    """Bit by bit, and draws are others than those of the run and of one another."""
+    swept = pipeline() | {"sweep": SWEPT}
+    alone = swept | {"sweep": {key: [SWEPT[key][at]] for key, at in zip(SWEPT, place, strict=True)}}
+    whole, single = (make_plan(load(one), installed_stages()) for one in (swept, alone))
+    at = {axis.dim: axis.values[place[list(SWEPT).index(axis.key)]] for axis in whole.axes}
+    wanted = answers(whole)
+    point, own = Point(whole, installed_stages(), at, wanted), Point(single, installed_stages(), at, wanted)
+    found, expected = point.values(point.base), own.values(make_plan(load(alone), installed_stages(), expected=True))
+    assert found.keys() == expected.keys()
+    for one, array in expected.items():
+        np.testing.assert_array_equal(found[one], array, err_msg=str(one))
+    shot = point.base.of("shot_noise")[0].ref
+    draws = [collect(with_draw(point.base, number), {shot: ["charge"]}).arrays[shot]["charge"] for number in (0, 1, 1)]
+    assert np.array_equal(draws[1], draws[2]) and not np.array_equal(draws[0], draws[1])
 
 
 def test_what_a_discretisation_cannot_reach_has_no_error_of_it() -> None:

@@ -45,6 +45,11 @@ class PipelineKnob(Knob):
         """The setting one refinement below the reference if the reference is finite; else the reference."""
         return self.settings[-2] if len(self.settings) > 1 and not self.closed_form else self.reference
 
+    def finer_than(self, setting: Value) -> Value:
+        """Return the next setting towards the reference; the reference if ``setting`` is not among the settings."""
+        later = self.settings[self.settings.index(setting) + 1 :] if setting in self.settings else ()
+        return (*later, self.reference)[0]
+
 
 @dataclass(frozen=True)
 class ReferencePipeline:

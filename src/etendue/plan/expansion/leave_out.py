@@ -47,7 +47,7 @@ def decide(
     """
     if rule.tolerance is None or isinstance(stage, Summed) or not isinstance(stage, Bounded | Transfer):
         return None
-    port = _through(stage, grids_in, grids)
+    port = through(stage, grids_in, grids)
     if port is None:
         return None
     own, grid = _in_norm(facts[port], rule.norm), grids_in[port]
@@ -69,7 +69,7 @@ def _in_norm(facts: Facts, norm: str) -> Facts:
     return replace(facts, content=replace(facts.content, norm=norm))
 
 
-def _through(stage: Stage, grids_in: Mapping[str, Grid], grids: Mapping[str, Grid]) -> str | None:
+def through(stage: Stage, grids_in: Mapping[str, Grid], grids: Mapping[str, Grid]) -> str | None:
     """Return the port through which a stage reads the variable it writes first; None if it writes a variable that it
     does not read, or writes it on another grid.
     """
