@@ -1,5 +1,5 @@
-"""Variants of a plan: one point of its sweep, other draws of the noise, the same graph with other parameter values. They
-take a fraction of the time of a plan.
+"""Variants of a plan: one point of its sweep, other draws of the noise, the same graph with other parameter values.
+They take a fraction of the time of a plan.
 
 In:  a plan.
 Out: a plan for runs that store nothing: its cells have no keys, or those of the whole plan.
