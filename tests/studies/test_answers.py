@@ -166,7 +166,7 @@ def test_what_cannot_be_refined_is_named_and_never_zero() -> None:
     error = found.errors["photon_rate"]
     assert "margin" in error.fixed
     assert "margin" not in error.parts
-    assert any("not refined: margin" in text for text in notes(found.document()))
+    assert any("in no error here: margin" in text for text in notes(found.document()))
 
 
 def test_without_time_nothing_is_claimed() -> None:
@@ -264,7 +264,10 @@ def test_texts_say_what_is_missing_and_nothing_where_too_little_is_known() -> No
     document["noise"] = 0.4
     assert plus_minus(document, "dB") == "\u00b10.03 dB (bins 0.02, spacing 0.01) \u00b10.4 (noise)"
     document |= {"open": {"margin": "costs about 40 s"}, "noise": None}
-    assert plus_minus(document, "dB") == "(error not known in full: bins 0.02, spacing 0.01; margin not measured)"
+    assert (
+        plus_minus(document, "dB")
+        == "dB (error at least 0.03: bins 0.02, spacing 0.01; margin not measured, --measure does)"
+    )
     bound = {"omissions": {"rms": 1e-5, "basis": "bound"}}
     assert plus_minus({**document, "parts": bound}, "dB") == ""  # says nothing of what is larger
     assert plus_minus({**document, "parts": {}}) == ""
@@ -445,7 +448,9 @@ def test_what_would_make_the_answer_better_is_said() -> None:
     found = stated(pipeline())
     assert found.remedies["bins"] == "scene.bin_width = 25"
     assert found.remedies["spacing"] == "scene.spacing = 1"
-    assert any(text.startswith("to reduce them: ") and "--set " in text for text in notes(found.document()))
+    assert any(
+        text.startswith("for smaller errors, one or more of: ") and "--set " in text for text in notes(found.document())
+    )
     assert "margin" not in stated(pipeline(use="colorchecker")).remedies
 
 

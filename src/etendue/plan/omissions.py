@@ -119,12 +119,9 @@ def told(name: str, left: Document | None, knobs: list[Document] | None) -> list
         by_knob.setdefault(one["knob"], []).append(one)
     for knob, own in by_knob.items():
         worst, saved = max(one["bound"] for one in own), _sum([one["seconds_saved"] for one in own])
-        values = ", ".join(
-            f"{one['value']} ({one['cells']})" if len(own) > 1 else f"{one['value']} in {one['cells']} cells"
-            for one in own
-        )
+        values = ", ".join(f"{one['value']} ({one['cells']})" if len(own) > 1 else f"{one['value']}" for one in own)
         said.append(
-            f"coarser   {name}.{knob} = {values} instead of {own[0]['reference']}: "
-            f"error bound {worst:.2g}{_saving(saved)}"
+            f"coarser   {name}.{knob} = {values} instead of {own[0]['reference']}, the best: "
+            f"at most {worst:.2g} of full scale at this stage{_saving(saved)}"
         )
     return said

@@ -360,7 +360,7 @@ def _print_figures(console: Console, outcome: Any) -> None:
     if figures and outcome.shown_at:
         console.print(f"metrics and pictures{escape(outcome.shown_at)}:")
     for own in figures:
-        without = f"  without {', '.join(own.without)}" if own.without else ""
+        without = f"  (not included: {', '.join(own.without)})" if own.without else ""
         error = plus_minus(outcome.error_of(own.stage, own.variable), own.unit)
         plain = f"{own.unit if own.unit != '1' else ''}{' (error not measured)' if outcome.answers else ''}".strip()
         shown = f"{own.value:.5g} {error or plain}".rstrip()
