@@ -40,7 +40,8 @@ def sampling_knobs(measurement: Measurement) -> tuple[PipelineKnob, ...]:
         if len(node.alternatives) > 1 or not isinstance(stage, Discretised):
             continue
         for name in (one for one, why in stage.discretisations().items() if not why):
-            if key := _parameter(stage, name):
+            key = _parameter(stage, name)
+            if key and f"{node.name}.{key}" not in measurement.pipeline.sweep:
                 parameter = parameters_of(type(stage))[key][0]
                 value = float(getattr(stage, key))
                 one = PipelineKnob(

@@ -106,7 +106,7 @@ def accuracy(
         return max(error, max(study.floor, ROUNDING)), seconds
 
     done = [t for t in study.settle() if t.error is not None]
-    study.again({id(t): t for t in (*front(done, of, WORTH), *_cheapest(done, of))}.values())
+    study.again((*front(done, of, WORTH), *_cheapest(done, of)))
     trials = [split(t, study.settled_curves(curves), study.sampled) for t in study.settle()]
     done = [t for t in trials if t.error is not None]
     found = Accuracy(

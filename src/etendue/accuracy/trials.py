@@ -13,7 +13,7 @@ from typing import Any
 from etendue.accuracy.differences import difference
 from etendue.accuracy.measuring import GlobalError, Measurement, shown_names
 from etendue.accuracy.orders import ROUNDING, Convergence, law_of, remaining
-from etendue.accuracy.reference import PipelineKnob, reference_of, with_settings
+from etendue.accuracy.reference import PipelineKnob, ReferencePipeline, reference_of, with_settings
 from etendue.accuracy.sampling import limits, moved
 from etendue.accuracy.timing import COLD, WARM, Timing, samples_of
 from etendue.compute.tables import TABLES
@@ -102,19 +102,16 @@ class Trials:
     ) -> None:
         self.registry, self.effort, self.options = registry, effort, Options("serial")
         base = Measurement(pipeline, registry, effort.cells, self.options)
-        others = [k for k in base.reference.knobs if k.key not in {one.key for one in knobs}]
         try:
             base.plan(reference_of(pipeline, registry, [k for k in knobs if k.stage]).pipeline)
         except RequestError:
             knobs = tuple(k if k.key in given or k.discretisation else base.within(k) for k in knobs)
-        self.knobs, self.given = knobs, given
-        reference = reference_of(pipeline, registry, [*(k for k in knobs if k.stage), *others])
-        finite = {(k.stage, k.use, k.name): k.before_reference for k in others if k.before_reference != k.reference}
-        reference = replace(reference, coarser=with_settings(reference.pipeline, finite) if finite else None)
+        self.pipeline, self.knobs, self.given = pipeline, knobs, given
+        reference = self._reference_beside(base)
         plan = base.plan(replace(reference.pipeline, sweep=base.pipeline.sweep))
         self.own = {k.key: own_variables(plan, k.stage) if k.stage else () for k in knobs}
         self.also = tuple(dict.fromkeys(place for places in self.own.values() for place in places))
-        self.pipeline, self.reference = pipeline, reference
+        self.reference = reference
         self.grids: dict[Grids, Measurement] = {}
         self.measurement = self.on({})
         self.exact = self.measurement.reference.pipeline
@@ -124,6 +121,16 @@ class Trials:
         self.sampled: dict[str, dict[Value, dict[str, float]]] = {}  # errors of discretisations, by knob and setting
         self.notes: list[str] = []
         self.floor = 0.0
+
+    def _reference_beside(self, base: Measurement) -> ReferencePipeline:
+        """Return the reference with the knobs that are tried. How uncertain it is depends on the others, if they end in
+        a finite setting.
+        """
+        tried = {one.key for one in self.knobs}
+        others = [k for k in base.reference.knobs if k.key not in tried]
+        found = reference_of(self.pipeline, self.registry, [*(k for k in self.knobs if k.stage), *others])
+        finite = {(k.stage, k.use, k.name): k.before_reference for k in others if k.before_reference != k.reference}
+        return replace(found, coarser=with_settings(found.pipeline, finite) if finite else None)
 
     def on(self, moved: Settings) -> Measurement:
         """Return the measurement on the grid that a combination has."""
@@ -223,13 +230,14 @@ class Trials:
 
     def again(self, trials: Iterable[SettingTrial]) -> None:
         """Time some trials again, in turns, so that no load of the machine meets one of them alone."""
-        every = [(t, self.combined(t.settings)) for t in trials if not t.why]
+        every = dict.fromkeys(self.search.name(t.settings) for t in trials)
         for _ in range(self.effort.repeat):
-            for trial, pipeline in every:
-                measurement = self.on(trial.settings)
+            for key in every:
+                settings = dict(key)
+                measurement = self.on(settings)
                 self.effort.told("timing again")
-                self.keep(trial.settings, self.timed(measurement, measurement.plan(pipeline), 1)[1])
-                key = self.search.name(trial.settings)
+                plan = measurement.plan(self.combined(settings))
+                self.keep(settings, self.timed(measurement, plan, 1)[1])
                 own = self.search.tried[key]
                 self.search.tried[key] = replace(own, timing=replace(own.timing, runs=own.timing.runs + 1))
 

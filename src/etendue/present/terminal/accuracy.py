@@ -12,7 +12,7 @@ import json
 import math
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue.contract.wording import words as called
 from etendue.present.terminal.global_error import _number
@@ -22,6 +22,9 @@ from etendue.types.documents import Document, DocumentView
 
 SHADES, LEAST = "█▓▒░", 0.005  # of the bar; share of an error that is named
 UNBOUNDED = 132  # columns when stdout is not a terminal
+if TYPE_CHECKING:
+    from rich.console import Console
+
 COLD, WARM = "cold", "warm"
 TABLE, DOCUMENT, DIAGRAM = "accuracy.csv", "accuracy.json", "accuracy.png"
 
@@ -227,6 +230,11 @@ def print_accuracy(document: Document, files: list[Path]) -> None:
     console.print(
         _table("cheapest settings by tolerance", *columns, rows=document["cheapest"], wrap=("cheapest settings",))
     )
+    _print_lines(console, document, files)
+
+
+def _print_lines(console: Console, document: DocumentView, files: list[Path]) -> None:
+    """Print what holds for all settings, notes and files."""
     planned = document["planned"]
     own = f"error {_number(planned['error'])} of {planned['variable']}"
     times = f"warm {_spread(planned, WARM)}, cold {_spread(planned, COLD)}"
