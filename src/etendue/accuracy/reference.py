@@ -35,10 +35,11 @@ class PipelineKnob(Knob):
     value: Value  # from the file, else its default
     written: bool  # in the file, by --set, or swept
     studied: bool  # it changes a grid or what a scene shows, or finer settings are too costly
+    discretisation: str = ""  # the one that it sets; all other knobs are tried at its ``value``, not at its finest
 
     @property
     def reference(self) -> Value:
-        return self.settings[-1] if self.settings else self.value
+        return self.settings[-1] if self.settings and not self.discretisation else self.value
 
     @property
     def before_reference(self) -> Value:
