@@ -93,9 +93,9 @@ def fit(curve: Curve) -> ResponseFit:
     problem = _Problem(
         light, signal, variance, dark, errors, float(2**bits - 1), *_charge(curve, used), np.ones(light.size, bool)
     )
-    problem = problem.with_sound_labels().with_own_scatter()
-    best, tests = problem.chosen()
-    problem = problem.with_own_scatter(best)
+    problem = problem.with_sound_labels()
+    best, _ = problem.with_own_scatter().chosen()
+    problem = problem.with_own_scatter(best)  # about the chosen model, from sampling errors alone
     best, tests = problem.chosen()
     if not problem.sound.all():
         odd = ", ".join(f"{one:.6g}" for one in light[~problem.sound])

@@ -66,8 +66,10 @@ def _print_check(console: Any, check: Document) -> None:
         ("mean_worst", "mean, worst level"),
     ):
         verdict = "within" if check["within"][name] else "beyond"
+        sampling = {"variance_rms": check["variance_sampling"], "variance_worst": check["variance_worst_sampling"]}
+        own = f", of which sampling gives {100 * sampling[name]:.3g} %" if name in sampling else ""
         console.print(
-            f"{words}: {100 * check[name]:.3g} % of {check['judged']} levels of 2 to 90 % of saturation, {verdict} "
+            f"{words}: {100 * check[name]:.3g} % of {check['judged']} levels of 2 to 90 % of saturation{own}: {verdict} "
             f"{100 * check['limits'][name]:.3g} %"
         )
 
