@@ -13,6 +13,7 @@ import numpy as np
 
 from etendue.types.documents import Document
 from etendue_camera.arrays import Array
+from etendue_lab.calibrate.response_fit import SEEN
 from etendue_lab.calibrate.sensor_model import SensorModel
 from etendue_lab.calibrate.simulating import SimulatedSensor
 from etendue_lab.frames.frame_set import FrameSet
@@ -44,13 +45,15 @@ def check(frames: FrameSet, model: SensorModel, site: Site = MONO, seed: int = 0
     for i, (level, own) in enumerate(zip(curve.levels, curve.moments, strict=True)):
         light = np.array(own.light)
         dark = float(curve.dark_variance[0, i])
-        predicted = float(fit.mean(light)) if own.share_at(curve.top) < 1e-3 or own.top < curve.top else math.nan
+        clear = own.top < curve.top or own.share_at(curve.top) < 1e-3  # no pixel is at the top code
+        seen = not curve.hidden or (own.variance[0] > SEEN and own.histogram[0] < 1e-3 * own.histogram.sum())
+        predicted = float(fit.mean(light)) if clear else math.nan
         fits = math.isnan(predicted) or abs(predicted / float(curve.signal[0, i]) - 1) < 0.01
         shown = own.light if fits else sensor.light_of(float(curve.signal[0, i]))
         simulated = _simulated(sensor, own.time, shown, min(own.frames, 16))
         real = frames.cut(level.frames[0])[site[0] :: step, site[1] :: step][: shape[0], : shape[1]].astype(float)
         signal = float(curve.signal[0, i])
-        at_mean = float(fit.variance_at(np.array(signal), np.array(dark)))
+        at_mean = float(fit.variance_at(np.array(signal), np.array(dark))) if clear else math.nan
         low, high = _interval(own)
         # means of levels move with the light and with the black level; so does all of a histogram
         moved = math.hypot(fit.mean_scatter * max(fit.lack[0], 1.0) * signal, black)
@@ -75,14 +78,14 @@ def check(frames: FrameSet, model: SensorModel, site: Site = MONO, seed: int = 0
                 "row_spectrum_predicted": simulated.spectra[0],
                 "column_spectrum": _lines(real)[1],
                 "column_spectrum_predicted": simulated.spectra[1],
-                "judged": bool(curve.between(*BETWEEN)[i] and own.share_at(2**model.bits - 1) < 1e-3),
+                "judged": bool(curve.between(*BETWEEN)[i] and own.share_at(2**model.bits - 1) < 1e-3 and seen),
                 "label_fits": fits,
             }
         )
-    return {"channel": model.channel, "levels": rows, **_verdicts(rows)}
+    return {"channel": model.channel, "levels": rows, **_verdicts(rows, fit.mean_scatter)}
 
 
-def _verdicts(rows: list[Document]) -> Document:
+def _verdicts(rows: list[Document], scatter: float) -> Document:
     judged = [row for row in rows if row["judged"]]
     variance = np.array([row["variance_predicted"] / row["variance"] - 1 for row in judged])
     sampling = np.array([(row["variance_high"] - row["variance_low"]) / 2 / row["variance"] for row in judged])
@@ -97,15 +100,17 @@ def _verdicts(rows: list[Document]) -> Document:
         "variance_beyond": int((np.abs(variance) > LIMITS["variance_worst"]).sum()),
         "variance_sampling": float(np.sqrt((sampling**2).mean())) / 1.96 if variance.size else math.nan,
         "mean_worst": float(np.abs(means).max()) if means.size else math.nan,
+        "light_scatter": scatter,
         "labels_off": sum(not row["label_fits"] for row in judged),
         "spatial_at_stack": stack["spatial_predicted"] / stack["spatial"] - 1 if stack else math.nan,
         "spatial_error_at_stack": stack["spatial_error"] / stack["spatial"] if stack else math.nan,
     }
-    # of the differences of variances, what the frames' own sampling gives is no fault of the camera
+    # what sampling gives to variances, and the scatter of the light to means, is no fault of the camera
     judged_by = {
         **found,
         "variance_rms": math.sqrt(max(found["variance_rms"] ** 2 - found["variance_sampling"] ** 2, 0.0)),
         "variance_worst": float((np.abs(variance) - sampling).max()) if variance.size else math.nan,
+        "mean_worst": found["mean_worst"] - 1.96 * scatter,
     }
     return {
         **found,

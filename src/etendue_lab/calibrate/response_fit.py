@@ -14,12 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from etendue.errors import RequestError
 from etendue_camera.arrays import Array
 from etendue_camera.electronics.emva import QUANTISATION
 from etendue_lab.frames.transfer import Curve
 
 LEVEL = 0.01
 ORDERS = (1.0, 2.0, 3.0)
+PARTS = 4
+SEEN = 0.45  # DN^2: above it rounding adds 1/12 to a variance within 0.1 %, whatever the mean
 CLIPPED = 1e-3  # largest share of pixels at the top code
 
 
@@ -39,6 +42,14 @@ class ResponseFit:
     mean_scatter: float  # relative, of means about the response: of the light
     used: Array
     freedom: float
+    floor: float | None = None  # DN^2, variance without light, where the dark does not show it
+
+    def parameters(self) -> dict[str, float]:
+        """Return what was fitted, by name."""
+        found = {"gain": self.gain, "rate": self.rate}
+        found |= {"bend": self.bend} if self.bend else {}
+        found |= {"offset": self.offset} if self.offset else {}
+        return found | ({"floor": self.floor} if self.floor is not None else {})
 
     def mean(self, light: Array, charge: Array | float = 0.0) -> Array:
         """Return the expected signal, DN above the dark, on a dark charge of so many DN."""
@@ -62,21 +73,24 @@ class ResponseFit:
             for _ in range(12):  # Newton; the loss is a few per cent
                 s = np.clip(s - (s * (1 - self.bend * (np.maximum(s, 0) / self.full) ** self.order) - signal)
                             / np.maximum(self.slope(s), 1e-3), 0, most)  # fmt: skip
-        return np.asarray(self.slope(s) ** 2 * (self.gain * s + dark - QUANTISATION) + QUANTISATION)
+        dark = dark - QUANTISATION if self.floor is None else np.full(np.shape(signal), self.floor)
+        return np.asarray(self.slope(s) ** 2 * (self.gain * s + dark) + QUANTISATION)
 
     def straight(self, light: Array) -> Array:
         return np.asarray(self.rate * light + self.offset)
-
-    def variance(self, light: Array, dark: Array) -> Array:
-        """Return the expected temporal variance, DN^2, of levels whose dark has the variance ``dark``."""
-        s = self.straight(light)
-        return np.asarray(self.slope(s) ** 2 * (self.gain * s + dark - QUANTISATION) + QUANTISATION)
 
 
 def fit(curve: Curve) -> ResponseFit:
     """Fit the response of a curve; levels up to 95 % of saturation in which hardly a pixel clips."""
     clipped = np.array([one.share_at(curve.top) if one.top == curve.top else 0.0 for one in curve.moments])
     used = curve.between(0.0, 0.95) & (clipped <= CLIPPED)
+    if curve.hidden:  # nor is the noise of faint levels seen
+        cut = np.array([one.histogram[0] / one.histogram.sum() for one in curve.moments])
+        used &= (curve.variance[0] > SEEN) & (cut <= CLIPPED)
+        if np.count_nonzero(used) < 3:
+            raise RequestError(
+                f"three levels with noise above {SEEN} DN^2 and without clipped pixels are needed; or {curve.hidden}"
+            )
     bits = max(1, math.ceil(math.log2(curve.top + 1)))
     light, signal, variance = curve.exposure[used], curve.signal[0, used], curve.variance[0, used]
     dark = np.full(light.size, _flat(curve))
@@ -91,7 +105,15 @@ def fit(curve: Curve) -> ResponseFit:
         np.sqrt(2 / (frames - 1) / pixels) * variance,
     )
     problem = _Problem(
-        light, signal, variance, dark, errors, float(2**bits - 1), *_charge(curve, used), np.ones(light.size, bool)
+        light,
+        signal,
+        variance,
+        dark,
+        errors,
+        float(2**bits - 1),
+        *_charge(curve, used),
+        np.ones(light.size, bool),
+        bool(curve.hidden),
     )
     problem = problem.with_sound_labels()
     best, _ = problem.with_own_scatter().chosen()
@@ -102,10 +124,16 @@ def fit(curve: Curve) -> ResponseFit:
         tests.append(f"the means of levels labelled {odd} do not fit their light; only their variances are used")
     lack = problem.lack(best)
     covariance = problem.covariance(best, lack)
-    names = ["gain", "rate", *(["bend"] if best.bend else []), *(["offset"] if best.offset else [])]
+    names = list(best.parameters())
+    errors_of = np.sqrt(np.diag(covariance))
+    p = _p_random(problem.residuals(best)[1])
+    tests.append(f"variances scatter about the model at random from level to level: p = {p:.2g}, refused below {LEVEL}")
+    if p < LEVEL:
+        errors_of = np.hypot(errors_of, problem.without_parts(best))
+        tests.append("the model does not hold: intervals include its change where a quarter of the levels is left out")
     return replace(
         best,
-        errors=dict(zip(names, np.sqrt(np.diag(covariance)), strict=True)),
+        errors=dict(zip(names, errors_of, strict=True)),
         tests=tuple(tests),
         lack=lack,
         mean_scatter=scatter,
@@ -158,6 +186,7 @@ class _Problem:
     charge: Array  # DN, of the dark at each level
     usual: float  # DN, the dark charge at which ``dark`` was measured
     sound: Array  # levels whose means fit their light
+    hidden: bool  # the dark does not show its noise
 
     def residuals(self, fit: ResponseFit) -> tuple[Array, Array]:
         """Return residuals of means, and of variances at the measured means, over their errors."""
@@ -217,18 +246,25 @@ class _Problem:
         bend = rest.pop(0) if order else 0.0
         return ResponseFit(
             float(values[0]), float(values[1]), float(bend), order or 1.0, float(rest.pop(0)) if offset else 0.0,
-            {}, self.full, (), (1.0, 1.0), 0.0, np.zeros(0), 1.0,
+            {}, self.full, (), (1.0, 1.0), 0.0, np.zeros(0), 1.0, float(rest.pop(0)) if self.hidden else None,
         )  # fmt: skip
 
     def fitted(self, order: float, offset: bool, loss: str = "linear") -> tuple[ResponseFit, float]:
         """Return the best model of a kind, and its sum of squares."""
         rate = float((self.signal * self.light).sum() / (self.light**2).sum())
         gain = float(np.median((self.variance - self.dark) / self.signal))
-        start = [gain, rate, *([0.01] if order else []), *([0.0] if offset else [])]
+        start = [gain, rate, *([0.01] if order else []), *([0.0] if offset else []), *([0.1] if self.hidden else [])]
         scale = [abs(gain), abs(rate), *([0.01] if order else []), *([0.1] if offset else [])]
+        scale += [0.1] if self.hidden else []
         most = 0.95 / (order + 1) if order else 0.0
-        lower = [0.0, 0.0, *([-most] if order else []), *([-np.inf] if offset else [])]
-        upper = [np.inf, np.inf, *([most] if order else []), *([np.inf] if offset else [])]
+        lower = [0.0, 0.0, *([-most] if order else []), *([-np.inf] if offset else []), *([0.0] if self.hidden else [])]
+        upper = [
+            np.inf,
+            np.inf,
+            *([most] if order else []),
+            *([np.inf] if offset else []),
+            *([np.inf] if self.hidden else []),
+        ]
         found = scipy.optimize.least_squares(
             lambda v: np.concatenate(self.residuals(self.model(v, order, offset))),
             start, x_scale=scale, bounds=(lower, upper), loss=loss, xtol=1e-14, ftol=1e-14, gtol=1e-14,
@@ -257,9 +293,25 @@ class _Problem:
         offset = p < share
         return with_ if offset else without, tests
 
+    def without_parts(self, fit: ResponseFit) -> Array:
+        """Return standard errors from fits without each quarter of the levels, by light (a jackknife of blocks)."""
+        order = fit.order if fit.bend else 0.0
+        found = []
+        for left in np.array_split(np.arange(self.light.size), PARTS):
+            keep = np.setdiff1d(np.arange(self.light.size), left)
+            rest = replace(
+                self, light=self.light[keep], signal=self.signal[keep], variance=self.variance[keep],
+                dark=self.dark[keep], charge=self.charge[keep], sound=self.sound[keep],
+                errors=(self.errors[0][keep], self.errors[1][keep]),
+            )  # fmt: skip
+            one, _ = rest.fitted(order, bool(fit.offset))
+            found.append([{**fit.parameters(), **one.parameters()}[name] for name in fit.parameters()])
+        values = np.array(found)
+        return np.asarray(np.sqrt((PARTS - 1) / PARTS * ((values - values.mean(0)) ** 2).sum(0)))
+
     def covariance(self, fit: ResponseFit, lack: tuple[float, float]) -> Array:
         """Return the covariance of the parameters; errors are scaled up by the lack of fit of their kind."""
-        values = [fit.gain, fit.rate, *([fit.bend] if fit.bend else []), *([fit.offset] if fit.offset else [])]
+        values = list(fit.parameters().values())
         order = fit.order if fit.bend else 0.0
 
         def at(v: list[float]) -> Array:
@@ -268,11 +320,21 @@ class _Problem:
 
         columns = []
         for i, value in enumerate(values):
-            step = 1e-5 * abs(value)
+            step = 1e-5 * max(abs(value), 1e-6)
             ends = [at([v + sign * step * (j == i) for j, v in enumerate(values)]) for sign in (1, -1)]
             columns.append((ends[0] - ends[1]) / (2 * step))
         design = np.stack(columns, 1)
         return np.asarray(np.linalg.pinv(design.T @ design, rcond=1e-15, hermitian=True))
+
+
+def _p_random(residuals: Array) -> float:
+    """Return the p value that successive residuals are independent (von Neumann's ratio, one-sided)."""
+    n = residuals.size
+    if n < 6:
+        return 1.0
+    away = residuals - residuals.mean()
+    ratio = float((np.diff(residuals) ** 2).sum() / (away**2).sum())
+    return float(scipy.special.ndtr((ratio - 2) / math.sqrt(4 * (n - 2) / (n * n - 1))))
 
 
 def _p_value(without: float, with_: float, freedom: int) -> float:

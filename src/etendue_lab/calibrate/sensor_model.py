@@ -20,6 +20,7 @@ from etendue_lab.calibrate.response_fit import ResponseFit
 from etendue_lab.frames import transfer
 from etendue_lab.frames.frame_set import FrameSet
 from etendue_lab.frames.moments import MONO, LevelMoments, Site
+from etendue_lab.frames.patterns import growing
 
 TESTS = 2  # row noise, column noise
 
@@ -33,6 +34,7 @@ class SensorModel:
     response: ResponseFit
     dark: PatternFit | None
     light: PatternFit | None
+    growth: PatternFit | None  # of the dark with time, DN/s
     bits: int
     values: dict[str, Estimate] = field(default_factory=dict)
     how: dict[str, str] = field(default_factory=dict)
@@ -60,11 +62,13 @@ def calibrate(frames: FrameSet, site: Site = MONO, channel: str = "W", confidenc
         s = response.straight(curve.exposure[used])
         weight = np.array([len(curve.levels[i].frames) for i in used]) * curve.signal[0, used]
         light = light.scaled(float(weight.sum() / (weight * s * response.slope(s) / response.bent(s)).sum()))
+    growth = None if curve.dark_slope is None else growing(frames, curve.dark_levels, site)
     bits = max(1, math.ceil(math.log2(curve.top + 1)))
     model = SensorModel(
         channel, curve, response,
         None if dark is None else pattern_fit.fit(dark, shaded=False),
-        None if light is None else pattern_fit.fit(light, shaded=True), bits,
+        None if light is None else pattern_fit.fit(light, shaded=True),
+        None if growth is None else pattern_fit.fit(growth, shaded=False), bits,
     )  # fmt: skip
     model.tests += response.tests
     t = float(scipy.special.stdtrit(response.freedom, 0.5 + 0.5 * confidence))
@@ -111,11 +115,16 @@ def _dark(model: SensorModel, frames: FrameSet, gain: Estimate, interval: Jackkn
     line = 0.0 if curve.dark_slope is None else float(curve.dark_slope[0]) * (times - times.mean())
     scatter = means - np.nan_to_num(line)
     drift = float(scatter.std(ddof=1)) / math.sqrt(len(means)) if len(means) > 3 else max(o.drift for o in curve.dark)
-    wide = math.hypot(origin.high - origin.value, 2 * drift)
+    # a dark that is cut off or rounded away has its mean anywhere within a step, or the noise
+    blind = math.sqrt(max(model.response.floor, 0.0) + 0.25) if model.response.floor is not None else 0.0
+    wide = math.hypot(origin.high - origin.value, 2 * drift) + blind
     model.put("black_level", Estimate(origin.value, origin.value - wide, origin.value + wide, "DN"),
               f"mean of {len(curve.dark)} dark levels{'' if curve.dark_slope is None else ', at time 0'}")  # fmt: skip
-    charge = 0.0
-    if curve.dark_slope is not None:
+    charge, alone = 0.0, ""
+    weight = np.array([one.frames - 1.0 for one in curve.dark])
+    if curve.hidden:
+        model.needs["dark_current"] = curve.hidden
+    elif curve.dark_slope is not None:
         slope = interval.of(curve.dark_slope, "")
         times = np.array([one.time for one in curve.dark])
         good = ~np.isnan(times)
@@ -124,23 +133,35 @@ def _dark(model: SensorModel, frames: FrameSet, gain: Estimate, interval: Jackkn
         over = math.sqrt(float((residual**2).sum()) / max(x.size - 2, 1) / float((x**2).sum()))
         t = float(scipy.special.stdtrit(max(x.size - 2, 1), 0.975))
         wide = math.hypot(slope.high - slope.value, t * over)
-        own = slope.value / gain.value
+        hot, how = 0.0, "slope of the dark mean over time"
+        if (growth := model.growth) is not None and growth.outliers:  # told apart from the others
+            hot = float(growth.outlier_values.sum()) / growth.pixels
+            how += f"; {growth.outliers} pixels that differ from the others, {hot / gain.value:.3g} of the mean, apart"
+        own = (slope.value - hot) / gain.value
         error = math.hypot(wide / gain.value, own * (gain.high - gain.value) / gain.value)
-        model.put(
-            "dark_current", Estimate(own, own - error, own + error, "electron/s"), "slope of the dark mean over time"
-        )
-        charge = max(slope.value, 0.0) * float(times[good].mean())
+        model.put("dark_current", Estimate(own, own - error, own + error, "electron/s"), how)
+        charge = max(slope.value, 0.0) * float((times * weight)[good].sum() / weight[good].sum())
     else:
         model.needs["dark_current"] = "dark frames at two or more exposure times"
-    weight = np.array([one.frames - 1.0 for one in curve.dark])
+        alone = "; the dark has one exposure time, whose dark charge is in it"
+        model.how["black_level"] += alone
     row, column = (_lines(curve.dark, weight, axis, model) for axis in ("row", "column"))
     whole = (np.stack([one.variance for one in curve.dark], 1) * weight).sum(1) / weight.sum()
     square = whole - QUANTISATION - charge * gain.value - row - column
     found = interval.of(square, "")
-    if float(whole[0]) < 0.24 or found.value <= 0:
-        model.needs["read_noise"] = "a higher gain: rounding hides the noise of the dark"
-    else:
-        model.put("read_noise", _scaled(pattern_fit.root(found), gain, "electron"), "temporal variance of the dark")
+    if (floor := model.response.floor) is not None:
+        wide = 1.96 * model.response.errors["floor"]
+        model.needs |= {"row_noise": curve.hidden, "column_noise": curve.hidden}
+        if floor > wide:
+            one = pattern_fit.root(Estimate(floor, floor - wide, floor + wide, ""))
+            model.put("read_noise", _scaled(one, gain, "electron"), "variance of light levels, continued to no light")
+        else:
+            model.needs["read_noise"] = curve.hidden
+        return
+    if found.value > 0:
+        model.put(
+            "read_noise", _scaled(pattern_fit.root(found), gain, "electron"), "temporal variance of the dark" + alone
+        )
     for name, variance in (("row_noise", row), ("column_noise", column)):
         if variance > 0:
             lines = math.sqrt(weight.sum() * math.sqrt(curve.dark[0].pixels))
@@ -163,10 +184,16 @@ def _lines(dark: list[LevelMoments], weight: np.ndarray, axis: str, model: Senso
 
 
 def _patterns(model: SensorModel, gain: Estimate) -> None:
-    if (dark := model.dark) is not None:
+    if model.curve.hidden:
+        model.needs["dsnu"] = model.curve.hidden
+    elif (dark := model.dark) is not None:
         how = f"{dark.frames} dark frames, products of different frames"
         model.put("dsnu_total", _scaled(dark.total, gain, "electron"), how)
-        model.put("dsnu", _scaled(dark.white, gain, "electron"), how + ", without waves, lines and outliers")
+        white, grown = dark.white, _growth(model)
+        if grown is not None:
+            white = pattern_fit.root(pattern_fit.less(pattern_fit.square(white), pattern_fit.square(grown)))
+        more = ", without waves, lines and outliers" + (", at time 0" if grown else "")
+        model.put("dsnu", _scaled(white, gain, "electron"), how + more)
         for name, part in (("row_pattern", dark.rows), ("column_pattern", dark.columns)):
             if part is not None:
                 model.put(name, _scaled(part, gain, "electron"), how)
@@ -176,6 +203,34 @@ def _patterns(model: SensorModel, gain: Estimate) -> None:
         model.put("prnu_total", light.total, how + ", shading included")
         model.put("prnu", light.white, how + ", without shading of the third degree, waves, lines and outliers")
         model.tests += [f"response pattern: {one}" for one in light.tests]
+
+
+def _growth(model: SensorModel) -> Estimate | None:
+    """Put the spread of the dark current, where a test accepts it; return its share of the dark pattern, DN."""
+    growth, current = model.growth, model.values.get("dark_current")
+    if growth is None or current is None:
+        return None
+    model.tests.append(
+        f"spread of the dark current over pixels: p = {growth.chance:.2g}, accepted below {pattern_fit.LEVEL:.2g}"
+    )
+    if growth.chance >= pattern_fit.LEVEL:
+        return None
+    gain, white = model.values["gain"].value, growth.white
+    how = f"{growth.frames} dark frames, growth of every pixel with time, without outliers"
+    if current.low > 0:
+        value, high = white.value / gain / current.value, (white.high - white.value) / gain / current.value
+        low = (white.value - white.low) / gain / current.value
+        share = value * (current.high - current.value) / current.value
+        model.put(
+            "dark_nonuniformity",
+            Estimate(value, max(value - math.hypot(low, share), 0.0), value + math.hypot(high, share), ""),
+            how + ", over the dark current",
+        )
+    else:
+        model.needs["dark_nonuniformity"] = "a dark current that is above 0: longer exposure times"
+    times = [frame.time for level in model.curve.dark_levels for frame in level.frames if frame.time == frame.time]
+    mean = float(np.mean(times))
+    return Estimate(white.value * mean, white.low * mean, white.high * mean, "DN")
 
 
 def _saturation(model: SensorModel) -> None:

@@ -30,6 +30,7 @@ class SimulatedSensor:
         if model.dark is not None:
             self._add_outliers(self.offset, model.dark, 1 / gain)
         self.offset += self.value("dsnu") * normal(shape)
+        self.leak = np.maximum(1 + self.value("dark_nonuniformity") * normal(shape), 0)
         self.offset += self.value("row_pattern") * normal((shape[0], 1)) + self.value("column_pattern") * normal(
             shape[1]
         )
@@ -57,7 +58,7 @@ class SimulatedSensor:
         fit, rng = self.model.response, self._rng
         dark = max(self.value("dark_current") * time, 0.0) if time == time else 0.0
         photo = float(fit.straight(np.array(light))) / fit.gain if light > 0 else 0.0
-        expected = np.broadcast_to(np.maximum(photo * self.response, 0) + dark, (count, *self.shape))
+        expected = np.broadcast_to(np.maximum(photo * self.response, 0) + dark * self.leak, (count, *self.shape))
         charge = noise.poisson(np.ascontiguousarray(expected), rng)
         charge = charge + self.value("read_noise") * rng.standard_normal(charge.shape) + self.offset
         charge += self.value("row_noise") * rng.standard_normal((count, self.shape[0], 1))

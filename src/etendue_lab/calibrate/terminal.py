@@ -15,10 +15,11 @@ from etendue.cli.saying import tell
 from etendue.errors import RequestError
 from etendue.present.plots.plot import check_suffix
 from etendue.present.terminal.terminal import _out, _print_whole, _table, escape
+from etendue.result_files import check_folder, write_whole
 from etendue.types.documents import Document
 from etendue_lab.calibrate.study import calibrated
 
-PERCENT = ("prnu", "prnu_total", "quantum_efficiency", "bend")
+PERCENT = ("dark_nonuniformity", "prnu", "prnu_total", "quantum_efficiency", "bend")
 
 
 def print_calibration(document: Document) -> None:
@@ -66,11 +67,16 @@ def _print_check(console: Any, check: Document) -> None:
         ("mean_worst", "mean, worst level"),
     ):
         verdict = "within" if check["within"][name] else "beyond"
-        sampling = {"variance_rms": check["variance_sampling"], "variance_worst": check["variance_worst_sampling"]}
-        own = f", of which sampling gives {100 * sampling[name]:.3g} %" if name in sampling else ""
+        chance = {
+            "variance_rms": ("sampling", check["variance_sampling"]),
+            "variance_worst": ("sampling", check["variance_worst_sampling"]),
+            "mean_worst": ("the light's scatter", 1.96 * check["light_scatter"]),
+        }
+        who, size = chance[name]
+        own = f", of which {who} gives {100 * size:.3g} %"
         console.print(
-            f"{words}: {100 * check[name]:.3g} % of {check['judged']} levels of 2 to 90 % of saturation{own}: {verdict} "
-            f"{100 * check['limits'][name]:.3g} %"
+            f"{words}: {100 * check[name]:.3g} % of {check['judged']} levels of 2 to 90 % of saturation{own}: "
+            f"{verdict} {100 * check['limits'][name]:.3g} %"
         )
 
 
@@ -97,17 +103,16 @@ def calibrate_command(
     pattern: str | None,
     as_json: bool,
 ) -> None:
-    if output is not None and output.suffix != ".toml":
-        raise RequestError(f"--output {output}: a sensor file ends in .toml, such as mine.toml")
+    if output is not None:
+        if output.suffix != ".toml" or output.is_dir():
+            raise RequestError(f"--output {output}: a sensor file is a file that ends in .toml, such as mine.toml")
+        check_folder(output.parent)
     if figure is not None:
         check = True
         check_suffix(figure)
     document, text = calibrated(frames, window, pattern, pitch, check)
     if output is not None:
-        try:
-            output.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise RequestError(f"--output {output}: {error.strerror}") from None
+        write_whole(output.parent, {output.name: text.encode()})
         document["notes"].append(f'[camera] sensor = "./{output.name}" uses {output}')
     if figure is not None:
         from etendue_lab.calibrate.drawing import photon_transfer

@@ -93,6 +93,31 @@ def pattern(frames: FrameSet, levels: Iterable[tuple[Level, float, float]], site
     return Pattern(sums / weights[:, None, None], len(given))
 
 
+def growing(frames: FrameSet, levels: Iterable[Level], site: Site = MONO) -> Pattern | None:
+    """Return the pattern of what grows with the exposure time: DN/s of every pixel, less the mean, by least squares.
+
+    None: the frames have one time, or no two groups of them have two.
+    """
+    first, left, step = site
+    given = [frame for level in levels for frame in level.frames if frame.time == frame.time]
+    for groups in range(min(GROUPS, len(given) // 2), 1, -1):
+        times = [np.array([frame.time for frame in given[i::groups]]) for i in range(groups)]
+        if all(np.ptp(own) > 0 for own in times):
+            break
+    else:
+        return None
+    sums: Array | None = None
+    for number, frame in enumerate(given):
+        own = times[number % groups]
+        codes = _centre(frames.cut(frame)[first::step, left::step]).astype(np.float64)
+        if sums is None:
+            sums = np.zeros((groups, *codes.shape))
+        codes -= codes.mean()
+        sums[number % groups] += (frame.time - own.mean()) / float(((own - own.mean()) ** 2).sum()) * codes
+    assert sums is not None
+    return Pattern(sums, len(given))
+
+
 def _centre(codes: Array) -> Array:
     cut = tuple(slice(max(0, (size - LARGEST) // 2), max(0, (size - LARGEST) // 2) + LARGEST) for size in codes.shape)
     return codes[cut]

@@ -20,6 +20,7 @@ from etendue_lab.frames.frame_set import FrameSet, Level
 from etendue_lab.frames.moments import MONO, LevelMoments, Site, moments
 from etendue_lab.frames.patterns import Pattern, pattern
 
+HIDDEN = 0.24  # DN^2: EMVA 1288 tells no dark noise below it
 RANGE = 0.7  # of saturation, where EMVA 1288 fits lines
 NONE = Estimate(math.nan, math.nan, math.nan, "")
 
@@ -55,6 +56,16 @@ class Curve:
     def full(self) -> float:
         """Signal of saturation, DN; without saturation that of the brightest level."""
         return float(self.signal[0, self.peak])
+
+    @property
+    def hidden(self) -> str:
+        """What would be needed to see the noise of the dark; empty where it is seen."""
+        weight = np.array([one.frames - 1.0 for one in self.dark])
+        if sum(float(one.histogram[0]) for one in self.dark) > 1e-3 * sum(one.histogram.sum() for one in self.dark):
+            return "a higher black level: the dark is cut off at code 0"
+        if float((weight * np.array([one.variance[0] for one in self.dark])).sum() / weight.sum()) < HIDDEN:
+            return "a higher gain: rounding hides the noise of the dark"
+        return ""
 
     def between(self, low: float, high: float) -> Array:
         """Return a mask of levels by the share of saturation."""
@@ -196,8 +207,8 @@ def figures(frames: FrameSet, found: Curve, site: Site = MONO, confidence: float
         read2 = read2 - np.maximum(gain * found.dark_slope * usual, 0.0)
     else:
         result.lacks("dark_current", "electron/s", "dark frames at two or more exposure times")
-    if float(dark_variance[0]) < 0.24:
-        result.lacks("read_noise", "electron", "a higher gain: rounding hides the noise of the dark")
+    if found.hidden:
+        result.lacks("read_noise", "electron", found.hidden)
     else:
         result.values["read_noise"] = by_gain(np.sqrt(np.maximum(read2, 0)), "electron")
     if found.saturates:
