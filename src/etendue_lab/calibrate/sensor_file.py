@@ -80,6 +80,7 @@ def text(models: list[SensorModel], frames: FrameSet, pitch: float | None, diges
         ("dsnu_in_all", "dsnu_total", "electron"),
         ("prnu_in_all", "prnu_total", ""),
         ("light_outside_the_exposure", "light_offset", "DN"),
+        ("light_over_its_label", "light_excess", ""),
     ):
         if any(name in model.values for model in models):
             put(key, name, 1.0, unit or "relative", "facts")

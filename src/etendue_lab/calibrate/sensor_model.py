@@ -16,7 +16,7 @@ from etendue_camera.electronics.emva import QUANTISATION
 from etendue_camera.electronics.jackknife import Estimate, Jackknife
 from etendue_lab.calibrate import pattern_fit, response_fit
 from etendue_lab.calibrate.pattern_fit import PatternFit
-from etendue_lab.calibrate.response_fit import ResponseFit
+from etendue_lab.calibrate.response_model import ResponseFit
 from etendue_lab.frames import transfer
 from etendue_lab.frames.frame_set import FrameSet
 from etendue_lab.frames.moments import MONO, LevelMoments, Site
@@ -84,6 +84,9 @@ def calibrate(frames: FrameSet, site: Site = MONO, channel: str = "W", confidenc
         model.put("bend", fitted("bend", response.bend, ""), f"loss of order {response.order:g} at 2^{bits} - 1 DN")
     if response.offset:
         model.put("light_offset", fitted("offset", response.offset, "DN"), "light outside the exposure time")
+    if response.lamp:
+        how = "of the brightest light over its label, growing with it: means and variances ask for different bends"
+        model.put("light_excess", fitted("lamp", response.lamp, ""), how)
     if frames.photons:
         qe = response.rate / response.gain
         wide = t * qe * math.hypot(response.errors["rate"] / response.rate, response.errors["gain"] / response.gain)
@@ -94,6 +97,7 @@ def calibrate(frames: FrameSet, site: Site = MONO, channel: str = "W", confidenc
         model.needs["quantum_efficiency"] = "the photons per pixel of every level"
     _dark(model, frames, gain, Jackknife(confidence), site)
     _patterns(model, gain)
+    _widen_black(model)
     _saturation(model)
     return model
 
@@ -141,6 +145,17 @@ def _dark(model: SensorModel, frames: FrameSet, gain: Estimate, interval: Jackkn
         error = math.hypot(wide / gain.value, own * (gain.high - gain.value) / gain.value)
         model.put("dark_current", Estimate(own, own - error, own + error, "electron/s"), how)
         charge = max(slope.value, 0.0) * float((times * weight)[good].sum() / weight[good].sum())
+    elif (leak := model.response.leak) and math.isfinite(times[0]):
+        wide = 1.96 * model.response.errors["leak"]
+        slope = Estimate(leak, leak - wide, leak + wide, "")
+        model.put(
+            "dark_current", _scaled(slope, gain, "electron/s"), "means of light levels whose time and light vary apart"
+        )
+        charge = leak * float(times[0])
+        black = model.values["black_level"]
+        wide = math.hypot(black.high - black.value, wide * float(times[0]))
+        value = black.value - charge
+        model.put("black_level", Estimate(value, value - wide, value + wide, "DN"), "mean of the dark, at time 0")
     else:
         model.needs["dark_current"] = "dark frames at two or more exposure times"
         alone = "; the dark has one exposure time, whose dark charge is in it"
@@ -231,6 +246,16 @@ def _growth(model: SensorModel) -> Estimate | None:
     times = [frame.time for level in model.curve.dark_levels for frame in level.frames if frame.time == frame.time]
     mean = float(np.mean(times))
     return Estimate(white.value * mean, white.low * mean, white.high * mean, "DN")
+
+
+def _widen_black(model: SensorModel) -> None:
+    """Add to the error of the black level that of the mean of few lines: a pattern of lines is no noise of pixels."""
+    one, gain, shape = model.values["black_level"], model.response.gain, model.curve.dark[0].shape
+    wide = (one.high - one.low) / 2
+    for name, count in (("row_pattern", shape[0]), ("column_pattern", shape[1])):
+        if name in model.values:
+            wide = math.hypot(wide, 1.96 * model.values[name].value * gain / math.sqrt(count))
+    model.values["black_level"] = Estimate(one.value, one.value - wide, one.value + wide, one.unit)
 
 
 def _saturation(model: SensorModel) -> None:

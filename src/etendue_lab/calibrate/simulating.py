@@ -6,6 +6,8 @@ Out: raw frames (frame, y, x), DN.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from etendue_camera.arrays import Array
@@ -51,7 +53,11 @@ class SimulatedSensor:
         """Return the light whose mean is a signal, DN above the dark."""
         fit = self.model.response
         straight = response.unbent(signal / fit.gain, max(fit.bend, 0.0), fit.order, fit.full / fit.gain) * fit.gain
-        return max((float(straight) - fit.offset) / fit.rate, 0.0)
+        proportional = max((float(straight) - fit.offset) / fit.rate, 0.0)
+        if not fit.lamp:
+            return proportional
+        share = 4 * fit.lamp * proportional / fit.brightest
+        return 2 * proportional / (1 + math.sqrt(max(1 + share, 0.0)))  # of L (1 + a L / L_max)
 
     def frames(self, time: float, light: float, count: int) -> Array:
         """Return frames of one exposure; ``light`` in the unit of the calibration, 0 in the dark."""

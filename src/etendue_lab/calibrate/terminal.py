@@ -19,7 +19,7 @@ from etendue.result_files import check_folder, write_whole
 from etendue.types.documents import Document
 from etendue_lab.calibrate.study import calibrated
 
-PERCENT = ("dark_nonuniformity", "prnu", "prnu_total", "quantum_efficiency", "bend")
+PERCENT = ("dark_nonuniformity", "light_excess", "prnu", "prnu_total", "quantum_efficiency", "bend")
 
 
 def print_calibration(document: Document) -> None:

@@ -28,6 +28,7 @@ class LevelMoments:
     light: float
     frames: int
     pixels: int
+    shape: tuple[int, int]
     mean: Array  # DN
     variance: Array  # DN^2, temporal, offsets of whole frames removed
     spatial: Array  # DN^2, of the mean frame, its temporal part removed
@@ -165,6 +166,7 @@ def _moments(
         level.light,
         count,
         int(n[0]),
+        (total.shape[0], total.shape[1]),
         mean + centre,
         variance,
         (still_squares - n * mean**2) / (n - 1) - variance / count,
