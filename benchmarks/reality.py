@@ -58,7 +58,7 @@ def measure(data: Path) -> dict[str, Any]:
     found = {}
     for name in SETS:
         path = data / f"{name}.npz"
-        document, _ = calibrated(path, None, None, None, True)
+        document, _ = calibrated(path, check=True)
         for check in document["checks"]:
             check["levels"] = [{key: _short(row[key]) for key in LEVEL} for row in check["levels"]]
         found[name] = {"emva": measured(path, None, None)["channels"][0]["figures"], "calibration": document}

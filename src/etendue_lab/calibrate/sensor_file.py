@@ -14,6 +14,7 @@ import numpy as np
 
 from etendue_camera.constants import ELEMENTARY_CHARGE
 from etendue_camera.electronics.jackknife import Estimate
+from etendue_lab.calibrate.edge_blur import EdgeBlur
 from etendue_lab.calibrate.sensor_model import SensorModel
 from etendue_lab.frames.frame_set import FrameSet
 
@@ -21,8 +22,11 @@ PITCH = 5.0  # um, where none is given
 QUIET = 1e-6  # a size that is given as found, where 0 would mean: as the stage says
 
 
-def text(models: list[SensorModel], frames: FrameSet, pitch: float | None, digests: dict[str, str]) -> str:
-    """Return the sensor file of a calibration."""
+def text(
+    models: list[SensorModel], frames: FrameSet, pitch: float | None, aperture: float, digests: dict[str, str],
+    blur: EdgeBlur | None = None,
+) -> str:  # fmt: skip
+    """Return the sensor file of a calibration; charges are those of pixels, whatever pitch and aperture."""
     area = (pitch or PITCH) ** 2
     name = frames.path.stem or frames.path.name
     combined = digest_of(digests)
@@ -56,7 +60,12 @@ def text(models: list[SensorModel], frames: FrameSet, pitch: float | None, diges
 
     note = "as given" if pitch else "assumed, for no --pitch was given: densities refer to it, so that charges hold"
     entry("camera", "pixel_pitch", quoted(f"{pitch or PITCH:g} um"), note, "measured" if pitch else "typical")
-    entry("camera", "aperture_fraction", "1.0", "densities and efficiency hold for the whole pixel", "definition")
+    if aperture == 1:
+        entry("camera", "aperture_fraction", "1.0", "densities and efficiency hold for the whole pixel", "definition")
+    else:
+        note = "as given; the efficiency holds for the light on the whole pixel"
+        entry("camera", "aperture_fraction", f"{aperture:g}", note)
+        entry("camera", "microlens_gain", f"{1 / aperture**2:.9g}", note, "definition")
     entry("camera", "pattern", quoted(frames.pattern), "of the frames", "definition")
     entry("camera", "bits", models[0].bits, f"highest code {max(model.curve.top for model in models)}")
     put("conversion_gain", "gain")
@@ -74,7 +83,7 @@ def text(models: list[SensorModel], frames: FrameSet, pitch: float | None, diges
     if any("dark_current" in model.values for model in models):
         put("dark_current_density", "dark_current", ELEMENTARY_CHARGE / (area * 1e-8), "A cm-2")
         put("sensor_dark_nonuniformity", "dark_nonuniformity")
-    _put_full_well(models, area, entry, put)
+    _put_full_well(models, area * aperture**2, entry, put)
     _put_efficiency(models, entry)
     for key, name, unit in (
         ("dsnu_in_all", "dsnu_total", "electron"),
@@ -85,11 +94,25 @@ def text(models: list[SensorModel], frames: FrameSet, pitch: float | None, diges
         if any(name in model.values for model in models):
             put(key, name, 1.0, unit or "relative", "facts")
     _waves(models[0], entry)
+    if blur is not None:
+        _put_lens(blur, entry)
     for number, one in enumerate(models[0].tests):
         entry("facts", f"test_{number + 1:02d}", quoted(one), f"channel {models[0].channel}", "definition")
     for number, (file, digest) in enumerate(sorted(digests.items())):
         entry("facts", f"frames_{number + 1:04d}", quoted(file), f"SHA-256 {digest}", "definition")
     return "\n".join(lines)
+
+
+def _put_lens(blur: EdgeBlur, entry: Callable[..., None]) -> None:
+    """State the blur of a lens, a parameter of the stage lens_gaussian."""
+    sigma = blur.sigma
+    note = (
+        f"95 % interval {sigma.low:.5g} to {sigma.high:.5g} um; parameter of the stage lens_gaussian: a sensor adds no "
+        f"stage; from an edge at {blur.angle:.3g} degrees, MTF50 {blur.mtf50.value:.4g} cycles/pixel with the pixel, "
+        f"which is divided out; charge diffusion, if any, counts as lens"
+    )
+    entry("facts", "lens", quoted(f"sigma = {sigma.value:.5g} um"), note)
+    entry("facts", "edge_frame", quoted(blur.file), f"SHA-256 {blur.digest}", "definition")
 
 
 def _put_full_well(

@@ -17,7 +17,7 @@ from etendue.present.plots.plot import check_suffix
 from etendue.present.terminal.terminal import _out, _print_whole, _table, escape
 from etendue.result_files import check_folder, write_whole
 from etendue.types.documents import Document
-from etendue_lab.calibrate.study import calibrated
+from etendue_lab.calibrate.study import Geometry, calibrated
 
 PERCENT = ("dark_nonuniformity", "light_excess", "prnu", "prnu_total", "quantum_efficiency", "bend")
 
@@ -41,6 +41,13 @@ def print_calibration(document: Document) -> None:
             console.print(f"{name.replace('_', ' ')}: needs {escape(need)}")
         for test in one["tests"]:
             console.print(f"test: {escape(test)}")
+    if (edge := document["edge"]) is not None:
+        sigma = f"{edge['sigma']:.4g} um ({edge['sigma_low']:.4g} to {edge['sigma_high']:.4g})"
+        console.print(
+            f"lens from {escape(edge['file'])}: Gaussian blur of sigma {sigma}, pixel divided out; MTF50 of both "
+            f"{edge['mtf50']:.4g} cycles/pixel; up to Nyquist its response differs from that of such a blur by at most "
+            f"{edge['misfit']:.2g}"
+        )
     for check in document["checks"]:
         _print_check(console, check)
     for note in document["notes"]:
@@ -99,10 +106,20 @@ def calibrate_command(
     check: bool,
     figure: Path | None,
     pitch: float | None,
+    aperture: float | None,
+    edge: Path | None,
+    edge_window: str | None,
     window: str | None,
     pattern: str | None,
     as_json: bool,
 ) -> None:
+    if edge is not None and (pitch is None or aperture is None):
+        raise RequestError(
+            "--edge: the pixel's own blur must be known to be divided out: give --pitch UM and --aperture SHARE (1 "
+            "with microlenses)"
+        )
+    if edge_window is not None and edge is None:
+        raise RequestError("--edge-window: the rectangle of an edge; give --edge FILE")
     if output is not None:
         if output.suffix != ".toml" or output.is_dir():
             raise RequestError(f"--output {output}: a sensor file is a file that ends in .toml, such as mine.toml")
@@ -110,7 +127,8 @@ def calibrate_command(
     if figure is not None:
         check = True
         check_suffix(figure)
-    document, text = calibrated(frames, window, pattern, pitch, check)
+    geometry = Geometry(pitch, aperture, edge, edge_window)
+    document, text = calibrated(frames, window, pattern, geometry, check)
     if output is not None:
         write_whole(output.parent, {output.name: text.encode()})
         document["notes"].append(f'[camera] sensor = "./{output.name}" uses {output}')

@@ -160,8 +160,10 @@ class FrameSet:
         return [Level(key[1], key[0], tuple(found[key])) for key in keys]
 
     def digests(self) -> dict[str, str]:
-        """Return the SHA-256 of every file, by name."""
-        return {path.name: sha256(path) for path in dict.fromkeys(one.source.path for one in self.frames)}
+        """Return the SHA-256 of every file, by its name in the folder of the measurement."""
+        folder = self.path if self.path.is_dir() else self.path.parent
+        paths = dict.fromkeys(one.source.path for one in self.frames)
+        return {path.relative_to(folder).as_posix(): sha256(path) for path in paths}
 
 
 def sha256(path: Path) -> str:

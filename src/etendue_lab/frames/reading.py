@@ -12,7 +12,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from etendue.errors import RequestError
+from etendue_camera.arrays import Array
 from etendue_lab.frames.arrays import read_npy, read_npz
 from etendue_lab.frames.frame_set import MOST_FRAMES, Frame, FrameSet, Source, Window
 from etendue_lab.frames.pictures import PICTURES, PictureFrame
@@ -75,6 +78,21 @@ def _sources(path: Path) -> list[tuple[Source, int]]:
     if path.suffix.lower() in PICTURES:
         return [(PictureFrame(path), 0)]
     raise RequestError(f"{path}: is not a frame; give PNG, TIFF, DNG or .npy")
+
+
+def frame_of(path: Path) -> Array:
+    """Return the mean of the frames of one file, DN (y, x).
+
+    Raises
+    ------
+    RequestError
+        It is no frame.
+    """
+    found = _sources(path)
+    total = np.zeros(found[0][0].shape)
+    for source, index in found:
+        total += source.read(index)
+    return total / len(found)
 
 
 def _listed(path: Path, lines: list[Line], photons: bool) -> FrameSet:
