@@ -13,7 +13,7 @@ from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
 from etendue.session import load
 from etendue_lab.calibrate import checking, pattern_fit
-from etendue_lab.calibrate.sensor_model import calibrate
+from etendue_lab.calibrate.calibration import calibrate
 from etendue_lab.emva.study import of_pipeline
 from etendue_lab.frames.patterns import Pattern
 from etendue_lab.frames.reading import open_frames

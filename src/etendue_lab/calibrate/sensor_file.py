@@ -93,6 +93,7 @@ def text(
     ):
         if any(name in model.values for model in models):
             put(key, name, 1.0, unit or "relative", "facts")
+    _put_channels(models, entry)
     _waves(models[0], entry)
     if blur is not None:
         _put_lens(blur, entry)
@@ -101,6 +102,15 @@ def text(
     for number, (file, digest) in enumerate(sorted(digests.items())):
         entry("facts", f"frames_{number + 1:04d}", quoted(file), f"SHA-256 {digest}", "definition")
     return "\n".join(lines)
+
+
+def _put_channels(models: list[SensorModel], entry: Callable[..., None]) -> None:
+    """State gain and black level of every channel, where there are several; the camera has their means."""
+    for model in models if len(models) > 1 else []:
+        for name in ("gain", "black_level"):
+            one = model.values[name]
+            entry("facts", f"{name}_{model.channel.lower()}", f"{one.value:.7g}",
+                  f"95 % interval {one.low:.5g} to {one.high:.5g} {one.unit}; channel {model.channel}")  # fmt: skip
 
 
 def _put_lens(blur: EdgeBlur, entry: Callable[..., None]) -> None:

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from etendue.types.documents import Document
 from etendue_lab.calibrate import sensor_file
+from etendue_lab.calibrate.calibration import calibrate
 from etendue_lab.calibrate.checking import check as check_of
 from etendue_lab.calibrate.edge_blur import edge_blur
-from etendue_lab.calibrate.sensor_model import calibrate
 from etendue_lab.frames.frame_set import Window
 from etendue_lab.frames.moments import sites
 from etendue_lab.frames.reading import open_frames

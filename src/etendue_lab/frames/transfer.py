@@ -18,9 +18,10 @@ from etendue_camera.electronics.emva import QUANTISATION
 from etendue_camera.electronics.jackknife import Estimate, Jackknife
 from etendue_lab.frames.frame_set import FrameSet, Level
 from etendue_lab.frames.moments import MONO, LevelMoments, Site, moments
-from etendue_lab.frames.patterns import Pattern, pattern
+from etendue_lab.frames.patterns import DarkPatterns, Pattern, dark_patterns, pattern
 
 HIDDEN = 0.24  # DN^2: EMVA 1288 tells no dark noise below it
+STACK = 8  # frames of one level
 RANGE = 0.7  # of saturation, where EMVA 1288 fits lines
 NONE = Estimate(math.nan, math.nan, math.nan, "")
 
@@ -151,16 +152,17 @@ class Figures:
         self.needs[name] = why
 
 
-def patterns(frames: FrameSet, found: Curve, site: Site = MONO) -> tuple[Pattern | None, Pattern | None]:
-    """Return the pattern of the dark (DN), and of the response (relative) at all levels of 5 to 70 % of saturation."""
-    dark = pattern(frames, [(one, 1.0, 1.0) for one in found.dark_levels], site)
+def patterns(frames: FrameSet, found: Curve, site: Site = MONO) -> tuple[DarkPatterns | None, Pattern | None]:
+    """Return patterns of the dark (DN), and of the response (relative) at all levels of 5 to 70 % of saturation."""
+    dark = dark_patterns(frames, found.dark_levels, site)
     used = np.flatnonzero(found.between(0.05, RANGE))
     signal = found.signal[0]
     # of a relative response the variance is near 1 / signal: the weight is the signal
     light = pattern(frames, [(found.levels[i], float(signal[i]), float(signal[i])) for i in used], site)
     if dark is not None and light is not None:  # offsets are no response
         frames_of = np.array([len(found.levels[i].frames) for i in used], float)
-        light = light.without(dark.mean * float(frames_of.sum() / (frames_of * signal[used]).sum()))
+        time = float((frames_of * np.array([found.levels[i].time for i in used])).sum() / frames_of.sum())
+        light = light.without(dark.at(time).mean * float(frames_of.sum() / (frames_of * signal[used]).sum()))
     return dark, light
 
 
@@ -230,10 +232,14 @@ def _patterns(
 ) -> None:
     dark, light = patterns(frames, found, site)
     if dark is not None:
-        result.values["dsnu"] = _root(dark.variance(confidence), 1 / gain, relative, "electron")
-        if dark.frames < 8:
+        # as in the standard, at the exposure time of the stack, or of half saturation
+        half = found.moments[int(np.argmin(np.abs(found.signal[0] - 0.5 * found.full)))]
+        stack = max(found.dark, key=lambda one: one.frames)
+        own = dark.at((stack if stack.frames >= STACK else half).time)
+        result.values["dsnu"] = _root(own.variance(confidence), 1 / gain, relative, "electron")
+        if own.frames < 8:
             result.notes.append(
-                f"{dark.frames} dark frames: patterns that move between frames are not told from DSNU; 16 or more tell"
+                f"{own.frames} dark frames: patterns that move between frames are not told from DSNU; 16 or more tell"
             )
     if light is None:
         result.lacks("prnu", "", "levels between 5 and 70 % of saturation")
