@@ -20,6 +20,7 @@ from etendue.errors import RequestError
 from etendue_camera.arrays import Array
 
 MOST_FRAMES = 100_000
+MANY_PIXELS = 1 << 20  # looked at first; every frame is checked as it is read
 MANY_CODES = 8  # different ones, to tell steps from few values
 _BLOCK = 1 << 20
 
@@ -142,7 +143,7 @@ class FrameSet:
         """Return the same in steps of the converter, if all codes of its frames are multiples of a power of two."""
         known: set[int] = set()
         for frame in (self.frames[i] for i in {0, len(self.frames) // 3, len(self.frames) // 2, len(self.frames) - 1}):
-            known.update(int(one) for one in np.unique(self.cut(frame)))
+            known.update(int(one) for one in np.unique(self.cut(frame).ravel()[:MANY_PIXELS]))
         step = math.gcd(*known)
         step &= -step
         if step == 1 or len(known) < MANY_CODES:
