@@ -48,7 +48,7 @@ def calibrated(
     digests = frames.digests()
     blur = None
     if geometry.edge is not None and geometry.pitch and geometry.aperture:
-        place = Window.read(geometry.edge_window) if geometry.edge_window else None
+        place = Window.read(geometry.edge_window, "--edge-window") if geometry.edge_window else None
         blur = edge_blur(
             geometry.edge, frames, models, places, geometry.pitch, geometry.aperture, place, CONFIDENCE
         )  # fmt: skip

@@ -72,11 +72,11 @@ class Window:
     height: int
 
     @classmethod
-    def read(cls, text: str) -> Window:
+    def read(cls, text: str, option: str = "--window") -> Window:
         """Read X,Y,WIDTH,HEIGHT."""
         parts = text.split(",")
         if len(parts) != 4 or not all(one.strip().isdecimal() for one in parts):
-            raise RequestError(f"--window {text}: give X,Y,WIDTH,HEIGHT in whole pixels, such as 100,200,512,512")
+            raise RequestError(f"{option} {text}: give X,Y,WIDTH,HEIGHT in whole pixels, such as 100,200,512,512")
         x, y, width, height = (int(one) for one in parts)
         return cls(x, y, width, height)
 
