@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from etendue.cli import main
 from etendue.errors import RequestError
 from etendue_lab.calibrate.calibration import calibrate
-from etendue_lab.calibrate.edge_blur import edge_blur, pixel_otf, width_of
+from etendue_lab.calibrate.edge_blur import EdgePhotograph, edge_blur, pixel_otf, width_of
 from etendue_lab.frames.moments import MONO
 from etendue_lab.frames.reading import open_frames
 from tests.studies.desk import TOP, TRUE, measurement
@@ -64,7 +64,7 @@ def test_widths_of_twenty_four_cameras_come_back(sensors, tmp_path):
         bend, frames, model = sensors[number % 2]
         sigma, aperture, angle, pitch = rng.uniform((0.2, 0.5, 3, 1.5), (1.5, 1.0, 20, 8))
         path = photograph(tmp_path / "edge.npy", rng, angle, sigma, aperture, bend, rng.uniform(3000, 12000))
-        found = edge_blur(path, frames, [model], {"W": MONO}, pitch, aperture).sigma
+        found = edge_blur(EdgePhotograph(path, pitch, aperture), frames, [model], {"W": MONO}).sigma
         held.append(found.low <= sigma * pitch <= found.high)
         # 4.3 standard errors
         assert abs(found.value - sigma * pitch) < 2.2 * max(found.high - found.value, found.value - found.low)
@@ -88,13 +88,13 @@ def test_what_is_no_edge_of_this_pixel_is_told(sensors, tmp_path):
     places, rng = {"W": MONO}, np.random.default_rng(0)
     sharp = photograph(tmp_path / "sharp.npy", rng, 6.0, 0.05, 0.4)
     with pytest.raises(RequestError, match="beyond that of a pixel"):
-        edge_blur(sharp, frames, [model], places, 4.0, 1.0)
+        edge_blur(EdgePhotograph(sharp, 4.0, 1.0), frames, [model], places)
     bright = photograph(tmp_path / "bright.npy", rng, 6.0, 0.5, 1.0, bright=30000.0)
     with pytest.raises(RequestError, match="top code"):
-        edge_blur(bright, frames, [model], places, 4.0, 1.0)
+        edge_blur(EdgePhotograph(bright, 4.0, 1.0), frames, [model], places)
     np.save(tmp_path / "flat.npy", np.full((1, 64, 64), 500, np.uint16))
     with pytest.raises(RequestError, match=r"flat\.npy"):
-        edge_blur(tmp_path / "flat.npy", frames, [model], places, 4.0, 1.0)
+        edge_blur(EdgePhotograph(tmp_path / "flat.npy", 4.0, 1.0), frames, [model], places)
 
 
 def test_the_file_states_the_lens_and_its_pixel(tmp_path):

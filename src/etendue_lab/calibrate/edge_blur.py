@@ -28,6 +28,16 @@ BEND = 3  # degree of the polynomial along the edge: distortion bends it
 
 
 @dataclass(frozen=True)
+class EdgePhotograph:
+    """A raw frame of a slanted edge, and the pixel that took it."""
+
+    path: Path
+    pitch: float  # um
+    aperture: float  # side of the light-sensitive square over the pitch
+    window: Window | None = None
+
+
+@dataclass(frozen=True)
 class EdgeBlur:
     """Blur of a lens about one edge."""
 
@@ -71,9 +81,8 @@ def width_of(mtf50: float, angle: float, aperture: float) -> float:
 
 
 def edge_blur(
-    path: Path, frames: FrameSet, models: list[SensorModel], places: dict[str, Site], pitch: float, aperture: float,
-    window: Window | None = None, confidence: float = 0.95,
-) -> EdgeBlur:  # fmt: skip
+    edge: EdgePhotograph, frames: FrameSet, models: list[SensorModel], places: dict[str, Site], confidence: float = 0.95
+) -> EdgeBlur:
     """Measure the blur of a lens from a raw frame of a slanted edge, taken with the calibrated sensor.
 
     Raises
@@ -81,6 +90,7 @@ def edge_blur(
     RequestError
         There is no edge, it is clipped, or it is sharper than the pixel.
     """
+    path, window, pitch, aperture = edge.path, edge.window, edge.pitch, edge.aperture
     codes = frame_of(path) / frames.step
     if window is not None:
         rows, columns = codes.shape

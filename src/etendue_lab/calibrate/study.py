@@ -13,7 +13,7 @@ from etendue.types.documents import Document
 from etendue_lab.calibrate import sensor_file
 from etendue_lab.calibrate.calibration import calibrate
 from etendue_lab.calibrate.checking import check as check_of
-from etendue_lab.calibrate.edge_blur import edge_blur
+from etendue_lab.calibrate.edge_blur import EdgePhotograph, edge_blur
 from etendue_lab.frames.frame_set import Window
 from etendue_lab.frames.moments import sites
 from etendue_lab.frames.reading import open_frames
@@ -49,9 +49,8 @@ def calibrated(
     blur = None
     if geometry.edge is not None and geometry.pitch and geometry.aperture:
         place = Window.read(geometry.edge_window, "--edge-window") if geometry.edge_window else None
-        blur = edge_blur(
-            geometry.edge, frames, models, places, geometry.pitch, geometry.aperture, place, CONFIDENCE
-        )  # fmt: skip
+        edge = EdgePhotograph(geometry.edge, geometry.pitch, geometry.aperture, place)
+        blur = edge_blur(edge, frames, models, places, CONFIDENCE)
     document: Document = {
         "measurement": path.name,
         "confidence": CONFIDENCE,

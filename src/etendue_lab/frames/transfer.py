@@ -202,13 +202,14 @@ def figures(frames: FrameSet, found: Curve, site: Site = MONO, confidence: float
     weight = np.array([one.frames - 1.0 for one in found.dark])
     dark_variance = (np.stack([one.variance for one in found.dark], 1) * weight).sum(1) / weight.sum()
     read2 = dark_variance - QUANTISATION
-    if found.dark_slope is not None:  # shot noise of the dark charge
+    if found.dark_slope is not None and not found.hidden:  # shot noise of the dark charge
         times = np.array([one.time for one in found.dark])
         usual = float(np.nansum(times * weight) / weight[~np.isnan(times)].sum())
         result.values["dark_current"] = by_gain(found.dark_slope, "electron/s")
         read2 = read2 - np.maximum(gain * found.dark_slope * usual, 0.0)
     else:
-        result.lacks("dark_current", "electron/s", "dark frames at two or more exposure times")
+        why = "" if found.dark_slope is None else found.hidden
+        result.lacks("dark_current", "electron/s", why or "dark frames at two or more exposure times")
     if found.hidden:
         result.lacks("read_noise", "electron", found.hidden)
     else:
@@ -231,7 +232,9 @@ def _patterns(
     frames: FrameSet, found: Curve, site: Site, result: Figures, relative: float, gain: float, confidence: float
 ) -> None:
     dark, light = patterns(frames, found, site)
-    if dark is not None:
+    if found.hidden:
+        result.lacks("dsnu", "electron", found.hidden)
+    elif dark is not None:
         # as in the standard, at the exposure time of the stack, or of half saturation
         half = found.moments[int(np.argmin(np.abs(found.signal[0] - 0.5 * found.full)))]
         stack = max(found.dark, key=lambda one: one.frames)
