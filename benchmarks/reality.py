@@ -58,7 +58,7 @@ def measure(data: Path) -> dict[str, Any]:
     found = {}
     for name in SETS:
         path = data / f"{name}.npz"
-        document, _ = calibrated(path, None, None, None, True)
+        document, _ = calibrated(path, check=True)
         for check in document["checks"]:
             check["levels"] = [{key: _short(row[key]) for key in LEVEL} for row in check["levels"]]
         found[name] = {"emva": measured(path, None, None)["channels"][0]["figures"], "calibration": document}
@@ -122,16 +122,22 @@ def _set(name: str, about: dict[str, Any], own: dict[str, Any]) -> list[str]:
     parts += [
         f"\nPredicted against measured, {check['judged']} levels of 2 to 90 % of saturation:\n",
         "| what | difference | limit |", "|---|---|---|",
-        f"| temporal variance, rms | {100 * check['variance_rms']:.2f} % | 1.2 % |",
-        f"| temporal variance, worst level | {100 * check['variance_worst']:.2f} % | 3 % |",
+        f"| temporal variance, rms | {100 * check['variance_rms']:.2f} %, of which sampling "
+        f"{100 * check['variance_sampling']:.2f} % | 1.2 % |",
+        f"| temporal variance, worst level | {100 * check['variance_worst']:.2f} % &plusmn; "
+        f"{100 * check['variance_worst_sampling']:.2f} % | 3 % |",
         f"| mean, worst level | {100 * check['mean_worst']:.3f} % | 0.5 % |",
         f"| spatial variance at the stack | {100 * check['spatial_at_stack']:+.1f} % | 5 % + 3 standard errors of "
         f"{100 * check['spatial_error_at_stack']:.1f} % |",
         f"| spatial variance within its interval | {inside} of {len(judged)} levels | |",
         f"| histogram within the distance of chance | {alike} of {len(judged)} levels | |",
     ]  # fmt: skip
-    words = {"variance_worst": "the variance of one level", "variance_rms": "the variance", "mean_worst": "the mean"}
-    wrong = [f"{words[key]}: {100 * check[key]:.2f} %" for key in words if not check["within"][key]]
+    words = {"variance_worst": "the variance of a level", "variance_rms": "the variance", "mean_worst": "the mean"}
+    wrong = [
+        f"{words[key]}, {100 * check[key]:.2f} %{'' if not check['within'][key] else ', by less than its own sampling'}"
+        for key in words
+        if check[key] > check["limits"][key]
+    ]
     if wrong:
         parts.append(f"\nBeyond its limit: {'; '.join(wrong)}.")
     if off := check["labels_off"]:

@@ -106,7 +106,7 @@ def real_frames() -> tuple[tuple[Any, ...], Any]:
 def a_calibration() -> tuple[tuple[Any, ...], Any]:
     with tempfile.TemporaryDirectory() as folder:
         np.savez(Path(folder) / "frames.npz", **measurement(levels=8, stack=2, size=32))
-        document, _ = calibrated(Path(folder) / "frames.npz", None, None, None, True)
+        document, _ = calibrated(Path(folder) / "frames.npz", check=True)
     return (document,), document
 
 

@@ -18,6 +18,7 @@ from etendue_lab.frames.frame_set import FrameSet, Level
 from etendue_lab.frames.moments import MONO, Site
 
 GROUPS = 8
+FEWEST = 4  # groups whose scatter tells how patterns move
 LARGEST = 1 << 10  # rows and columns; patterns of larger frames are those of their centre
 
 
@@ -91,6 +92,57 @@ def pattern(frames: FrameSet, levels: Iterable[tuple[Level, float, float]], site
         weights[number % groups] += weight
     assert sums is not None
     return Pattern(sums / weights[:, None, None], len(given))
+
+
+@dataclass(frozen=True)
+class DarkPatterns:
+    """Patterns of the dark: the mean of all frames, and what grows with the exposure time."""
+
+    mean: Pattern  # DN
+    growth: Pattern | None  # DN/s; None: too few frames at different times
+    times: Array  # s, mean of each group
+
+    @property
+    def grows(self) -> bool:
+        """Whether a test at 1 % accepts that it grows."""
+        return self.growth is not None and self.growth.variance(0.98).low > 0
+
+    def at(self, time: float) -> Pattern:
+        """Return the pattern at a time, from all frames; their mean where it does not grow."""
+        if self.growth is None or not self.grows or not np.isfinite(time):
+            return self.mean
+        return Pattern(self.mean.groups + self.growth.groups * (time - self.times)[:, None, None], self.mean.frames)
+
+
+def dark_patterns(frames: FrameSet, levels: Iterable[Level], site: Site = MONO) -> DarkPatterns | None:
+    """Return the patterns of dark levels; growth by least squares in every group of frames. None: fewer than two."""
+    first, left, step = site
+    given = [frame for level in levels for frame in level.frames]
+    if len(given) < 2:
+        return None
+    groups = most = min(GROUPS, len(given))
+    times = np.array([frame.time for frame in given])
+    # every group has two times or more; fewer than four groups do not tell what moves
+    while groups >= FEWEST and not all(np.ptp(times[i::groups]) > 0 for i in range(groups)):
+        groups -= 1
+    timed = groups >= FEWEST and not np.isnan(times).any()
+    groups = groups if timed else most
+    means = np.array([times[i::groups].mean() for i in range(groups)])
+    spans = np.array([((times[i::groups] - means[i]) ** 2).sum() for i in range(groups)])
+    counts = np.array([times[i::groups].size for i in range(groups)])
+    sums: Array | None = None
+    for number, frame in enumerate(given):
+        codes = _centre(frames.cut(frame)[first::step, left::step]).astype(np.float64)
+        if sums is None:
+            sums = np.zeros((2 if timed else 1, groups, *codes.shape))
+        codes -= codes.mean()
+        own = number % groups
+        sums[0, own] += codes / counts[own]
+        if timed:
+            sums[1, own] += (times[number] - means[own]) / spans[own] * codes
+    assert sums is not None
+    growth = Pattern(sums[1], len(given)) if timed else None
+    return DarkPatterns(Pattern(sums[0], len(given)), growth, means)
 
 
 def _centre(codes: Array) -> Array:
