@@ -29,7 +29,7 @@ from etendue.archive.read.tree import ROOT, Tree
 from etendue.archive.records import disk
 from etendue.archive.records.inputs import resolve_pipeline, sweep_of
 from etendue.archive.records.manifest import DATA
-from etendue.archive.records.provenance import record_of
+from etendue.archive.records.provenance import preset_said, record_of
 from etendue.archive.records.rerun import Recorded
 from etendue.archive.sharding.chunks import decode
 from etendue.archive.structure.layout import STATUS
@@ -199,8 +199,8 @@ def record_again(
         made["resolved"] = resolved.text
     if given is None or _words(resolve_pipeline(given).text) != _words(run.text):
         made["text"] = "a text that gives the resolved pipeline, with the overrides"
-    elif asked.pipeline.preset_swept:  # the preset outside the sweep is not in the resolved text, and has no effect
-        made["preset"] = given.pipeline.preset_name
+    elif asked.pipeline.presets_swept:  # the preset outside the sweep is not in the resolved text, and has no effect
+        made["preset"] = preset_said(given.pipeline)
     return made, {a.key: set(map(str, a.values)) for a in asked.axes}
 
 
