@@ -24,6 +24,7 @@ from etendue.types.documents import Document
 
 TYPICAL = "typical"
 COPY = re.compile(r"\.\./inputs/[0-9a-f]{64}[^/]*")  # a file of an archive, named from its records
+BESIDE = re.compile(r"[0-9a-f]{64}\.\w+")  # a file next to that of a preset, named by its SHA-256
 SPOKEN = (TYPICAL, "definition", "seed paper")  # beginnings of a source that is not a URL
 
 
@@ -129,7 +130,16 @@ def _of_file(said: str, path: Path, name: str, table: Table) -> Preset:
         raise RequestError(
             f"the {table.preset} {said!r} cannot be read: {why}; relative paths start at the pipeline's folder"
         ) from None
-    return replace(_read(document, name, table, str(path), "", ""), file=str(path))
+    read = _read(document, name, table, str(path), "", "")
+    beside = {key: replace(one, value=_beside(one.value, said, path)) for key, one in read.shared.items()}
+    return replace(read, shared=beside, file=str(path))
+
+
+def _beside(value: Any, said: str, path: Path) -> Any:
+    """Return a value of a preset; a file named by its content lies next to the preset's own."""
+    if not isinstance(value, str) or not BESIDE.fullmatch(value):
+        return value
+    return f"../inputs/{value}" if COPY.fullmatch(said) else str(path.parent / value)
 
 
 def _read(document: Any, name: str, table: Table, origin: str, distribution: str, version: str) -> Preset:

@@ -55,7 +55,7 @@ class Named:
 
 def kept(text: str, ending: str) -> Path:
     """Return the path of a file with this text in the cache folder, or in a temporary one if that cannot be written."""
-    name = hashlib.sha256(text.encode()).hexdigest()[:32] + ending
+    name = hashlib.sha256(text.encode()).hexdigest() + ending
     for folder in (cache.folder() / "cameras", Path(tempfile.gettempdir()) / "etendue-cameras"):
         path = folder / name
         try:

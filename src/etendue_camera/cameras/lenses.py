@@ -79,7 +79,7 @@ def lens(name: str) -> tuple[Named, LensFile]:
     for kind, (words, instead) in WORDS.items():
         count = sum(len(getattr(one, kind)) for one in held.entries)
         facts[words] = measured(f"{count} calibrations") if count else Value("none", "typical", instead)
-    camera = {"focal_length": focal, "lens_profile": measured(str(path), "calibrations of its entries")}
+    camera = {"focal_length": focal, "lens_profile": measured(path.name, "calibrations of its entries")}
     return Named(name, "lens", f"{span} mm{wide}, {', '.join(first.mounts[:3])}", camera, facts), held
 
 

@@ -66,11 +66,13 @@ class _Resolver:
         behind = file_behind(value, parameter)
         if not behind:
             return value
-        path = str(resolve_file(behind, self.pipeline.folder, parameter.folder))
+        brought = behind != value  # by a distribution: no file that the pipeline names
+        path = behind if brought else str(resolve_file(behind, self.pipeline.folder, parameter.folder))
         name = f"{file_digest(path)}{Path(path).suffix}"
         self.inputs[name] = path
-        self.written[value] = f"../inputs/{name}"
-        return self.written[value]
+        if not brought:
+            self.written[value] = f"../inputs/{name}"
+        return f"../inputs/{name}"
 
     def table(self, values: DocumentView, own: DocumentView) -> Document:
         return {name: self.value(value, own[name][0] if name in own else None) for name, value in values.items()}
@@ -82,8 +84,7 @@ class _Resolver:
             return name
         copy = f"{file_digest(path)}.toml"
         self.inputs[copy] = path
-        self.written[name] = f"../inputs/{copy}"
-        return self.written[name]
+        return f"../inputs/{copy}"
 
     def preset(self, table: DocumentView, word: str) -> Document:
         """Return an axis preset with the values its name stands for: a later version may define it differently."""
