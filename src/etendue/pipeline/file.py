@@ -69,6 +69,7 @@ class PipelineFile(PipelineSource):
     tolerance: float = 1e-4
     norm: str = "rms"
     leave_out: bool = True  # whether what a scene does not need may be left out
+    stand_ins: bool = True  # whether presets may have typical values where no source gives one
     precision: str = "auto"
     requires: tuple[str, ...] = ()  # distributions whose stages it uses
     most_cells: int = MOST_CELLS  # a larger sweep is refused
@@ -310,6 +311,7 @@ def from_document(document: DocumentView, file: str = "", folder: Path = Path(".
         tolerance=tolerance,
         norm=norm,
         leave_out=leave_out,
+        stand_ins=words.flag("stand_ins", True),
         precision=precision,
         requires=words.names("requires") or (),
         most_cells=most_cells,

@@ -19,6 +19,7 @@ TOP = (
     "tolerance",
     "norm",
     "leave_out",
+    "stand_ins",
     "precision",
     "wanted",
     "keep",

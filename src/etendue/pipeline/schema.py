@@ -74,6 +74,11 @@ def schema(registry: Registry) -> Document:
             },
             "norm": {"enum": ["rms", "max"], "default": "rms"},
             "leave_out": {"type": "boolean", "default": True},
+            "stand_ins": {
+                "type": "boolean",
+                "default": True,
+                "description": "whether presets may have typical values where no source gives one",
+            },
             "precision": {"enum": ["auto", "float32", "float64"], "default": "auto"},
             "wanted": {"anyOf": [NAMES, {"type": "string"}], "description": "variables to compute"},
             "keep": {

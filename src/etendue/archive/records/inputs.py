@@ -130,6 +130,8 @@ def resolve_pipeline(plan: Plan) -> Resolved:
     }
     if not plan.leaves_out:
         document["leave_out"] = False
+    if not pipeline.stand_ins:
+        document["stand_ins"] = False
     if pipeline.wanted is not None:
         document["wanted"] = list(pipeline.wanted)
     if pipeline.keep is not None:

@@ -17,6 +17,7 @@ from etendue.contract.values.late_bound import LateValue
 from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.contract.values.units import as_written
 from etendue.errors import nearest
+from etendue.pipeline.stand_ins import standing_in
 from etendue.plan.model import Axis
 from etendue.plan.wiring.alternatives import Entries, meaning
 from etendue.plan.wiring.parameters import Unfit, resolve
@@ -52,7 +53,26 @@ def resolve_quantities(request: Request, entries: Entries) -> Quantities:
     settled = {name for axis in axes.values() for name in axis.gives}
     if len(axes) < len(request.pipeline.presets_swept):  # one is faulty
         settled = set(declared)
-    return Quantities(declared, _values_of(request, declared, written, settled), written, axes)
+    values = _values_of(request, declared, written, settled)
+    if not request.faults:  # every preset could be read
+        _tell_stand_ins(request, declared)
+    return Quantities(declared, values, written, axes)
+
+
+def _tell_stand_ins(request: Request, used: Mapping[str, Declared]) -> None:
+    """Note the values that no source gives; refuse them if the pipeline allows none."""
+    for preset, names in standing_in(request.pipeline, used).items():
+        text = f"no source gives {', '.join(names)} of the {preset}: typical values stand in"
+        if request.pipeline.stand_ins:
+            request.warnings.append(text)
+        else:
+            table = request.pipeline.table.name
+            request.fault("stand_ins", f"{text}, and are not allowed; give your own under [{table}]")
+    for word, own in request.pipeline.presets.items():
+        kind, title = request.pipeline.table.kind_of(word), request.pipeline.named[word]
+        for name in own if kind.find else ():
+            if name in quantities.names() and quantities.declared(name).table and name not in used:
+                request.warnings.append(f"{name} of the {word} {title} is not used by any stage of this pipeline")
 
 
 def to_be_found(name: str, parameter: Parameter, ends: tuple[float | None, float | None] = (None, None)) -> LateValue:

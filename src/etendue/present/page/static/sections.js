@@ -122,6 +122,18 @@ function addedPart(one) {
   return section(`added-${one.name}`, one.title, '', card(one.why ? el('p', { class: 'broken' }, one.why) : one.blocks.map(block), el('p', { class: 'note' }, `Section provided by ${one.origin}.`)));
 }
 
+// ---- where the values of presets come from
+
+function statedPart(stated) {
+  const all = Object.entries(stated || {}).flatMap(([word, titles]) => Object.entries(titles).map(([title, values]) => [`${word} ${title}`, Object.entries(values)]));
+  if (!all.length) return null;
+  const standsIn = ([, one]) => one.source.startsWith('typical');
+  const count = (values) => `${values.length - values.filter(standsIn).length} of ${values.length} values have a source`;
+  const row = ([name, one]) => el('div', {}, el('dt', {}, name), el('dd', {}, standsIn([name, one]) ? 'stand-in: no source gives it' : [one.source, one.licence].filter(Boolean).join(', '), one.note ? `; ${one.note}` : ''));
+  return card(el('h3', {}, 'Where values come from'), ...all.map(([title, values]) =>
+    el('details', {}, el('summary', {}, `${title}: ${count(values)}`), el('dl', { class: 'facts-list' }, values.map(row)))));
+}
+
 // ---- provenance
 
 function provenance(doc) {
@@ -136,6 +148,7 @@ function provenance(doc) {
   ];
   return section('provenance', 'Provenance', 'Everything here was simulated; the commands below reproduce it.',
     card(el('h3', {}, 'Reproduce it'), again),
+    statedPart(p.stated),
     card(el('dl', { class: 'facts-list' },
       [['archive', doc.archive], ['pipeline', doc.name], ['started', p.began], ['runs', String(p.runs)], ['options', versions(p.options)], ['changed on the command line', versions(p.overrides) || 'none'], ['platform', versions(p.platform)], ['libraries', versions(p.libraries)], ['stages from', p.distributions.join(', ')], ['page made by', doc.made_by]].map(([a, b]) => el('div', {}, el('dt', {}, a), el('dd', {}, b)))),
       el('details', {}, el('summary', {}, 'The pipeline file'), el('pre', {}, p.text))));
