@@ -14,8 +14,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from etendue import plain_files
 from etendue.errors import RequestError
-from etendue_camera.cameras.databases import Index, lens_index
+from etendue_camera.cameras import camconst
+from etendue_camera.cameras.databases import Index, given_files, lens_index
 from etendue_camera.cameras.documents import Named, Value, kept
 from etendue_camera.cameras.lensfun import LICENCE, Camera
 from etendue_camera.cameras.names import meant, plain
@@ -92,7 +94,7 @@ def body(name: str) -> Named:
     row = packaged().get(name, {})
     listed = next((one for own, one in cameras().items() if plain(own) == plain(name)), None)
     form = row.get("format") or _format_of(listed.crop_factor if listed else 1.0)
-    given = _stand_ins(form)
+    given = stand_ins(form)
     facts = {"format": Value(form, TYPICAL, "as makers name it; it chooses the stand-ins")}
     if row.get("tuning"):
         from etendue_camera.cameras.tuned import values_of_tuning  # reads arrays
@@ -110,6 +112,7 @@ def body(name: str) -> Named:
         source = "lensfun database (https://lensfun.github.io)"
         given["crop_factor"] = Value(listed.crop_factor, source, licence=LICENCE)
         given["mount"] = Value(listed.mount, source, licence=LICENCE)
+    given |= _levels(name, given)
     lacking = [key for key, one in given.items() if one.source.startswith(TYPICAL)]
     return Named(
         name,
@@ -126,7 +129,7 @@ def _format_of(crop: float) -> str:
     return min(known, key=lambda name: abs(known[name] / crop - 1 if known[name] > crop else crop / known[name] - 1))
 
 
-def _stand_ins(form: str) -> dict[str, Value]:
+def stand_ins(form: str) -> dict[str, Value]:
     """Return the stand-ins of a format, in the order of the document."""
     own = formats()[form]
     note = f"a stand-in typical of {form} sensors: no source gives it for this body"
@@ -148,6 +151,32 @@ def _measured(camera: str) -> dict[str, Value]:
             row["per"], FROM_LIBRARY, "agrees with makers' DNG matrices so, and not per photon", row["licence"]
         ),
     }
+
+
+def _levels(name: str, given: Mapping[str, Value]) -> dict[str, Value]:
+    """Return the black level of the user's copy of camconst.json, if another source does not give it."""
+    own = next((one for known, one in levels().items() if plain(known) == plain(name)), None)
+    if own is None or own.black is None or not given["black_level"].source.startswith(TYPICAL):
+        return {}
+    white = own.white or 0.0
+    bits = int(white).bit_length()
+    found = {"black_level": Value(own.black, camconst.SOURCE, "", camconst.LICENCE)}
+    if 10 <= bits <= 16 and given["bits"].source.startswith(TYPICAL):
+        found["bits"] = Value(bits, camconst.SOURCE, f"white level {white:g}", camconst.LICENCE)
+    return found
+
+
+@cache
+def levels() -> dict[str, camconst.Constants]:
+    """Return the user's copy of RawTherapee's camera constants; empty without one."""
+    places = [*given_files(".json", "camconst.json"), Path("/usr/share/rawtherapee/camconst.json")]
+    path = next((one for one in places if one.is_file()), None)
+    if path is None:
+        return {}
+    try:
+        return camconst.constants(plain_files.content(path, 8 << 20), path.name)
+    except (OSError, ValueError) as error:
+        raise RequestError(str(error)) from None
 
 
 def _published(sensor: str) -> dict[str, Value]:

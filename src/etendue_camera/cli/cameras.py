@@ -15,7 +15,7 @@ from etendue.errors import RequestError
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.result_files import write_whole
 from etendue.types.documents import Document
-from etendue_camera.cameras import bodies, lenses
+from etendue_camera.cameras import bodies, dng, files, lenses
 from etendue_camera.cameras.databases import INSTALL, lens_folder
 from etendue_camera.cameras.documents import Named, Value
 from etendue_camera.cameras.names import matching
@@ -24,13 +24,31 @@ from etendue_camera.cameras.names import matching
 def cameras_command(name: str | None, lenses: bool, search: str | None, output: Path | None, as_json: bool) -> None:
     """Run the command."""
     if name:
-        whole = _named(name, lenses)
+        whole = files.named_in(Path(name)) if files.is_path(name) else _named(name, lenses)
         if output is not None:
-            write_whole(output.parent, {output.name: whole.toml().encode()})
+            write_whole(output.parent, {output.name: _text(whole, name, output).encode()})
         tell(as_json, _document(whole), _print_one)
         return
     listing = _listing(search or "", bodies=not lenses or bool(search), lens_names=lenses or bool(search))
     tell(as_json, listing, _print_listing)
+
+
+def _text(whole: Named, name: str, output: Path) -> str:
+    """Return what is written: the body or lens as TOML, or a table of the file as CSV."""
+    if output.suffix != ".csv":
+        return whole.toml()
+    tables: dict[str, str] = {}
+    if files.is_path(name):
+        if (own := files.table_in(Path(name))) is not None:
+            return own
+        if name.casefold().endswith(".dng"):
+            pitch = float(str(whole.camera["pixel_pitch"].value).split()[0])
+            tables = files.lens_tables(dng.raw(Path(name).read_bytes(), name), pitch)
+    which = output.stem.rpartition(".")[2]
+    if which not in tables:
+        names = ", ".join(f"NAME.{one}.csv" for one in tables)
+        raise RequestError(f"{name} holds no table for {output.name}; {f'write {names}, or ' * bool(names)}NAME.toml")
+    return tables[which]
 
 
 def _named(name: str, only_lenses: bool) -> Named:

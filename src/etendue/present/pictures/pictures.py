@@ -21,8 +21,8 @@ from etendue.contract.arrays.drawn import Drawn, Pictured
 from etendue.contract.ports import ContactSheet
 from etendue.contract.values.quantities import declared
 from etendue.contract.wording import first
-from etendue.plan.drawn import drawn_of
 from etendue.pipeline.stand_ins import stand_ins_text, standing_in
+from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.present.pictures.appearance import brightness, rendered, white_among
 from etendue.present.pictures.contact_sheet import contact_sheet, with_maps
