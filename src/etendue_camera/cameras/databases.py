@@ -23,7 +23,7 @@ from etendue_camera.field.lens_calibration import Lens
 
 VARIABLE = "ETENDUE_CAMERAS"
 INSTALL = "apt install liblensfun-data-v1, or pip install lensfunpy; ETENDUE_CAMERAS may name another copy of it"
-_FORM = "2"  # of the index
+_FORM = "3"  # of the index
 _PLACES = (
     "/usr/share/lensfun/version_2",
     "/usr/share/lensfun/version_1",

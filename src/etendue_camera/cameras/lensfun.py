@@ -31,8 +31,8 @@ _TERMS = {
     ("vignetting", "pa"): ("k1", "k2", "k3"),
 }
 _DEFAULTS = {"kr": 1.0, "kb": 1.0, "vr": 1.0, "vb": 1.0}
-_FOCAL = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)(?:\s*-\s*(\d+(?:\.\d+)?))?\s*mm", re.IGNORECASE)
-_APERTURE = re.compile(r"(?:f/?|1:|F)\s*(\d+(?:\.\d+)?)", re.IGNORECASE)
+_FOCAL = re.compile(r"(?<!\d)(?<!\d\.)(\d+(?:\.\d+)?)(?:\s*-\s*(\d+(?:\.\d+)?))?\s*mm", re.IGNORECASE)
+_APERTURE = re.compile(r"(?:f/|1:|(?<=mm)\s*f|\bf)\s*(\d+(?:\.\d+)?)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
