@@ -295,7 +295,7 @@ def from_document(document: DocumentView, file: str = "", folder: Path = Path(".
     shared = words.table(table.name)
     words.table("sweep")  # reports a fault if it is not a table
     sweep = axes_of(document, faults)
-    named, presets = _presets(table, shared, folder, faults)
+    named, presets = _presets(table, shared, sweep, folder, faults)
     stages, whole = _stages(document.get("stages"), faults)
     return PipelineFile(
         name=words.name(Path(file).stem or "pipeline"),
@@ -334,7 +334,7 @@ def _meant(key: str, table: Table) -> str:
 
 
 def _presets(
-    table: Table, shared: DocumentView, folder: Path, faults: list[Fault]
+    table: Table, shared: DocumentView, sweep: DocumentView, folder: Path, faults: list[Fault]
 ) -> tuple[dict[str, str], dict[str, Document]]:
     """Return the presets that a table names and their values, by key; the names themselves are not quantities."""
     named, values = dict[str, str](), dict[str, Document]()
@@ -342,6 +342,8 @@ def _presets(
         name, place = shared.get(kind.preset, ""), table.place(kind.preset)
         if not isinstance(name, str):
             faults.append(Fault(place, f"expected the name of a {kind.preset}, got {as_written(name)}"))
+        elif name and kind.find and kind.preset in sweep:
+            named[kind.preset] = name  # without effect: its axis sets the values, and it may not be found here
         elif name:
             try:
                 values[kind.preset] = preset_at(name, kind, folder).values()

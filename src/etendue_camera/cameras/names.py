@@ -25,9 +25,8 @@ _BRANDS = {
     "fujifilm": "Fujifilm",
     "samsung techwin": "Samsung",
 }
-_MARK = re.compile(r"(?<=[a-z0-9])m(?=[2-9]$)|\bmark ?(?=[2-9ivx])|\bmk ?(?=[2-9ivx])")
+_MARK = re.compile(r"\b(?:mark|mk)[ .-]*(iii|ii|iv|vi|v|\d)\b")
 _ROMAN = {"ii": "2", "iii": "3", "iv": "4", "v": "5", "vi": "6"}
-_WORD = re.compile(r"[a-z]+|\d+(?:\.\d+)?")
 
 
 def brand(maker: str) -> str:
@@ -49,12 +48,9 @@ def plain(name: str) -> str:
     """Return a name without case, spaces and punctuation, its generation in digits: 'Canon EOS R5 Mark II' and 'canon
     eos-r5m2' are equal.
     """
-    text = name.casefold().replace("α", "alpha")
+    text = _MARK.sub(lambda found: f"m{_ROMAN.get(found[1], found[1])}", name.casefold().replace("α", "alpha"))
     parts = [_ROMAN.get(part, part) for part in re.split(r"[^a-z0-9.+]+", text) if part]
-    joined = " ".join(parts)
-    joined = re.sub(r"\b(?:mark|mk) ?(?=\d)", "m", joined)
-    joined = re.sub(r" (?=m\d\b)", "", joined)
-    return re.sub(r"(?<!\d)\.|\.(?!\d)|[^a-z0-9.+]", "", joined)
+    return re.sub(r"(?<!\d)\.|\.(?!\d)", "", "".join(parts))
 
 
 def words(name: str) -> list[str]:
