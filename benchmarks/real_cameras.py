@@ -1,7 +1,7 @@
 """Cameras and lenses by name beside what others measured: the rows that docs/reality.md has of them.
 
 python benchmarks/real_cameras.py --camconst FILE --lensfun FOLDER    # writes benchmarks/real_cameras.json
-python benchmarks/real_cameras.py --points 500                        # also beside lensfunpy 1.18.0, which must be installed
+python benchmarks/real_cameras.py --points 500                        # also beside lensfunpy 1.18.0, if installed
 
 The files are the user's own copies: camconst.json of RawTherapee (GPL-3), the lensfun database (CC BY-SA 3.0).
 """
@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.pipeline.presets import preset
 from etendue_camera import spectra
 from etendue_camera.cameras import bodies, camconst
 from etendue_camera.cameras.lensfun import read_database
@@ -24,13 +25,13 @@ from etendue_camera.cameras.tuned import FOLDER, packaged_tuning
 from etendue_camera.field.lens_calibration import Lens
 
 WRITTEN = Path(__file__).with_name("real_cameras.json")
-PUBLISHED = {"imx477": (8168.0, "strollswithmydog.com, raw frames of the Raspberry Pi HQ camera")}  # electrons
 APERTURE = 11.0  # f-number at which only the natural fall-off is left
+NORMAL = 45.0  # mm times crop factor, from which a lens is not wide
 WIDTH, HEIGHT = 600, 400  # pixels of the pictures that lensfunpy corrects
 
 
 def whites(path: Path) -> dict[str, Any]:
-    """Return the white of D65 in stops of red and blue over green: measured sensitivity less maker's matrix, by body."""
+    """Return the white of D65 by body, in stops of red and blue over green: sensitivity less maker's matrix."""
     known = {plain(name): one for name, one in camconst.constants(path.read_bytes(), path.name).items()}
     edges = tuple(np.arange(380.0, 781.0, 5.0))
     light = spectra.illuminant("D65", edges)
@@ -50,12 +51,17 @@ def whites(path: Path) -> dict[str, Any]:
 
 
 def full_scales() -> dict[str, Any]:
-    """Return full scales of the tunings, and published measurements of the same sensors."""
+    """Return full scales of the tunings, and the published full wells of the same sensors among the packaged ones."""
+    published = {}
+    for row in bodies.packaged().values():
+        if row["tuning"] and row["sensor"]:
+            fact = preset(row["sensor"]).facts["full_well"]
+            published[row["tuning"]] = (float(str(fact.value).split()[0]), fact.source)
     rows = {}
     for path in sorted(FOLDER.glob("*.json")):
         own = packaged_tuning(path.stem)
         if (charge := own.full_scale()) is not None:
-            measured, source = PUBLISHED.get(path.stem, (None, ""))
+            measured, source = published.get(path.stem, (None, ""))
             rows[path.stem] = {
                 "tuning": round(charge, 1),
                 "default": own.looks_like_a_default(),
@@ -67,25 +73,34 @@ def full_scales() -> dict[str, Any]:
 
 def falls(folder: Path) -> dict[str, Any]:
     """Return measured falls to the corner of the calibrated sensor at f/11, and those of the cos4 law, in stops."""
-    rows = {}
+    rows, crops = dict[str, list[float]](), []
     for lens in read_database(folder.glob("*.xml")).lenses:
         if lens.focal[0] != lens.focal[1] or not lens.vignetting:
             continue
         corner = np.array([lens.half_diagonal()])
         relative = lens.relative(corner, lens.focal[0], APERTURE, 1000.0)
-        if relative is None or relative[0] <= 0 or min(abs(one.aperture / APERTURE - 1) for one in lens.vignetting) > 0.3:
+        if (
+            relative is None
+            or relative[0] <= 0
+            or min(abs(one.aperture / APERTURE - 1) for one in lens.vignetting) > 0.3
+        ):
             continue
         law = 4 * math.log2(math.cos(math.atan(float(corner[0]) / lens.focal[0])))
         key = f"{full_name(lens.maker, lens.model)} on crop {lens.crop_factor:g}"
+        if key not in rows:
+            crops.append(lens.crop_factor)
         rows[key] = [lens.focal[0], round(float(np.log2(relative[0])), 4), round(law, 4)]
     values = np.array(list(rows.values()))
     off = values[:, 2] - values[:, 1]
+    examples = sorted(rows, key=lambda one: abs(rows[one][1] - rows[one][2]))[:: max(1, len(rows) // 6)]
+    long = np.array([focal * crop >= NORMAL for focal, crop in zip(values[:, 0], crops, strict=True)])
     return {
         "lenses": len(rows),
-        "rms": float(np.sqrt(np.mean(off**2))),
+        "normal_and_long": {"lenses": int(long.sum()), "rms": float(np.sqrt(np.mean(off[long] ** 2)))},
+        "wide": {"lenses": int((~long).sum()), "rms": float(np.sqrt(np.mean(off[~long] ** 2)))},
         "median": float(np.median(off)),
-        "examples": {key: rows[key] for key in sorted(rows, key=lambda one: abs(rows[one][1] - rows[one][2]))[:: max(1, len(rows) // 6)]},
-    }  # fmt: skip
+        "examples": {key: rows[key] for key in examples},
+    }
 
 
 def agreement(count: int, seed: int = 28) -> dict[str, Any]:
@@ -97,7 +112,8 @@ def agreement(count: int, seed: int = 28) -> dict[str, Any]:
     folder = Path(lensfunpy.__file__).parent / "db_files"
     own = read_database(folder.glob("*.xml")).lenses
     theirs = [one for one in lensfunpy.Database().lenses if "RECTILINEAR" in str(one.type) and one.calib_vignetting]
-    random, worst = np.random.default_rng(seed), {"distortion": [], "colours": [], "fall_off": []}  # type: ignore[var-annotated]
+    random = np.random.default_rng(seed)
+    worst: dict[str, list[float]] = {"distortion": [], "colours": [], "fall_off": []}
     compared = refused = 0
     while compared < count:
         one = theirs[random.integers(len(theirs))]
@@ -121,9 +137,11 @@ def agreement(count: int, seed: int = 28) -> dict[str, Any]:
 
 def _same(mine: Lens, one: Any) -> bool:
     return (
-        mine.maker == brand(one.maker) and mine.model == one.model.strip() and abs(mine.crop_factor / one.crop_factor - 1) < 1e-3
+        mine.maker == brand(one.maker)
+        and mine.model == one.model.strip()
+        and abs(mine.crop_factor / one.crop_factor - 1) < 1e-3
         and len(mine.vignetting) == len(one.calib_vignetting)
-    )  # fmt: skip
+    )
 
 
 def _compare(lens: Lens, one: Any, settings: tuple[float, float, float], worst: dict[str, list[float]]) -> None:

@@ -132,7 +132,7 @@ def _format_of(crop: float) -> str:
 def stand_ins(form: str) -> dict[str, Value]:
     """Return the stand-ins of a format, in the order of the document."""
     own = formats()[form]
-    note = f"a stand-in typical of {form} sensors: no source gives it for this body"
+    note = f"of {form} sensors"
     words = {**{key: value for key, value in own.items() if key != "crop"}, **formats()["all"]}
     given = {key: Value(value, TYPICAL, note) for key, value in words.items()}
     given["sensitivity"] = Value(words["sensitivity"], TYPICAL, "a stand-in: the measured curves of another camera")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.errors import RequestError
+from etendue_camera.cameras import bodies
 from etendue_camera.cameras.databases import INSTALL, Index, lens_index
 from etendue_camera.cameras.documents import Named, Value, kept
 from etendue_camera.cameras.lensfun import LICENCE
@@ -43,9 +44,13 @@ def index() -> Index:
 
 def full_lens_name(text: str) -> str:
     """Return the name of the lens that a text means; one that cannot be used is refused with its reason."""
-    own = index()
+    packaged = module_lenses()
+    try:
+        return meant(text, packaged, "lens", LISTED)
+    except RequestError:
+        own = index()
     refused = {name: why for name, why in own.refused if name not in own.lenses}
-    name = meant(text, [*own.lenses, *refused], "lens", LISTED)
+    name = meant(text, [*packaged, *own.lenses, *refused], "lens", LISTED)
     if name in refused:
         raise RequestError(f"the lens {name!r} cannot be used: {refused[name]}")
     return name
@@ -53,6 +58,8 @@ def full_lens_name(text: str) -> str:
 
 def lens(name: str) -> tuple[Named, LensFile]:
     """Return a lens by its full name, and its file."""
+    if name in module_lenses():
+        return _module_lens(name)
     own = index()
     held = LensFile(name, own.source(), LICENCE, tuple(own.entries(name)))
     path = kept(held.text(), ENDING)
@@ -81,6 +88,31 @@ def lens(name: str) -> tuple[Named, LensFile]:
         facts[words] = measured(f"{count} calibrations") if count else Value("none", "typical", instead)
     camera = {"focal_length": focal, "lens_profile": measured(path.name, "calibrations of its entries")}
     return Named(name, "lens", f"{span} mm{wide}, {', '.join(first.mounts[:3])}", camera, facts), held
+
+
+def module_lenses() -> dict[str, str]:
+    """Return the lenses of packaged tunings by name, each with its body."""
+    return {f"{body} lens": body for body, row in bodies.packaged().items() if row["lens"]}
+
+
+def _module_lens(name: str) -> tuple[Named, LensFile]:
+    from etendue_camera.cameras.tuned import lens_of_tuning  # reads arrays
+
+    body = module_lenses()[name]
+    row = bodies.packaged()[body]
+    crop = float(bodies.formats()[row["format"]]["crop"])
+    held, rms = lens_of_tuning(row["tuning"], body, crop, row["lens"])
+    path = kept(held.text(), ENDING)
+    focal, aperture = row["lens"].split()
+    note = f"its shading table (luminance_lut) by a polynomial in r^2, within {100 * rms:.2g} % rms"
+    camera = {
+        "focal_length": Value(
+            f"{focal} mm", "typical", "of the lens that is usual on this module; the tuning names none"
+        ),
+        "lens_profile": Value(path.name, held.source, note, held.licence),
+    }
+    facts = {"fall_off": Value("192 cells", held.source, note, held.licence)}
+    return Named(name, "lens", f"{focal} mm, {aperture}, of the module", camera, facts), held
 
 
 def found(text: str) -> Path:

@@ -59,8 +59,6 @@ def _named(name: str, only_lenses: bool) -> Named:
             return bodies.found_body(name)
         except RequestError as error:
             faults.append(str(error))
-    if lens_folder() is None and not only_lenses:
-        raise RequestError(f"{faults[0]}; lenses need the lensfun database: {INSTALL}")
     try:
         return lenses.lens(lenses.full_lens_name(name))[0]
     except RequestError as error:
@@ -98,11 +96,13 @@ def _listing(text: str, bodies: bool, lens_names: bool) -> Document:
     if bodies:
         found["bodies"] = _bodies(text)
     folder = lens_folder()
+    if lens_names:
+        found["lenses"] = [{"name": name} for name in matching(text, lenses.module_lenses())]
     if folder is None:
         found["note"] = f"bodies and lenses of the lensfun database are not here: {INSTALL}"
     elif lens_names:
         index = lenses.index()
-        found["lenses"] = [{"name": name} for name in matching(text, sorted(index.lenses))]
+        found["lenses"] += [{"name": name} for name in matching(text, sorted(index.lenses))]
         found["refused"] = [{"name": name, "why": why} for name, why in index.refused if matching(text, [name])]
     if text and not found["bodies"] and not found["lenses"] and not found["refused"]:
         raise RequestError(
