@@ -116,7 +116,7 @@ def _summary(found: dict[str, Any], named: dict[str, Any]) -> list[str]:
     rows += [
         ("whites", f"D65 by measured sensitivities beside makers' DNG matrices, {len(whites['bodies'])} bodies",
          f"{whites['rms']:.3f} stop rms, {whites['largest']:.2f} at most"),
-        ("falls", f"corner at f/11, cos4 law beside {long['lenses']} normal and long lenses", f"{long['rms']:.2f} stop rms"),
+        ("falls", f"corner at f/11, cos4 law beside {long['lenses']} long lenses", f"{long['rms']:.2f} stop rms"),
         ("falls", f"the same of {wide['lenses']} wide ones, mostly retrofocus", f"{wide['rms']:.2f} stop rms"),
         ("distortion", f"heights of {tables['points']} random lenses and settings beside lensfun {tables['lensfun']}",
          f"{max(tables['distortion']['largest'], tables['colours']['largest']):.1e} of the field at most"),
@@ -144,7 +144,7 @@ def _named(named: dict[str, Any]) -> list[str]:
         )
         parts.append(f"| {name} | {own['tuning']:.0f} | {measured} | {note} |")
     parts += [
-        "\nFalls to the corner of the calibrated sensor at f/11, in stops: what a lens has that no calibration gives is",
+        "\nFalls to the corner of the calibrated sensor at f/11, in stops: where no calibration gives one, it is",
         "the cos4 law, which is right for long lenses and too dark for wide ones, whose exit pupils lie far away.\n",
         "| lens | mm | measured | cos4 |", "|---|---|---|---|",
     ]  # fmt: skip

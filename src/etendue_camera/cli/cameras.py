@@ -27,10 +27,10 @@ def cameras_command(name: str | None, lenses: bool, search: str | None, output: 
         whole = files.named_in(Path(name)) if files.is_path(name) else _named(name, lenses)
         if output is not None:
             write_whole(output.parent, {output.name: _text(whole, name, output).encode()})
-        tell(as_json, _document(whole), _print_one)
+        tell(as_json, document_of(whole), print_one)
         return
-    listing = _listing(search or "", bodies=not lenses or bool(search), lens_names=lenses or bool(search))
-    tell(as_json, listing, _print_listing)
+    found = listing(search or "", bodies=not lenses or bool(search), lens_names=lenses or bool(search))
+    tell(as_json, found, print_listing)
 
 
 def _text(whole: Named, name: str, output: Path) -> str:
@@ -65,7 +65,7 @@ def _named(name: str, only_lenses: bool) -> Named:
         raise RequestError("; and as a lens: ".join([*faults, str(error)])) from None
 
 
-def _document(one: Named) -> Document:
+def document_of(one: Named) -> Document:
     return {
         "name": one.title,
         "kind": one.kind,
@@ -91,7 +91,7 @@ def _plain(value: Any) -> Any:
     return float(value) if isinstance(value, Decimal) else value
 
 
-def _listing(text: str, bodies: bool, lens_names: bool) -> Document:
+def listing(text: str, bodies: bool, lens_names: bool) -> Document:
     found: Document = {"bodies": [], "lenses": [], "refused": [], "note": ""}
     if bodies:
         found["bodies"] = _bodies(text)
@@ -129,7 +129,7 @@ def _bodies(text: str) -> list[Document]:
     return rows
 
 
-def _print_listing(document: Document) -> None:
+def print_listing(document: Document) -> None:
     console = _out()
     if document["bodies"]:
         columns = (
@@ -151,7 +151,7 @@ def _print_listing(document: Document) -> None:
     console.print('in a pipeline: \\[camera] body = "NAME", lens = "NAME"\nvalues and sources: etendue cameras NAME')
 
 
-def _print_one(document: Document) -> None:
+def print_one(document: Document) -> None:
     """Print every value with its source; stand-ins are marked with *."""
     console = _out()
     console.print(f"{escape(document['name'])}\n{escape(document['description'])}\n")
