@@ -61,10 +61,11 @@ def test_fall_off_at_a_measured_setting_is_the_measured_polynomial_and_none_far_
     assert -1.0 < between[0] < -0.4
 
 
-def test_of_entries_with_one_name_the_one_that_covers_the_sensor_closest_is_taken():
+def test_of_entries_with_one_name_the_one_is_taken_that_lensfun_takes():
     full, cropped = sorted(PRIMES, key=lambda one: one.crop_factor)
-    assert chosen(PRIMES, 1.0) is full and chosen(PRIMES, 1.53) is cropped and chosen(PRIMES, 2.0) is cropped
+    assert chosen(PRIMES, 1.0) is full and chosen(PRIMES, 1.53) is cropped and chosen(PRIMES, 1.6) is cropped
     assert chosen(PRIMES, 1.3) is full and chosen(PRIMES, 0.79) is full and chosen(PRIMES, 0) is full
+    assert chosen(PRIMES, 1.5) is cropped  # 2 % larger than the calibrated one
 
 
 def test_the_stages_apply_what_the_calibration_says(path):

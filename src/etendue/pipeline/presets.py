@@ -42,6 +42,10 @@ class Sourced:
         """Whether it has no citable source and is only a usual value."""
         return self.source.startswith(TYPICAL)
 
+    def words(self) -> dict[str, str]:
+        """Return what is said of it."""
+        return {"source": self.source, "licence": self.licence, "note": self.note}
+
 
 @dataclass(frozen=True)
 class Preset:

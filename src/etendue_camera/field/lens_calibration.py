@@ -9,6 +9,7 @@ Sources: the models and the interpolation of lensfun 0.3.4 (``lens.cpp``, ``mod-
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,6 +26,15 @@ MODELS = {
 }  # terms of each model
 FARTHEST = 1000.0  # m; the distance that stands for infinity in calibrations
 POWER = 3.5  # of the distance between calibration points in the weights of fall-off
+RANKS = (
+    (1.41, 2),
+    (1.31, 4),
+    (1.21, 6),
+    (1.11, 8),
+    (1.01, 10),
+    (1.0 - 1e-6, 5),
+    (0.96, 3),
+)  # of ratios of crop factors
 COLOURS = (460.0, 540.0, 600.0)  # nm: blue, green and red of a camera in daylight, to which lateral colour refers
 
 
@@ -89,14 +99,20 @@ class Lens:
 def chosen(entries: Sequence[Lens], crop_factor: float) -> Lens:
     """Return the entry that fits a sensor of this crop factor (0: unknown).
 
-    Entries of one name differ in the sensor of their calibration. The one with the largest crop factor that still
-    covers the sensor is taken, as lensfun ranks them; if none covers it, the one that covers most.
+    Entries of one name differ in the sensor of their calibration. They are ranked as in lensfun 0.3.4: best is a
+    sensor a little smaller than the calibrated one; one more than 4 % larger is not covered. If none covers it, or
+    nothing is known of it, the entry of the largest sensor is taken.
     """
     require.that(len(entries) > 0, "a lens needs at least one entry")
-    covering = [one for one in entries if one.crop_factor <= crop_factor * 1.01] if crop_factor else list(entries)
-    if crop_factor and covering:
-        return max(covering, key=lambda one: one.crop_factor)
-    return min(entries, key=lambda one: one.crop_factor)
+    ranks = [_rank(crop_factor / one.crop_factor) for one in entries]
+    if max(ranks) == 0:
+        return min(entries, key=lambda one: one.crop_factor)
+    return entries[ranks.index(max(ranks))]
+
+
+def _rank(ratio: float) -> int:
+    """Return lensfun's score for the ratio of the crop factors of body and calibration; 0: not covered."""
+    return next((score for least, score in RANKS if ratio >= least), 0)
 
 
 def interpolated(points: Sequence[Point], focal: float, kind: str) -> Point | None:
@@ -105,23 +121,25 @@ def interpolated(points: Sequence[Point], focal: float, kind: str) -> Point | No
     Terms of distortion are interpolated times their focal length, as are those of lateral colour but its scales.
     Points of another model than the first are not used. None without points.
     """
-    if not points:
-        return None
     own = sorted((one for one in points if one.model == points[0].model), key=lambda one: one.focal)
+    if not own:
+        return None
     exact = next((one for one in points if one.focal == focal and one.model == points[0].model), None)
-    if exact or focal <= own[0].focal or focal >= own[-1].focal:
-        return exact or (own[0] if focal <= own[0].focal else own[-1])
-    above = next(i for i, one in enumerate(own) if one.focal > focal)
+    if exact is not None:
+        return exact
+    above = bisect_left([one.focal for one in own], focal)
+    return own[min(above, len(own) - 1)] if above in (0, len(own)) else _between(own, above, focal, kind)
+
+
+def _between(own: Sequence[Point], above: int, focal: float, kind: str) -> Point:
+    """Return the terms at a focal length between two calibrations, of which ``above`` is the longer one."""
     low, high = own[above - 1], own[above]
-    before = own[above - 2] if above >= 2 else None
-    after = own[above + 1] if above + 1 < len(own) else None
+    four = (own[above - 2] if above >= 2 else None, low, high, own[above + 1] if above + 1 < len(own) else None)
     t = (focal - low.focal) / (high.focal - low.focal)
     terms = []
     for i in range(len(low.terms)):
         plain = kind == "tca" and i < 2
-        y = [
-            None if one is None else one.terms[i] * (1.0 if plain else one.focal) for one in (before, low, high, after)
-        ]
+        y = [None if one is None else one.terms[i] * (1.0 if plain else one.focal) for one in four]
         terms.append(_hermite(y, t) / (1.0 if plain else focal))
     return Point(low.model, tuple(terms), focal)
 

@@ -204,7 +204,7 @@ def stated_values(pipeline: PipelineFile) -> Document:
             if not one.file:
                 continue
             found.setdefault(kind.preset, {})[one.title] = {
-                name: {word: text for word in ("source", "licence", "note") if (text := getattr(value, word))}
+                name: {word: text for word, text in value.words().items() if text}
                 for name, value in sorted(one.shared.items())
             }
     return found

@@ -324,7 +324,7 @@ class Distortion(Profiled, Banded, Bounded):
                 notes.append(
                     f"{whose} ends {ideal[-1]:g} um from the axis; beyond it the curve is extrapolated linearly"
                 )
-            if own.size > 1 and (wavelengths[0] < own[0] - 0.005 or wavelengths[1] > own[-1] + 0.005):
+            if self.table and own.size > 1 and (wavelengths[0] < own[0] - 0.005 or wavelengths[1] > own[-1] + 0.005):
                 notes.append(
                     f"{whose} has {own[0] * 1e3:g} to {own[-1] * 1e3:g} nm; outside this range the nearest column "
                     "is used"

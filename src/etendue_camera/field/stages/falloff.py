@@ -127,7 +127,9 @@ class Falloff(Dimming, Profiled, Banded, Bounded):
         return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=not self.tabled())
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
-        notes = self.lens_notes("the fall-off", "the cos4 law stands in", self.of_lens() is not None)
+        notes = self.lens_notes(
+            "the fall-off", "the cos4 law stands in", self.of_lens() is not None, (self.focal_length, self.f_number)
+        )
         if not self.tabled():
             return notes
         corner, bands = farthest(grids["irradiance"]), grids["irradiance"].bands().values()

@@ -49,21 +49,26 @@ class Profiled(Stage):
     def lens_name(self) -> str:
         return lens_file(self.lens_profile).name if self.lens_profile else ""
 
-    def lens_notes(self, what: str, instead: str, measured: bool) -> list[str]:
+    def lens_notes(
+        self, what: str, instead: str, measured: bool, settings: tuple[float, float] | None = None
+    ) -> list[str]:
         """Return notes on a lens of which something was not measured, or that is used beyond what it can do."""
         if not self.lens_profile:
             return []
         own = lens_calibration.chosen(lens_file(self.lens_profile).entries, self.crop_factor)
-        notes, focal = [], getattr(self, "focal_length", 0.0)
+        notes = []
         if not measured:
             notes.append(f"{self.lens_name()}: {what} at these settings is not in its source; {instead}")
+        if settings is None:
+            return notes
+        focal, aperture = settings
         low, high = own.focal
         if not low * 0.99 <= focal <= high * 1.01:
             span = f"{low:g} mm" if low == high else f"{low:g} to {high:g} mm"
             notes.append(f"{self.lens_name()} has {span}, not focal_length = {focal:g} mm")
-        if getattr(self, "f_number", 1e9) < own.aperture[0] * 0.99:
-            notes.append(f"{self.lens_name()} opens to f/{own.aperture[0]:g}, not f/{getattr(self, 'f_number', 0):g}")
-        if self.crop_factor and own.crop_factor > self.crop_factor * 1.01:
+        if aperture < own.aperture[0] * 0.99:
+            notes.append(f"{self.lens_name()} opens to f/{own.aperture[0]:g}, not f/{aperture:g}")
+        if self.crop_factor and own.crop_factor > self.crop_factor * 1.05:
             notes.append(
                 f"{self.lens_name()} was measured on a sensor of crop factor {own.crop_factor:g}, smaller than that of "
                 f"the body ({self.crop_factor:g}): beyond it the curves are continued"
