@@ -21,6 +21,7 @@ from etendue_camera.cameras.databases import Index, given_files, lens_index
 from etendue_camera.cameras.documents import Named, Value, kept
 from etendue_camera.cameras.lensfun import LICENCE, Camera
 from etendue_camera.cameras.names import meant, plain
+from etendue_camera.cameras.tuned import values_of_tuning
 
 DATA = Path(__file__).parents[1] / "data"
 LISTED = "etendue cameras"
@@ -97,8 +98,6 @@ def body(name: str) -> Named:
     given = stand_ins(form)
     facts = {"format": Value(form, TYPICAL, "as makers name it; it chooses the stand-ins")}
     if row.get("tuning"):
-        from etendue_camera.cameras.tuned import values_of_tuning  # reads arrays
-
         tuned, more = values_of_tuning(row["tuning"], given)
         given |= tuned
         facts |= more

@@ -15,6 +15,7 @@ from etendue_camera.cameras.databases import INSTALL, Index, lens_index
 from etendue_camera.cameras.documents import Named, Value, kept
 from etendue_camera.cameras.lensfun import LICENCE
 from etendue_camera.cameras.names import meant
+from etendue_camera.cameras.tuned import lens_of_tuning
 from etendue_camera.field.lens_files import ENDING, LensFile
 
 LISTED = "etendue cameras --lenses"
@@ -96,8 +97,6 @@ def module_lenses() -> dict[str, str]:
 
 
 def _module_lens(name: str) -> tuple[Named, LensFile]:
-    from etendue_camera.cameras.tuned import lens_of_tuning  # reads arrays
-
     body = module_lenses()[name]
     row = bodies.packaged()[body]
     crop = float(bodies.formats()[row["format"]]["crop"])
