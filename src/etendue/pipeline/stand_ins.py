@@ -1,7 +1,7 @@
 """Values of presets that no source gives: they are typical ones, and everything that shows a result says so.
 
 In:  a pipeline, and the shared quantities that its stages use.
-Out: by preset, the quantities with such a value that nothing in the pipeline overrides.
+Out: by preset, the quantities with such a value that nothing in the pipeline overrides by another.
 """
 
 from __future__ import annotations
@@ -26,9 +26,11 @@ def standing_in(pipeline: PipelineFile, used: Collection[str]) -> dict[str, tupl
             if not own.get(kind.preset):
                 continue
             one = preset_at(str(own[kind.preset]), kind, pipeline.folder)
-            given = {*own, *pipeline.shared, *pipeline.sweep}
+            given = {**pipeline.shared, **own, **dict.fromkeys(pipeline.sweep)}
             names = tuple(
-                name for name, value in one.shared.items() if value.stands_in and name in used and name not in given
+                name
+                for name, value in one.shared.items()
+                if value.stands_in and name in used and given.get(name, value.value) == value.value
             )
             if names and one.file:
                 found[f"{kind.preset} {one.title}"] = names

@@ -44,7 +44,8 @@ function header(doc) {
   return el('header', {},
     el('div', { class: 'top' }, el('p', { class: 'kind' }, `${doc.live ? 'etendue · live view' : 'etendue · report'}${doc.archive === doc.name ? '' : ` · ${doc.archive}`}`), themeSwitch()),
     el('div', { class: 'top' }, el('h1', {}, doc.title || doc.name), state), doc.description ? el('p', { class: 'about' }, doc.description) : null,
-    el('p', { class: 'facts', title: `started ${doc.provenance.began.replace('T', ' ').replace('Z', ' UTC')}` }, `${about} ${plural(doc.stages.length, 'stage')}, ${plural(cells, 'cell')} (one stage at one set of values), ${seconds(spent)} of computing time.`));
+    el('p', { class: 'facts', title: `started ${doc.provenance.began.replace('T', ' ').replace('Z', ' UTC')}` }, `${about} ${plural(doc.stages.length, 'stage')}, ${plural(cells, 'cell')} (one stage at one set of values), ${seconds(spent)} of computing time.`),
+    standInsLine(doc.provenance.stated));
 }
 
 function themeSwitch() {
@@ -120,6 +121,16 @@ function addedPart(one) {
     return own.picture ? el('img', { class: 'added', src: own.picture, alt: own.alt }) : el('p', {}, own.paragraph);
   };
   return section(`added-${one.name}`, one.title, '', card(one.why ? el('p', { class: 'broken' }, one.why) : one.blocks.map(block), el('p', { class: 'note' }, `Section provided by ${one.origin}.`)));
+}
+
+// A line on values of presets that no source gives; null if there are none.
+function standInsLine(stated) {
+  const counts = Object.entries(stated || {}).map(([word, titles]) => [word, Object.values(titles).map((values) => Object.values(values).filter((one) => one.source.startsWith('typical')).length)]);
+  const parts = counts.filter(([, own]) => Math.max(...own) > 0).map(([word, own]) => {
+    const [low, high] = [Math.min(...own), Math.max(...own)];
+    return `${low === high ? high : `${low} to ${high}`} values of ${own.length > 1 ? 'each' : 'the'} ${word}`;
+  });
+  return parts.length ? el('p', { class: 'facts' }, `No source gives ${parts.join(' and ')}: typical ones stand in, so a difference may be one of stand-ins. Provenance lists them.`) : null;
 }
 
 // ---- where the values of presets come from
