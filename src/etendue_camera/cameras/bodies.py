@@ -17,7 +17,7 @@ from typing import Any
 from etendue import plain_files
 from etendue.errors import RequestError
 from etendue_camera.cameras import camconst
-from etendue_camera.cameras.databases import Index, given_files, lens_index
+from etendue_camera.cameras.databases import Index, given_files, installed_files, lens_index
 from etendue_camera.cameras.documents import Named, Value, kept
 from etendue_camera.cameras.lensfun import LICENCE, Camera
 from etendue_camera.cameras.names import meant, plain
@@ -168,7 +168,7 @@ def _levels(name: str, given: Mapping[str, Value]) -> dict[str, Value]:
 @cache
 def levels() -> dict[str, camconst.Constants]:
     """Return the user's copy of RawTherapee's camera constants; empty without one."""
-    places = [*given_files(".json", "camconst.json"), Path("/usr/share/rawtherapee/camconst.json")]
+    places = [*given_files(".json", "camconst.json"), *installed_files("/usr/share/rawtherapee/camconst.json")]
     path = next((one for one in places if one.is_file()), None)
     if path is None:
         return {}

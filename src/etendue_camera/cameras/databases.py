@@ -65,13 +65,17 @@ def given_files(suffix: str, name: str = "") -> Iterator[Path]:
         yield from (one for one in inside if one.suffix == suffix and (not name or one.name == name) and one.is_file())
 
 
+def installed_files(*places: str) -> list[Path]:
+    """Return the places where packages put their files; none if ``ETENDUE_CAMERAS`` is ``none``."""
+    return [] if os.environ.get(VARIABLE) == "none" else [Path(text).expanduser() for text in places]
+
+
 def lens_folder() -> Path | None:
     """Return the folder with the lens database; None if there is none."""
     own = next((path.parent for path in given_files(".xml")), None)
     if own is not None or os.environ.get(VARIABLE) == "none":
         return own
-    for text in (_UPDATES, *_PLACES):
-        folder = Path(text).expanduser()
+    for folder in installed_files(_UPDATES, *_PLACES):
         if folder.is_dir() and next(folder.glob("*.xml"), None):
             return folder
     try:
