@@ -313,6 +313,8 @@ class Plan:
     expected: bool = False  # means instead of draws and rounding: integer variables are floats, nothing is stored
     # kept variables that are stored even if all their cells are left out: those that ``keep`` names
     copied: frozenset[StageVariable] = frozenset()
+    # nodes whose stages alone are looked at, which are not run: a transfer function is known without
+    seen_only: frozenset[str] = frozenset()
 
     def node(self, name: str) -> Node:
         return self._named[name]

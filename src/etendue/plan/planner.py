@@ -95,7 +95,7 @@ def make_plan(
         cells, precision, looked = expand(graph, pipeline, choice, told)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), error.file) from None
-    kept = resolve_keep(graph.nodes, graph.keep)
+    kept = frozenset(one for one in resolve_keep(graph.nodes, graph.keep) if one[0] not in graph.seen_only)
     try:
         sampled = notes_on_the_scene(graph.nodes, cells, {axis.dim: axis for axis in graph.axes})
         warnings = (*_warnings(graph.nodes, cells, pipeline.tolerance), *sampled)
@@ -108,7 +108,8 @@ def make_plan(
         cells=cells,
         wanted=graph.wanted,
         kept=kept,
-        copied=named_in_keep(graph.nodes, graph.keep),
+        copied=named_in_keep(graph.nodes, graph.keep) & kept,
+        seen_only=graph.seen_only,
         precision=precision,
         shared=graph.shared,
         leaves_out=leave_out_allowed,
@@ -214,11 +215,11 @@ def summary(plan: Plan, peak_memory: int | None = None) -> Document:
     return {
         "name": plan.pipeline.name,
         "stages": stages,
-        "cells": len(plan.cells),
+        "cells": sum(s["cells"] for s in stages),
         "naive_cells": len(plan.nodes) * math.prod(len(a.values) for a in plan.axes),
         "bytes": sum(s["bytes"] for s in stages),
         "keep": {
-            word: sum(size for place, size in written.items() if place in resolve_keep(plan.nodes, chosen))
+            word: sum(written[place] for place in resolve_keep(plan.nodes, chosen) if place[0] not in plan.seen_only)
             for word, chosen in (("all", None), (LOOKS, (LOOKS,)))
         },
         "seconds": sum(s["seconds"] for s in stages),
@@ -234,7 +235,7 @@ def summary(plan: Plan, peak_memory: int | None = None) -> Document:
 
 def _stage(plan: Plan, node: Node) -> Document:
     """Return the summary of one stage."""
-    cells, precision = plan.of(node.name), plan.precision
+    cells, precision = [] if node.name in plan.seen_only else plan.of(node.name), plan.precision
     counted = cost.alike(cells)
     sizes = {v: sum(count * cost.cell_bytes(node, c, precision, [v]) for c, count in counted) for v in node.writes}
     same_as = {v: f"{plan.same_as[node.name, v]}.{v}" for v in node.writes if (node.name, v) in plan.same_as}

@@ -70,9 +70,9 @@ def behind(content: Content, changed: Array) -> FloatArray:
     """
     if not content.widths:
         return np.empty((0, 0))
-    edges, amplitude = np.array(content.edges), np.array(content.amplitude)
-    most = (np.asarray(changed) * amplitude) @ shares(np.array(content.widths), edges)[0].T
-    least = np.maximum(np.array(content.peaks) - most, 0.0)
+    own = content.arrays
+    most = (np.asarray(changed) * own.amplitude) @ shares(own.widths, own.edges)[0].T
+    least = np.maximum(own.peaks - most, 0.0)
     return np.asarray(np.maximum.accumulate(least[:, ::-1], axis=1)[:, ::-1])
 
 
@@ -82,9 +82,10 @@ def largest_at_least(content: Content, left: FloatArray, padded: float) -> Float
 
     Above its smallest value, light has a mean d and a variance v, and its largest value is at least d + v / d.
     """
-    low, mean = np.minimum(np.array(content.low), np.array(content.mean)), np.array(content.mean)
-    variance = (left**2 * np.array(content.power)).sum(axis=-1) / padded
-    above = np.maximum(mean - low, 1e-12)
+    own = content.arrays
+    low = np.minimum(own.low, own.mean)
+    variance = (left**2 * own.power).sum(axis=-1) / padded
+    above = np.maximum(own.mean - low, 1e-12)
     return np.asarray(np.maximum(low, 0.0) + above + variance / above)
 
 
@@ -103,10 +104,10 @@ def largest_behind(content: Content, changed: Array, left: Array, widths: FloatA
     padded : float
         From ``padding``.
     """
-    lower = shares(widths, np.array(content.edges))[1]
+    lower = shares(widths, content.arrays.edges)[1]
     found, least = largest_at_least(content, np.asarray(left) * lower[:, None], padded), behind(content, changed)
     if least.size:
-        wider = np.searchsorted(np.array(content.widths), widths * (1 - 1e-9))
+        wider = np.searchsorted(content.arrays.widths, widths * (1 - 1e-9))
         known = np.concatenate([least, np.zeros((len(least), 1))], axis=1)
         found = np.maximum(found, known[:, wider].T)
     return found
@@ -138,16 +139,16 @@ def relative(factors: Array, left: Array, content: Content, grid: Grid) -> Chang
         For 'max' of the largest pixel. For 'rms' over the frame, and over its pixels: the fewer the spots in which
         light lies, the more their rms may exceed that of the frame (fitted), up to the largest pixel.
     """
-    edges, factors = np.array(content.edges), np.asarray(factors)
+    edges, factors = content.arrays.edges, np.asarray(factors)
     widths = later_widths(edges)
     upper = shares(widths, edges)[0]
     largest = largest_behind(content, factors, left, widths, padding(grid))
     own = np.maximum(largest, DIM * largest.max(axis=1, keepdims=True))
-    most = (factors * np.array(content.amplitude) @ upper.T).T
+    most = (factors * content.arrays.amplitude @ upper.T).T
     found = _both(most, own)
     if content.norm == "max":
         return found
-    rms = np.sqrt(((factors**2 * np.array(content.power)) @ (upper**2).T).T)
+    rms = np.sqrt(((factors**2 * content.arrays.power) @ (upper**2).T).T)
     size = grid.line("y").size * grid.line("x").size
     excess = 1 + SPOTS / math.sqrt(sites(content, size))
     return Change(*(min(one, excess * other) for one, other in zip(found, _both(rms, own), strict=True)))
@@ -158,27 +159,39 @@ def _both(change: FloatArray, largest: FloatArray) -> Change:
     return Change(float((change.max(axis=1) / largest.max(axis=1)).max()), float((change / largest).max()))
 
 
-def relative_sums(lost: Array, weights: FloatArray, left: Array, content: Content, grid: Grid) -> float:
+def largest_of_sums(weights: FloatArray, left: Array, content: Content, grid: Grid) -> FloatArray:
+    """Return (sum,): what the largest value of weighted sums over the bands at least is, relative to ``content.full``.
+
+    Parameters
+    ----------
+    weights : (sum, band) array
+    left : (band or 1, ring) array
+        The smallest share of every ring in the sums.
+    content, grid
+        As for ``relative``.
+    """
+    full = weights @ largest_at_least(content, np.asarray(left), padding(grid))
+    return np.asarray(np.maximum(full, DIM * full.max()))
+
+
+def relative_sums(lost: Array, full: FloatArray, content: Content, grid: Grid) -> float:
     """Return a bound on what is lost from weighted sums over the bands, relative to the largest value of a sum.
 
     Parameters
     ----------
     lost : (sum, band, ring) array
         The largest part, weights included. Bands are added in phase.
-    weights : (sum, band) array
-    left : (band or 1, ring) array
-        The smallest share of every ring in the sums.
+    full : (sum,) array
+        From ``largest_of_sums``.
     content, grid
         As for ``relative``; so is the result, for the worst sum.
     """
-    full = weights @ largest_at_least(content, np.asarray(left), padding(grid))
-    full = np.maximum(full, DIM * full.max())
     if not full.max() > 0:
         return 0.0
-    most = np.einsum("cbr,br->c", lost, np.array(content.amplitude))
-    worst = float((most / full).max())
+    own, flat = content.arrays, lost.reshape(len(lost), -1)
+    worst = float(((flat @ own.amplitude.ravel()) / full).max())
     if content.norm == "max":
         return worst
-    rms = np.sqrt((np.einsum("cbr,br->cr", lost, np.sqrt(np.array(content.power))) ** 2).sum(axis=1))
+    rms = np.sqrt(((lost * np.sqrt(own.power)).sum(axis=1) ** 2).sum(axis=1))
     size = grid.line("y").size * grid.line("x").size
     return min(worst, (1 + SPOTS / math.sqrt(sites(content, size))) * float((rms / full).max()))

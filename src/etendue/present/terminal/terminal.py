@@ -164,8 +164,13 @@ def plan_columns(product: Callable[[Iterable[str]], str]) -> tuple[Column, ...]:
         ("cells", "right", "cells"),
         ("left out", "right", lambda stage: stage["left_out"] and stage["left_out"]["cells"]),
         ("stored", "right", "bytes", human_bytes),
-        ("time", "right", "seconds", human_seconds),
+        ("time", "right", lambda stage: human_seconds(stage["seconds"]) if stage["cells"] else _without_time(stage)),
     )
+
+
+def _without_time(stage: Document) -> str:
+    """Return what is said in place of a time: what was computed before, or what nobody needs the values of."""
+    return "reused" if stage["cells"] else "not needed"
 
 
 def print_plan(document: Document) -> None:
@@ -283,7 +288,7 @@ def print_outcome(outcome: Any) -> None:
         f"{escape(outcome.plan.pipeline.name)}: {outcome.computed} cells computed, {len(outcome.reused)} reused",
         ("stage", "left", "name"),
         ("cells", "right", "cells"),
-        ("time", "right", lambda row: human_seconds(row["seconds"]) if row["computed"] else "reused"),
+        ("time", "right", lambda row: human_seconds(row["seconds"]) if row["computed"] else _without_time(row)),
         ("share", "right", lambda row: f"{100 * row['share']:.0f} %"),
         ("error", "right", "error", ".1g", "unknown"),
         ("basis", "left", "how"),
