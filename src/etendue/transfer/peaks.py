@@ -21,6 +21,7 @@ Sources: Parseval's theorem; the triangle inequality; Gaussian widths add in squ
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +42,26 @@ class Change(NamedTuple):
 
     whole: float
     apart: float
+
+
+class ContentArrays(NamedTuple):
+    """The numbers of a ``Content`` as arrays."""
+
+    edges: FloatArray
+    power: FloatArray
+    amplitude: FloatArray
+    low: FloatArray
+    mean: FloatArray
+    widths: FloatArray
+    peaks: FloatArray
+
+
+@lru_cache(64)
+def arrays_of(content: Content) -> ContentArrays:
+    """Return a content as arrays, for sums over bands and rings."""
+    values = (content.edges, content.power, content.amplitude, content.low, content.mean, content.widths, content.peaks)
+    edges, power, amplitude, low, mean, widths, peaks = map(np.array, values)
+    return ContentArrays(edges, power, amplitude, low, mean, widths, peaks)
 
 
 def padding(grid: Grid) -> float:
@@ -70,7 +91,7 @@ def behind(content: Content, changed: Array) -> FloatArray:
     """
     if not content.widths:
         return np.empty((0, 0))
-    own = content.arrays
+    own = arrays_of(content)
     most = (np.asarray(changed) * own.amplitude) @ shares(own.widths, own.edges)[0].T
     least = np.maximum(own.peaks - most, 0.0)
     return np.asarray(np.maximum.accumulate(least[:, ::-1], axis=1)[:, ::-1])
@@ -82,7 +103,7 @@ def largest_at_least(content: Content, left: FloatArray, padded: float) -> Float
 
     Above its smallest value, light has a mean d and a variance v, and its largest value is at least d + v / d.
     """
-    own = content.arrays
+    own = arrays_of(content)
     low = np.minimum(own.low, own.mean)
     variance = (left**2 * own.power).sum(axis=-1) / padded
     above = np.maximum(own.mean - low, 1e-12)
@@ -104,10 +125,10 @@ def largest_behind(content: Content, changed: Array, left: Array, widths: FloatA
     padded : float
         From ``padding``.
     """
-    lower = shares(widths, content.arrays.edges)[1]
+    lower = shares(widths, arrays_of(content).edges)[1]
     found, least = largest_at_least(content, np.asarray(left) * lower[:, None], padded), behind(content, changed)
     if least.size:
-        wider = np.searchsorted(content.arrays.widths, widths * (1 - 1e-9))
+        wider = np.searchsorted(arrays_of(content).widths, widths * (1 - 1e-9))
         known = np.concatenate([least, np.zeros((len(least), 1))], axis=1)
         found = np.maximum(found, known[:, wider].T)
     return found
@@ -139,16 +160,16 @@ def relative(factors: Array, left: Array, content: Content, grid: Grid) -> Chang
         For 'max' of the largest pixel. For 'rms' over the frame, and over its pixels: the fewer the spots in which
         light lies, the more their rms may exceed that of the frame (fitted), up to the largest pixel.
     """
-    edges, factors = content.arrays.edges, np.asarray(factors)
+    edges, factors = arrays_of(content).edges, np.asarray(factors)
     widths = later_widths(edges)
     upper = shares(widths, edges)[0]
     largest = largest_behind(content, factors, left, widths, padding(grid))
     own = np.maximum(largest, DIM * largest.max(axis=1, keepdims=True))
-    most = (factors * content.arrays.amplitude @ upper.T).T
+    most = (factors * arrays_of(content).amplitude @ upper.T).T
     found = _both(most, own)
     if content.norm == "max":
         return found
-    rms = np.sqrt(((factors**2 * content.arrays.power) @ (upper**2).T).T)
+    rms = np.sqrt(((factors**2 * arrays_of(content).power) @ (upper**2).T).T)
     size = grid.line("y").size * grid.line("x").size
     excess = 1 + SPOTS / math.sqrt(sites(content, size))
     return Change(*(min(one, excess * other) for one, other in zip(found, _both(rms, own), strict=True)))
@@ -188,7 +209,7 @@ def relative_sums(lost: Array, full: FloatArray, content: Content, grid: Grid) -
     """
     if not full.max() > 0:
         return 0.0
-    own, flat = content.arrays, lost.reshape(len(lost), -1)
+    own, flat = arrays_of(content), lost.reshape(len(lost), -1)
     worst = float(((flat @ own.amplitude.ravel()) / full).max())
     if content.norm == "max":
         return worst

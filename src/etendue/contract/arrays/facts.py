@@ -9,27 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple
-
-import numpy as np
-
-from etendue.types.arrays import FloatArray
+from typing import Any
 
 Rings = tuple[tuple[float, ...], ...]  # by band and ring of radial frequencies
-
-
-class ContentArrays(NamedTuple):
-    """The numbers of a ``Content`` as read-only arrays."""
-
-    edges: FloatArray
-    power: FloatArray
-    amplitude: FloatArray
-    low: FloatArray
-    mean: FloatArray
-    widths: FloatArray
-    peaks: FloatArray
 
 
 @dataclass(frozen=True)
@@ -65,13 +48,6 @@ class Content:
 
     def __hash__(self) -> int:
         return hash((self.full, self.edges[-1], self.mean, self.power[0]))
-
-    @cached_property
-    def arrays(self) -> ContentArrays:
-        """The same numbers as arrays, for sums over bands and rings."""
-        values = (self.edges, self.power, self.amplitude, self.low, self.mean, self.widths, self.peaks)
-        edges, power, amplitude, low, mean, widths, peaks = map(np.array, values)
-        return ContentArrays(edges, power, amplitude, low, mean, widths, peaks)
 
     def scaled(self, low: float, high: float, smooth: bool = False) -> Content:
         """Return a bound on the content after a factor (at least 0) that varies over the frame between two values.
