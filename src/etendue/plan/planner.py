@@ -210,7 +210,8 @@ def _rewritten_in_vain(nodes: Sequence[Node]) -> list[str]:
 
 def summary(plan: Plan, peak_memory: int | None = None) -> Document:
     """Return the plan as JSON for ``etendue plan --json``; ``peak_memory`` bounds the memory of a run, in bytes."""
-    stages = [_stage(plan, node) for node in plan.nodes]
+    rates = cost.Rates()
+    stages = [_stage(plan, node, rates) for node in plan.nodes]
     written = {(s["name"], v): one["bytes"] for s in stages for v, one in s["variables"].items()}
     return {
         "name": plan.pipeline.name,
@@ -223,6 +224,7 @@ def summary(plan: Plan, peak_memory: int | None = None) -> Document:
             for word, chosen in (("all", None), (LOOKS, (LOOKS,)))
         },
         "seconds": sum(s["seconds"] for s in stages),
+        "seconds_known": all(s["seconds_known"] for s in stages),
         "peak_memory": peak_memory,
         "precision": plan.precision,
         "tolerance": plan.pipeline.tolerance if plan.leaves_out else None,
@@ -233,7 +235,7 @@ def summary(plan: Plan, peak_memory: int | None = None) -> Document:
     }
 
 
-def _stage(plan: Plan, node: Node) -> Document:
+def _stage(plan: Plan, node: Node, rates: cost.Rates) -> Document:
     """Return the summary of one stage."""
     cells, precision = [] if node.name in plan.seen_only else plan.of(node.name), plan.precision
     counted = cost.alike(cells)
@@ -242,6 +244,9 @@ def _stage(plan: Plan, node: Node) -> Document:
     sizes |= dict.fromkeys(same_as, 0)
     kept = {v: (node.name, v) in plan.kept for v in node.writes}
     uses = [one.use for one in node.alternatives]
+    stored = sum(size for v, size in sizes.items() if kept[v])
+    seconds, known = cost.told_seconds(node, cells, precision, rates)
+    writing = rates.per_byte
     return {
         "name": node.name,
         "use": uses[0] if len(uses) == 1 else uses,
@@ -251,13 +256,14 @@ def _stage(plan: Plan, node: Node) -> Document:
         "found": node.found or None,
         "one_by_one": list(node.mapped) or None,
         "left_out": omissions.left_out(
-            node, cells, precision, [v for v in node.writes if (node.name, v) in plan.with_arrays]
+            node, cells, precision, [v for v in node.writes if (node.name, v) in plan.with_arrays], rates
         ),
-        "approximated": omissions.approximated(node, cells, precision),
-        "bytes": sum(size for v, size in sizes.items() if kept[v]),
+        "approximated": omissions.approximated(node, cells, precision, rates),
+        "bytes": stored,
         "variables": {
             v: {"bytes": size, "kept": kept[v]} | ({"same_as": same_as[v]} if v in same_as else {})
             for v, size in sizes.items()
         },
-        "seconds": sum(count * cost.cell_seconds(node, c, precision) for c, count in counted),
+        "seconds": seconds + stored * (cost.WRITING if writing is None else writing),
+        "seconds_known": known and (writing is not None or not stored),
     }
