@@ -164,6 +164,17 @@ def told_seconds(node: Node, cells: Iterable[Cell], precision: str, rates: Rates
     return total, known
 
 
+def with_writing(node: Node, cells: Iterable[Cell], precision: str, stored: int, rates: Rates) -> tuple[float, bool]:
+    """Return the seconds of some cells of a stage and of writing their ``stored`` bytes, and whether this machine has
+    done both.
+    """
+    seconds, known = told_seconds(node, cells, precision, rates)
+    per_byte = rates.per_byte
+    if per_byte is None:
+        return seconds + stored * WRITING, known and not stored
+    return seconds + stored * per_byte, known
+
+
 def remember(plan: Plan, reports: Mapping[CellRef, Any], written: tuple[int, float]) -> None:
     """Remember what the stages of a run took, from some cells of each, and what was written: (bytes, seconds)."""
     found: dict[str, tuple[Node, list[tuple[Cell, float]]]] = {}

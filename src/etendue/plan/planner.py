@@ -245,8 +245,7 @@ def _stage(plan: Plan, node: Node, rates: cost.Rates) -> Document:
     kept = {v: (node.name, v) in plan.kept for v in node.writes}
     uses = [one.use for one in node.alternatives]
     stored = sum(size for v, size in sizes.items() if kept[v])
-    seconds, known = cost.told_seconds(node, cells, precision, rates)
-    writing = rates.per_byte
+    seconds, known = cost.with_writing(node, cells, precision, stored, rates)
     return {
         "name": node.name,
         "use": uses[0] if len(uses) == 1 else uses,
@@ -264,6 +263,6 @@ def _stage(plan: Plan, node: Node, rates: cost.Rates) -> Document:
             v: {"bytes": size, "kept": kept[v]} | ({"same_as": same_as[v]} if v in same_as else {})
             for v, size in sizes.items()
         },
-        "seconds": seconds + stored * (cost.WRITING if writing is None else writing),
-        "seconds_known": known and (writing is not None or not stored),
+        "seconds": seconds,
+        "seconds_known": known,
     }

@@ -73,7 +73,7 @@ class ArchiveKeeper:
             store.use(plan)
         finished = set() if self.recompute else {ref for ref in plan.cells if store.finished(ref)}
         restored = {ref for ref in plan.cells if store.names[ref] in self.restore} if self.restore else set()
-        wanted = [own for ref, own in cells.items() if ref[0] not in asked.seen_only]
+        wanted = keeping.computed(asked, cells)
         todo = select(plan, finished, {*wanted, *restored})
         outdated = set(plan.cells) - finished - todo - set(cells.values())
         removed = sum(store.has_files(ref) for ref in outdated)
