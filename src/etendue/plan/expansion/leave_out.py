@@ -106,10 +106,10 @@ def _of_the_content(stage: Transfer, facts: Facts, grid: Grid) -> LeftOut | None
         dark = facts.content.full == 0
         return LeftOut(0.0, "there is no light" if dark else "the scene is uniform: blur changes nothing")
     try:
-        bound = effects.change(stage, facts.content, grid)
+        found = effects.change(stage, facts.content, grid)
     except ValueError:
         return None
-    return LeftOut(bound, "the scene has too little fine detail for it to matter")
+    return LeftOut(found.whole, "the scene has too little fine detail for it to matter", found.apart)
 
 
 def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] | None], most: float) -> LeftOut | None:

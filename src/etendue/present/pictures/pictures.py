@@ -60,6 +60,8 @@ def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Map
     order: list[tuple[str, Pictured, Thumbnail]] = []
     refs = set(shown.values())
     for node in plan.nodes:
+        if node.name not in shown:
+            continue  # it is not computed
         cell = plan.cells[shown[node.name]]
         for variable in node.writes:
             one = small.get(drawn_before(plan, cell, variable, refs) or cell.ref, {}).get(variable)

@@ -276,7 +276,7 @@ class Distortion(Profiled, Banded, Bounded):
         radius, lens = np.linspace(0.0, farthest(grid), 65), self.map()
         most = max(float(np.abs(lens.undistort(radius, w * 1e-3) - radius).max()) for w in grid.bands().values())
         factors = scene_rings.moved(most, np.array(facts.content.edges))[None]
-        lost = peaks.relative(factors, np.ones_like(factors), facts.content, grid)
+        lost = peaks.relative(factors, np.ones_like(factors), facts.content, grid).apart
         return lost, f"light moves by at most {most:.2g} um, and the scene has little detail that fine"
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
@@ -301,7 +301,7 @@ class Distortion(Profiled, Banded, Bounded):
             step = max(lines.line(dim).step for dim in ("y", "x"))
             cycles = np.array(light.content.edges[1:]) * step
             lost = warp.wave_error(self.order, cycles, self.oversampling)[None]
-            found = peaks.relative(lost, np.ones_like(lost), light.content, lines)
+            found = peaks.relative(lost, np.ones_like(lost), light.content, lines).apart
             return min(1.0, found + warp.BORDER) + rounding, "proved"
         limit = light.band_limit
         softness = (
