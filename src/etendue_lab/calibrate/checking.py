@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from etendue.types.documents import Document
 from etendue_camera.arrays import Array
@@ -55,9 +56,9 @@ def check(frames: FrameSet, model: SensorModel, site: Site = MONO, seed: int = 0
         real = frames.cut(level.frames[0])[site[0] :: step, site[1] :: step][: shape[0], : shape[1]].astype(float)
         signal = float(curve.signal[0, i])
         at_mean = float(fit.variance_at(np.array(signal), np.array(dark))) if clear else math.nan
-        low, high = _interval(own)
+        low, high = _interval(own, curve)
         # means of levels move with the light and with the black level; so does all of a histogram
-        moved = math.hypot(fit.mean_scatter * max(fit.lack[0], 1.0) * signal, black)
+        moved = math.hypot(fit.mean_error * signal, black)
         rows.append(
             {
                 "level": i,
@@ -107,9 +108,14 @@ def _verdicts(rows: list[Document], scatter: float) -> Document:
         "spatial_error_at_stack": stack["spatial_error"] / stack["spatial"] if stack else math.nan,
     }
     # what sampling gives to variances, and the scatter of the light to means, is no fault of the camera
+    # the sum of squares that 97.5 % of cameras at the limit stay below
+    most = (sampling / 1.96) ** 2 + LIMITS["variance_rms"] ** 2
+    chance = float(scipy.special.chdtri(max(variance.size, 1), 0.025)) / max(variance.size, 1)
     judged_by = {
         **found,
-        "variance_rms": math.sqrt(max(found["variance_rms"] ** 2 - found["variance_sampling"] ** 2, 0.0)),
+        "variance_rms": LIMITS["variance_rms"] * math.sqrt(float((variance**2 / most).mean()) / chance)
+        if variance.size
+        else math.nan,
         "variance_worst": float((np.abs(variance) - sampling).max()) if variance.size else math.nan,
         "mean_worst": found["mean_worst"] - 1.96 * scatter,
     }
@@ -141,9 +147,9 @@ def _drift(curve: Curve) -> float:
     return float((means - slope * times).std(ddof=1))
 
 
-def _interval(own: LevelMoments) -> tuple[float, float]:
+def _interval(own: LevelMoments, curve: Curve) -> tuple[float, float]:
     """Return the statistical 95 % interval of a variance."""
-    wide = 1.96 * math.sqrt(2 / (own.frames - 1) / own.pixels) * float(own.variance[0])
+    wide = 1.96 * own.variance_error(curve.line_noise)
     return float(own.variance[0]) - wide, float(own.variance[0]) + wide
 
 

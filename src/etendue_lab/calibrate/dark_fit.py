@@ -46,7 +46,10 @@ def _black_level(model: SensorModel, interval: Jackknife) -> None:
     drift = float(scatter.std(ddof=1)) / math.sqrt(len(means)) if len(means) > 3 else max(o.drift for o in curve.dark)
     # a dark that is cut off or rounded away has its mean anywhere within a step, or the noise
     blind = math.sqrt(max(model.response.floor, 0.0) + 0.25) if model.response.floor is not None else 0.0
-    wide = math.hypot(origin.high - origin.value, 2 * drift) + blind
+    lines = 1.96 * math.sqrt(float(curve.line_error(float(sum(one.frames for one in curve.dark)))))
+    if curve.dark_slope is not None:
+        lines = math.hypot(lines, float(np.nanmean(times)) * _slope_error(model))
+    wide = math.hypot(origin.high - origin.value, 2 * drift, lines) + blind
     how = f"mean of {len(curve.dark)} dark levels{'' if curve.dark_slope is None else ', at time 0'}"
     model.put("black_level", Estimate(origin.value, origin.value - wide, origin.value + wide, "DN"), how)
 
@@ -75,6 +78,17 @@ def _dark_current(model: SensorModel, gain: Estimate, interval: Jackknife) -> fl
     return 0.0
 
 
+def _slope_error(model: SensorModel) -> float:
+    """Return the half width of a 95 % interval that moving lines give to the slope of the dark means, DN/s."""
+    curve, weight = model.curve, _weight(model)
+    times = np.array([one.time for one in curve.dark])
+    good = ~np.isnan(times)
+    x, w = times[good], weight[good]
+    pull = w * (x - (w * x).sum() / w.sum())
+    moved = curve.line_error(np.array([float(one.frames) for one in curve.dark])[good])
+    return 1.96 * math.sqrt(float((pull**2 * moved).sum())) / float((pull * x).sum())
+
+
 def _dark_slope(model: SensorModel, slopes: Array, gain: Estimate, interval: Jackknife) -> float:
     """Put the dark current of dark frames at several times; return their mean dark charge, DN."""
     curve = model.curve
@@ -85,7 +99,7 @@ def _dark_slope(model: SensorModel, slopes: Array, gain: Estimate, interval: Jac
     residual = y - y.mean() - slope.value * x
     over = math.sqrt(float((residual**2).sum()) / max(x.size - 2, 1) / float((x**2).sum()))
     t = float(scipy.special.stdtrit(max(x.size - 2, 1), 0.975))
-    wide = math.hypot(slope.high - slope.value, t * over)
+    wide = math.hypot(slope.high - slope.value, t * over, _slope_error(model))
     hot, how = 0.0, "slope of the dark mean over time"
     if (growth := model.growth) is not None and growth.outliers:  # told apart from the others
         hot = float(growth.outlier_values.sum()) / growth.pixels

@@ -48,13 +48,17 @@ def fit(curve: Curve) -> ResponseFit:
     dark = np.full(light.size, _flat(curve))
     frames = np.array([one.frames for one in curve.moments])[used]
     pixels = curve.moments[0].pixels
+    darks = float(sum(one.frames for one in curve.dark))
     statistical = np.sqrt(
-        variance / frames / pixels + curve.dark_variance[0, used] / sum(one.frames for one in curve.dark) / pixels
+        variance / frames / pixels
+        + curve.dark_variance[0, used] / darks / pixels
+        + curve.line_error(frames)
+        + curve.line_error(darks)
     )
     scatter = _scatter(light, signal, statistical)
     errors = (
         np.hypot(np.hypot(statistical, scatter * signal), 1e-6 * signal),
-        np.sqrt(2 / (frames - 1) / pixels) * variance,
+        np.array([one.variance_error(curve.line_noise) for one in curve.moments])[used],
     )
     charge, usual = _charge(curve, used)
     problem = _Problem(
@@ -64,7 +68,7 @@ def fit(curve: Curve) -> ResponseFit:
     problem = problem.with_sound_labels()
     best, *_ = problem.with_own_scatter().chosen()
     problem = problem.with_own_scatter(best)  # about the chosen model, from sampling errors alone
-    best, tests, other = problem.chosen()
+    best, tests, others = problem.chosen()
     if not problem.sound.all():
         odd = ", ".join(f"{one:.6g}" for one in light[~problem.sound])
         tests.append(f"the means of levels labelled {odd} do not fit their light; only their variances are used")
@@ -72,9 +76,10 @@ def fit(curve: Curve) -> ResponseFit:
     covariance = problem.covariance(best, lack)
     names = problem.names(best)
     errors_of = np.sqrt(np.diag(covariance))
-    if other is not None:
-        errors_of = np.hypot(errors_of, [getattr(best, name) - getattr(other, name) for name in names])
-        tests.append("that is in doubt: intervals include the change with such light")
+    if others:
+        change = [max(abs(getattr(best, name) - getattr(one, name)) for one in others) for name in names]
+        errors_of = np.hypot(errors_of, change)
+        tests.append(f"{len(others)} other models fit nearly as well: intervals include the change to them")
     p = _p_random(problem.residuals(best)[1])
     tests.append(f"variances scatter about the model at random from level to level: p = {p:.2g}, refused below {LEVEL}")
     if p < LEVEL:
@@ -86,6 +91,7 @@ def fit(curve: Curve) -> ResponseFit:
         tests=tuple(tests),
         lack=lack,
         mean_scatter=scatter,
+        mean_error=float(np.median(problem.errors[0] / problem.signal)),
         used=used,
         freedom=max(1.0, float(light.size - len(names) / 2)),
     )
@@ -108,7 +114,7 @@ def _after(curve: Curve, used: Array) -> Array:
     known = np.array([one.time for one in curve.dark])
     if curve.dark_slope is not None or np.isnan(times).any() or np.isnan(known).any():
         return np.zeros(times.size)
-    after = times - known[0]
+    after = np.where(np.isclose(times, known[0], rtol=1e-6, atol=0), 0.0, times - known[0])
     light = curve.exposure[used]
     apart = after - light * (light @ after) / (light @ light)
     # of times that are proportional to the light, dark charge cannot be told from light
@@ -192,19 +198,19 @@ class _Problem:
         return replace(self, sound=sound)
 
     def with_own_scatter(self, fit: ResponseFit | None = None) -> _Problem:
-        """Add to the errors of variances what scatters beyond them, the same share of every level."""
+        """Add to the errors of means, and of variances, what scatters beyond them: the same share of every level."""
         fit = fit or self.flexible()
-        away = (self.variance - self.expected(fit)) / self.variance
-        own = self.errors[1] / self.variance
-        freedom = max(away.size - 3, 1)
-        extra = 0.0
-        if float((away**2 / own**2).sum()) > float(scipy.special.chdtri(freedom, 0.01)):  # else it is no scatter
-            extra = float(
-                scipy.optimize.brentq(
-                    lambda t: float((away**2 / (own**2 + t**2)).sum()) - freedom, 0, 10 * away.std() + 1
-                )
-            )
-        return replace(self, errors=(self.errors[0], np.hypot(self.errors[1], extra * self.variance)))
+        variances = (self.variance - self.expected(fit)) / self.variance
+        means = ((self.signal - fit.mean(self.light, self.charge, self.after)) / self.signal)[self.sound]
+        own = (self.errors[0] / self.signal)[self.sound], self.errors[1] / self.variance
+        extra = _extra(means, own[0], means.size - 3), _extra(variances, own[1], variances.size - 3)
+        return replace(
+            self,
+            errors=(
+                np.hypot(self.errors[0], extra[0] * self.signal),
+                np.hypot(self.errors[1], extra[1] * self.variance),
+            ),
+        )
 
     def lack(self, fit: ResponseFit) -> tuple[float, float]:
         count = len(self.names(fit)) - 1
@@ -228,35 +234,39 @@ class _Problem:
         known |= {one: (0.0, EXTRAS[one][1], -0.5 if one == "lamp" else -np.inf, np.inf) for one in extras}
         known |= {"floor": (0.1, 0.1, 0.0, np.inf)} if self.hidden else {}
         start, scale, lower, upper = (list(one) for one in zip(*known.values(), strict=True))
-        found = scipy.optimize.least_squares(
-            lambda v: np.concatenate(self.residuals(self.model(v, order, list(known)))),
-            start, x_scale=scale, bounds=(lower, upper), loss=loss, xtol=1e-14, ftol=1e-14, gtol=1e-14,
-        )  # fmt: skip
+        with np.errstate(all="ignore"):  # of trial steps
+            found = scipy.optimize.least_squares(
+                lambda v: np.concatenate(self.residuals(self.model(v, order, list(known)))),
+                start, x_scale=scale, bounds=(lower, upper), loss=loss, xtol=1e-14, ftol=1e-14, gtol=1e-14,
+            )  # fmt: skip
         return self.model(found.x, order, list(known)), 2 * float(found.cost)
 
-    def chosen(self) -> tuple[ResponseFit, list[str], ResponseFit | None]:
+    def chosen(self) -> tuple[ResponseFit, list[str], list[ResponseFit]]:
         """Add to constant gain what an F test accepts: a bend of one of three orders, and `EXTRAS`.
 
-        Also return the model with a lamp that is not proportional, where the test leaves that in doubt.
+        Also return other models that the data leave in doubt: bends of another order, a lamp that is not proportional.
         """
         share, tests = LEVEL / (len(ORDERS) + len(self.extras)), list[str]()
         # the bend is tested beside what could be taken for one, but the lamp, which needs a bend that is known
         extras = tuple(one for one in self.extras if one != "lamp")
         order = self._bend(extras, share, tests)
-        kept = self._kept(order, extras, share, tests)
+        order, kept = self._kept(order, extras, share, tests)
         # means and variances that ask for different bends: the light is not that of its labels
         with_ = {one: self.fitted(one, (*kept, "lamp")) for one in (0.0, *ORDERS)}
         best = min(with_, key=lambda one: with_[one][1])
         fit, cost = self.fitted(order, kept)
         p = _p_value(cost, with_[best][1], self._freedom(best, (*kept, "lamp")))
         tests.append(f"{EXTRAS['lamp'][0]}: p = {p:.2g}, accepted below {share:.2g}")
+        others = [with_[best][0]] if share <= p < DOUBT else []
         if p < share:
-            extras = (*extras, "lamp")
-            order = self._bend(extras, share, tests)
-            kept = (*self._kept(order, extras, share, tests, ("lamp",)), "lamp")
+            order = self._bend((*extras, "lamp"), share, tests)
+            order, kept = self._kept(order, (*extras, "lamp"), share, tests, ("lamp",))
             fit, cost = self.fitted(order, kept)
-        doubtful = share <= p < DOUBT
-        return fit, tests, with_[best][0] if doubtful else None
+        if order:
+            nearly = cost * (1 + float(scipy.special.chdtri(1, DOUBT)) / self._freedom(order, kept))
+            bends = [self.fitted(one, kept) for one in ORDERS if one != order]
+            others += [one for one, own in bends if own < nearly and one.bend > 0]
+        return fit, tests, others
 
     def _freedom(self, order: float, extras: tuple[str, ...]) -> int:
         return 2 * self.light.size - 2 - bool(order) - len(extras) - self.hidden
@@ -274,17 +284,24 @@ class _Problem:
 
     def _kept(
         self, order: float, extras: tuple[str, ...], share: float, tests: list[str], sure: tuple[str, ...] = ()
-    ) -> tuple[str, ...]:
-        """Return those of ``extras`` without which the fit is worse."""
+    ) -> tuple[float, tuple[str, ...]]:
+        """Return those of ``extras`` without which the fit is worse, and the order of the bend that goes with them: one
+        that needs fewer is simpler.
+        """
         kept = extras
         for one in extras:
             if one in sure:
                 continue
             fewer = tuple(own for own in kept if own != one)
-            p = _p_value(self.fitted(order, fewer)[1], self.fitted(order, kept)[1], self._freedom(order, kept))
+            costs = {own: self.fitted(own, fewer) for own in (ORDERS if order else (0.0,))}
+            simple = min(
+                (own for own in costs if costs[own][0].bend >= 0), key=lambda own: costs[own][1], default=order
+            )
+            p = _p_value(costs[simple][1], self.fitted(order, kept)[1], self._freedom(order, kept))
             tests.append(f"{EXTRAS[one][0]}: p = {p:.2g}, accepted below {share:.2g}")
-            kept = kept if p < share else fewer
-        return tuple(one for one in kept if one not in sure)
+            if p >= share:
+                order, kept = simple, fewer
+        return order, kept
 
     def without_parts(self, fit: ResponseFit) -> Array:
         """Return standard errors from fits without each quarter of the levels, by light (a jackknife of blocks)."""
@@ -320,6 +337,17 @@ class _Problem:
             columns.append((ends[0] - ends[1]) / (2 * step))
         design = np.stack(columns, 1)
         return np.asarray(np.linalg.pinv(design.T @ design, rcond=1e-15, hermitian=True))
+
+
+def _extra(away: Array, own: Array, freedom: int) -> float:
+    """Return the scatter beside known errors; 0 where a chi-squared test at 1 % finds none."""
+    freedom = max(freedom, 1)
+    if float((away**2 / own**2).sum()) <= float(scipy.special.chdtri(freedom, LEVEL)):
+        return 0.0
+    most = 10 * math.sqrt(float((away**2).sum()) / freedom) + 1e-9
+    return float(
+        scipy.optimize.brentq(lambda t: float((away**2 / (own**2 + t**2)).sum()) - freedom, 0, most, xtol=1e-12)
+    )
 
 
 def _p_random(residuals: Array) -> float:

@@ -33,7 +33,8 @@ class ResponseFit:
     errors: dict[str, float] = field(default_factory=dict)
     tests: tuple[str, ...] = ()
     lack: tuple[float, float] = (1.0, 1.0)  # rms of residuals of means and variances over their own errors
-    mean_scatter: float = 0.0  # relative, of means about the response: of the light
+    mean_scatter: float = 0.0  # relative, of means of neighbouring levels: of the light
+    mean_error: float = 0.0  # relative, of means about the response
     used: Array = field(default_factory=lambda: np.zeros(0))
     freedom: float = 1.0
 

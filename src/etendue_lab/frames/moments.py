@@ -6,6 +6,7 @@ Out: mean, temporal variance, row and column variance, histogram; each also with
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +42,13 @@ class LevelMoments:
     def top(self) -> int:
         """Highest code."""
         return int(self.histogram.size - 1)
+
+    def variance_error(self, lines: tuple[float, float] = (0.0, 0.0)) -> float:
+        """Return the statistical standard error of the temporal variance, DN^2; ``lines``: the part of it that whole
+        rows, and whole columns, share: there are few of them.
+        """
+        parts = [(float(self.variance[0]), self.pixels), (lines[0], self.shape[0]), (lines[1], self.shape[1])]
+        return math.sqrt(2 / (self.frames - 1) * sum(max(own, 0.0) ** 2 / count for own, count in parts))
 
     def share_at(self, code: int) -> float:
         """Return the share of pixels at or above a code."""

@@ -37,6 +37,14 @@ class Pattern:
         """Return the pattern without a part that all groups share."""
         return Pattern(self.groups - part, self.frames)
 
+    def less(self, other: Pattern, scale: float) -> Pattern:
+        """Return the pattern less another, group by group: the noise of a group of the other is in no second group,
+        and so in no product of two.
+        """
+        k = min(len(self.groups), len(other.groups))
+        one, own = (np.stack([groups[i::k].mean(axis=0) for i in range(k)]) for groups in (self.groups, other.groups))
+        return Pattern(one - scale * own, self.frames)
+
     def scaled(self, factor: float) -> Pattern:
         return Pattern(self.groups * factor, self.frames)
 
@@ -114,6 +122,11 @@ class DarkPatterns:
         return Pattern(self.mean.groups + self.growth.groups * (time - self.times)[:, None, None], self.mean.frames)
 
 
+def differ(times: Array) -> bool:
+    """Return whether exposure times differ by more than their rounding, one in a million."""
+    return bool(times.size and np.ptp(times) > 1e-6 * times.max())
+
+
 def dark_patterns(frames: FrameSet, levels: Iterable[Level], site: Site = MONO) -> DarkPatterns | None:
     """Return the patterns of dark levels; growth by least squares in every group of frames. None: fewer than two."""
     first, left, step = site
@@ -123,7 +136,7 @@ def dark_patterns(frames: FrameSet, levels: Iterable[Level], site: Site = MONO) 
     groups = most = min(GROUPS, len(given))
     times = np.array([frame.time for frame in given])
     # every group has two times or more; fewer than four groups do not tell what moves
-    while groups >= FEWEST and not all(np.ptp(times[i::groups]) > 0 for i in range(groups)):
+    while groups >= FEWEST and not all(differ(times[i::groups]) for i in range(groups)):
         groups -= 1
     timed = groups >= FEWEST and not np.isnan(times).any()
     groups = groups if timed else most

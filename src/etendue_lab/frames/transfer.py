@@ -18,7 +18,7 @@ from etendue_camera.electronics.emva import QUANTISATION
 from etendue_camera.electronics.jackknife import Estimate, Jackknife
 from etendue_lab.frames.frame_set import FrameSet, Level
 from etendue_lab.frames.moments import MONO, LevelMoments, Site, moments
-from etendue_lab.frames.patterns import DarkPatterns, Pattern, dark_patterns, pattern
+from etendue_lab.frames.patterns import DarkPatterns, Pattern, dark_patterns, differ, pattern
 
 HIDDEN = 0.24  # DN^2: EMVA 1288 tells no dark noise below it
 STACK = 8  # frames of one level
@@ -67,6 +67,24 @@ class Curve:
         if float((weight * np.array([one.variance[0] for one in self.dark])).sum() / weight.sum()) < HIDDEN:
             return "a higher gain: rounding hides the noise of the dark"
         return ""
+
+    @property
+    def line_noise(self) -> tuple[float, float]:
+        """Variance of the dark that rows, and columns, share, DN^2."""
+        weight = np.array([one.frames - 1.0 for one in self.dark])
+        rows, columns = (
+            float((weight * own).sum() / weight.sum())
+            for own in (
+                np.array([one.row_variance for one in self.dark]),
+                np.array([one.column_variance for one in self.dark]),
+            )
+        )
+        return max(rows, 0.0), max(columns, 0.0)
+
+    def line_error(self, frames: Array | float) -> Array:
+        """Return the variance that moving lines give to the mean of so many frames, DN^2: lines are few."""
+        rows, columns = self.line_noise
+        return np.asarray((rows / self.dark[0].shape[0] + columns / self.dark[0].shape[1]) / frames)
 
     def between(self, low: float, high: float) -> Array:
         """Return a mask of levels by the share of saturation."""
@@ -119,7 +137,7 @@ def _dark(dark: list[LevelMoments], times: Array) -> tuple[Array, Array, Array |
     mean, variance = np.stack([one.mean for one in dark], 1), np.stack([one.variance for one in dark], 1)
     weight = np.array([float(one.frames - 1) for one in dark])
     slope, origin = None, (mean * weight).sum(1) / weight.sum()
-    if np.unique(own[~np.isnan(own)]).size >= 2:
+    if differ(own[~np.isnan(own)]):
         good = ~np.isnan(own)
         x, y, w = own[good], mean[:, good], weight[good]
         centred = x - (w * x).sum() / w.sum()
@@ -162,7 +180,7 @@ def patterns(frames: FrameSet, found: Curve, site: Site = MONO) -> tuple[DarkPat
     if dark is not None and light is not None:  # offsets are no response
         frames_of = np.array([len(found.levels[i].frames) for i in used], float)
         time = float((frames_of * np.array([found.levels[i].time for i in used])).sum() / frames_of.sum())
-        light = light.without(dark.at(time).mean * float(frames_of.sum() / (frames_of * signal[used]).sum()))
+        light = light.less(dark.at(time), float(frames_of.sum() / (frames_of * signal[used]).sum()))
     return dark, light
 
 
