@@ -54,7 +54,7 @@ def _curve(
     coefficients: tuple[float, float, float], reference: float, colour: float, wavelength: float, held: _Held | None
 ) -> warp.DistortionCurve:
     """Return a curve; the same object for the same lens, whatever the body."""
-    return warp.DistortionCurve(coefficients, reference, colour, wavelength, held and held.table)
+    return warp.DistortionCurve(coefficients, reference, colour, wavelength, None if held is None else held.table)
 
 
 @lru_cache(maxsize=1024)
