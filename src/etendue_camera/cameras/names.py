@@ -25,6 +25,7 @@ _BRANDS = {
     "fujifilm": "Fujifilm",
     "samsung techwin": "Samsung",
 }
+LONGEST = 200  # characters; nothing is searched for a longer text
 _MARK = re.compile(r"\b(?:mark|mk)[ .-]*(iii|ii|iv|vi|v|\d)\b")
 _ROMAN = {"ii": "2", "iii": "3", "iv": "4", "v": "5", "vi": "6"}
 
@@ -73,6 +74,8 @@ def meant(text: str, names: Iterable[str], what: str, listed: str) -> str:
         If none is meant, with the nearest; or several, with the first few.
     """
     known = list(dict.fromkeys(names))
+    if len(text) > LONGEST:
+        raise RequestError(f"a {what} has no name of {len(text)} characters; {listed} lists them")
     if text in known:
         return text
     own = plain(text)

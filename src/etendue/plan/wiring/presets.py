@@ -66,7 +66,8 @@ def _axis(request: Request, declared: Mapping[str, Declared], whose: Table) -> A
         return None
     taken = [name for name in declared if name in own or (name in named and name not in request.pipeline.shared)]
     taken = [name for name in taken if name not in request.pipeline.sweep]
-    gives = {name: _column(request, name, declared[name], tables, whose) for name in taken}
+    stated = _values(request, tables, whose)
+    gives = {name: _column(request, name, declared[name], tables, whose, stated) for name in taken}
     for name in sorted(named & declared.keys() & request.pipeline.shared.keys() - own):
         request.warnings.append(f"{whose.place(name)} overrides every {word} of the sweep")
     return None if len(request.faults) > before else Axis(word, word, tuple(tables), "", gives)
@@ -112,29 +113,41 @@ def _stated(name: str, whose: Table) -> DocumentView:
         return {}
 
 
-def _column(
-    request: Request, name: str, one: Declared, tables: Mapping[str, DocumentView], whose: Table
-) -> tuple[Any, ...]:
-    """Return the values of one quantity along the axis."""
-    word, place = whose.preset, f"sweep.{whose.preset}"
-    found = []
+def _values(request: Request, tables: Mapping[str, DocumentView], whose: Table) -> dict[str, DocumentView]:
+    """Return what the preset of every value gives, by its label; one that cannot be read is reported."""
+    found = dict[str, DocumentView]()
     for label, table in tables.items():
         try:
-            written = {
-                **(preset_at(str(table[word]), whose, request.pipeline.folder).values() if word in table else {}),
-                **request.pipeline.shared,
-                **table,
-            }
+            named = str(table.get(whose.preset, ""))
+            found[label] = preset_at(named, whose, request.pipeline.folder).values() if named else {}
+        except RequestError as error:
+            for fault in error.faults:
+                if fault.message not in [known.message for known in request.faults]:
+                    request.fault(f"sweep.{whose.preset}", fault.message)
+    return found
+
+
+def _column(
+    request: Request,
+    name: str,
+    one: Declared,
+    tables: Mapping[str, DocumentView],
+    whose: Table,
+    stated: Mapping[str, DocumentView],
+) -> tuple[Any, ...]:
+    """Return the values of one quantity along the axis."""
+    place = f"sweep.{whose.preset}"
+    found = []
+    for label, table in tables.items():
+        if label not in stated:
+            continue
+        try:
+            written = {**stated[label], **request.pipeline.shared, **table}
             value = one.default
             if name in written:
                 value = resolve(written[name], one.parameter, one.kind, request.pipeline.folder)
         except Unfit as error:
             request.fault(place, f"{label}: {name}: {error}")
-            continue
-        except RequestError as error:
-            for fault in error.faults:
-                if fault.message not in [known.message for known in request.faults]:
-                    request.fault(place, fault.message)
             continue
         if value is MISSING:
             request.fault(

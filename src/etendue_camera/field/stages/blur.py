@@ -36,6 +36,41 @@ def _table(path: str, state: tuple[int, int]) -> tuple[FloatArray, FloatArray, F
     return warp.read_table(path)
 
 
+@dataclass(frozen=True)
+class _Held:
+    """A table that is equal to itself only: those that are read are cached."""
+
+    table: warp.Table
+
+    def __hash__(self) -> int:
+        return id(self.table)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Held) and other.table is self.table
+
+
+@lru_cache(maxsize=256)
+def _curve(
+    coefficients: tuple[float, float, float], reference: float, colour: float, wavelength: float, held: _Held | None
+) -> warp.DistortionCurve:
+    """Return a curve; the same object for the same lens, whatever the body."""
+    return warp.DistortionCurve(coefficients, reference, colour, wavelength, None if held is None else held.table)
+
+
+@lru_cache(maxsize=1024)
+def _largest_move(lens: warp.DistortionCurve, corner_um: float, wavelengths_um: tuple[float, ...]) -> float:
+    """Return the largest distance (um) by which light moves, up to a height."""
+    radius = np.linspace(0.0, corner_um, 65)
+    return max(float(np.abs(lens.undistort(radius, w) - radius).max()) for w in wavelengths_um)
+
+
+@lru_cache(maxsize=1024)
+def _missing(
+    y_ends: tuple[float, float], x_ends: tuple[float, float], lens: warp.DistortionCurve, wavelength_um: float
+) -> float:
+    return warp.missing_um(y_ends, x_ends, lens, wavelength_um)
+
+
 @dataclass(frozen=True, kw_only=True)
 class LensPsfField(Banded, Bounded):
     """Blur with measured or exported point spread functions (PSFs) by image height and wavelength.
@@ -238,12 +273,13 @@ class Distortion(Profiled, Banded, Bounded):
         return measured_heights(self, self.focal_length)
 
     def map(self) -> warp.DistortionCurve:
-        return warp.DistortionCurve(
+        table = _table(self.table, file_state(self.table)) if self.table else self.of_lens()
+        return _curve(
             (self.k1, self.k2, self.k3),
             1e3 * self.reference_radius,
             self.lateral_colour,
             1e-3 * self.reference_wavelength,
-            _table(self.table, file_state(self.table)) if self.table else self.of_lens(),
+            None if table is None else _Held(table),
         )
 
     def does_nothing(self) -> bool:
@@ -273,8 +309,7 @@ class Distortion(Profiled, Banded, Bounded):
             return 0.0, "the scene is uniform: displacement has no effect"
         if facts.content is None:
             return None
-        radius, lens = np.linspace(0.0, farthest(grid), 65), self.map()
-        most = max(float(np.abs(lens.undistort(radius, w * 1e-3) - radius).max()) for w in grid.bands().values())
+        most = _largest_move(self.map(), farthest(grid), tuple(w * 1e-3 for w in grid.bands().values()))
         factors = scene_rings.moved(most, np.array(facts.content.edges))[None]
         lost = peaks.relative(factors, np.ones_like(factors), facts.content, grid).apart
         return lost, f"light moves by at most {most:.2g} um, and the scene has little detail that fine"
@@ -329,7 +364,7 @@ class Distortion(Profiled, Banded, Bounded):
                     f"{whose} has {own[0] * 1e3:g} to {own[-1] * 1e3:g} nm; outside this range the nearest column "
                     "is used"
                 )
-        missing = max(warp.missing_um(ends_of(grid.line("y")), ends_of(grid.line("x")), lens, w) for w in wavelengths)
+        missing = max(_missing(ends_of(grid.line("y")), ends_of(grid.line("x")), lens, w) for w in wavelengths)
         if missing > 0.5 * grid.line("x").step and not facts.uniform:
             notes.append(
                 f"the distorted frame extends {missing:.3g} um beyond the rendered light and reads its mirror "
