@@ -36,7 +36,7 @@ SPOTS = 3.0  # excess of the rms over a few pixels above that over the frame, fo
 
 
 class Change(NamedTuple):
-    """A bound on a change: relative to the largest value of all bands, and, for a sensor that may see only one of them,
+    """A bound on a change: relative to the largest value of all bands, and, for a later stage that may use only one of them,
     of the worst band relative to its own.
     """
 
