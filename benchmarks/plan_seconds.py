@@ -25,9 +25,10 @@ KNOWN, UNKNOWN = 1.5, 4.0
 def asked(*words: str) -> dict:
     """Return what a command of etendue prints as JSON."""
     found = subprocess.run([sys.executable, "-m", "etendue", *words, "--json"], capture_output=True, text=True)
-    if not found.stdout:
-        raise RuntimeError(found.stderr)
-    return json.loads(found.stdout)
+    answer = json.loads(found.stdout) if found.stdout else {}
+    if "stages" not in answer:
+        raise RuntimeError(found.stdout or found.stderr)
+    return answer
 
 
 def main() -> None:
@@ -48,7 +49,7 @@ def main() -> None:
                     plan = asked("plan", file, *overrides)
                     run = asked("run", file, *overrides, "--archive", archive, "--quiet", "--no-errors")
                 except RuntimeError as error:
-                    print(f"{name:18s} {str(error).strip().splitlines()[-1][:100]}", flush=True)
+                    print(f"{name:18s} {' '.join(str(error).split())[:140]}", flush=True)
                     break
                 path = Path(folder, "cache", "rates", "stages")
                 rates = json.loads(path.read_text()) if path.exists() else {}

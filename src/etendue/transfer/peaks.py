@@ -36,8 +36,8 @@ SPOTS = 3.0  # excess of the rms over a few pixels above that over the frame, fo
 
 
 class Change(NamedTuple):
-    """A bound on a change: relative to the largest value of all bands, and, for a sensor that may see only one of them,
-    of the worst band relative to its own.
+    """A bound on a change: relative to the largest value of all bands, and that of the worst band relative to its own,
+    for a later stage that may use only one band.
     """
 
     whole: float

@@ -166,7 +166,7 @@ def _waves_at(
     return found
 
 
-_kept_waves = lru_cache(32)(_waves_at)  # pixels of one pitch behind many lenses are at the same places
+_kept_waves = lru_cache(32)(_waves_at)  # in a sweep, many planes are read at the same places
 
 
 def evaluate(

@@ -164,13 +164,13 @@ def plan_columns(product: Callable[[Iterable[str]], str]) -> tuple[Column, ...]:
         ("cells", "right", "cells"),
         ("left out", "right", lambda stage: stage["left_out"] and stage["left_out"]["cells"]),
         ("stored", "right", "bytes", human_bytes),
-        ("time", "right", lambda stage: _about(stage) if stage["cells"] else _without_time(stage)),
+        ("time", "right", lambda stage: expected_seconds(stage) if stage["cells"] else _without_time(stage)),
     )
 
 
-def _about(document: Document) -> str:
-    """Return expected seconds, with '~' where this machine has not run the stages yet."""
-    return f"{'' if document['seconds_known'] else '~'}{human_seconds(document['seconds'])}"
+def expected_seconds(document: Document) -> str:
+    """Return expected seconds, with '~' where this machine has not run the stages yet; earlier plans do not say."""
+    return f"{'' if document.get('seconds_known', True) else '~'}{human_seconds(document['seconds'])}"
 
 
 def _without_time(stage: Document) -> str:
@@ -198,7 +198,7 @@ def print_plan(document: Document) -> None:
             console.print(escape(text))
     console.print(
         f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
-        f"{human_bytes(document['bytes'])} before compression, about {_about(document)} of thread "
+        f"{human_bytes(document['bytes'])} before compression, about {expected_seconds(document)} of thread "
         f"time, "
         f"peak memory {human_bytes(document['peak_memory'])}, {document['precision']}"
     )
