@@ -14,6 +14,8 @@ NAMES = ["Nikon D800", "Nikon D800E", "Sony ILCE-7RM2", "Canon EOS R5", "Canon E
         ("sony ilce-7rm2", "Sony ILCE-7RM2"),
         ("SONY  ILCE 7RM2", "Sony ILCE-7RM2"),
         ("7rm2", "Sony ILCE-7RM2"),
+        ("Sony a7R II", "Sony ILCE-7RM2"),
+        ("α7r ii", "Sony ILCE-7RM2"),
         ("d800", "Nikon D800"),
         ("D800E", "Nikon D800E"),
         ("canon eos r5 mark ii", "Canon EOS R5m2"),

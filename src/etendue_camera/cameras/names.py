@@ -27,6 +27,7 @@ _BRANDS = {
 }
 LONGEST = 200  # characters; nothing is searched for a longer text
 _MARK = re.compile(r"\b(?:mark|mk)[ .-]*(iii|ii|iv|vi|v|\d)\b")
+_ALPHA = re.compile(r"\b(?:a|alpha ?)(\d+[a-z]*)(?:[ -]+(iii|ii|iv|vi|v)\b)?")  # what Sony sells ILCE-7RM2 as: a7R II
 _ROMAN = {"ii": "2", "iii": "3", "iv": "4", "v": "5", "vi": "6"}
 
 
@@ -50,6 +51,7 @@ def plain(name: str) -> str:
     eos-r5m2' are equal.
     """
     text = _MARK.sub(lambda found: f"m{_ROMAN.get(found[1], found[1])}", name.casefold().replace("α", "alpha"))
+    text = _ALPHA.sub(lambda found: f"ilce{found[1]}{f'm{_ROMAN[found[2]]}' if found[2] else ''}", text)
     parts = [_ROMAN.get(part, part) for part in re.split(r"[^a-z0-9.+]+", text) if part]
     return re.sub(r"(?<!\d)\.|\.(?!\d)", "", "".join(parts))
 
