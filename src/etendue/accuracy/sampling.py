@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from etendue.accuracy.answers.regridding import on_grid
 from etendue.accuracy.differences import difference
@@ -105,9 +104,9 @@ def moved(one: Measurement, finest: Measurement) -> dict[str, float]:
             cell, own = exact.cells[ref], plan.cells[ref]
             if name not in one.truth.arrays.get(ref, ()) or name not in finest.truth.arrays.get(ref, ()):
                 break
-            finer: Any = finest.truth.arrays[ref][name]
-            if own.grids[name] != cell.grids[name]:
-                finer = on_grid(finer, declared.dims, cell.grids[name], own.grids[name])
+            array = finest.truth.arrays[ref][name]
+            same = own.grids[name] == cell.grids[name]
+            finer = array if same else on_grid(array, declared.dims, cell.grids[name], own.grids[name])
             away = None if finer is None else difference(one.truth.arrays[ref][name], finer, declared, cell.stage)
             if away is None or away.relative is None:
                 break

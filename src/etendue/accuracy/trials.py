@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from etendue.accuracy.differences import difference
 from etendue.accuracy.measuring import GlobalError, Measurement, shown_names
@@ -33,7 +32,7 @@ STAGE = ""  # among errors by variable: that of the stage
 COARSEST = Goal(0.5)  # settings cheaper than one that misses it are not tried
 Told = Callable[[str], None]
 Grids = tuple[tuple[str, Value], ...]  # settings of discretisations that are not those of the file
-Work = tuple[Any, ...]  # a stage, and the settings of the knobs that affect it
+Work = tuple[object, ...]  # a stage, and the settings of the knobs that affect it
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etendue.contract.wording import words as called
+from etendue.present.terminal.cells import Column
 from etendue.present.terminal.global_error import _number
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.present.terminal.work_precision import Bar, Series, TimedError, diagrams
@@ -222,7 +223,7 @@ def print_accuracy(document: Document, files: list[Path]) -> None:
     settings = ("left", "settings", lambda own: _settings(own, reference), "none")
     came = ("error from", "left", lambda p: _split(p["parts"] or {}))
     of = ("of", "left", "variable", "", "")
-    columns: list[Any] = [error, of, warm, cold, came, ("settings", *settings)]
+    columns: list[Column] = [error, of, warm, cold, came, ("settings", *settings)]
     title = f"Pareto front by {document['by']} time"
     console.print(_table(title, *columns, rows=document["frontier"], wrap=("error from", "settings")))
     elsewhere = [("elsewhere", "right", "elsewhere", ".2g", "unknown")] if document["verified_at"] else []
