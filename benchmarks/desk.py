@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from etendue_lab.calibrate.sensor_model import SensorModel, calibrate
+from etendue_lab.calibrate.calibration import calibrate
+from etendue_lab.calibrate.sensor_model import SensorModel
 from etendue_lab.frames.reading import open_frames
 
 SIDE, LEVELS, STACK, TOP = 128, 30, 16, 4095

@@ -30,6 +30,7 @@ from etendue.pipeline.file import (
     refuse_large,
 )
 from etendue.pipeline.overrides import apply_overrides
+from etendue.plan import cost
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.reports import DONE, FAILED, LEFT_OUT, Reports
@@ -42,6 +43,8 @@ from etendue.run.schedulers import How, far
 from etendue.run.schedulers import scheduler as scheduler_of
 from etendue.run.watch import Stop, run_batches
 from etendue.types.documents import Document, DocumentView
+
+LEAST_REMEMBERED = 0.05  # seconds of a run whose rates are remembered; of a shorter one they are mostly overhead
 
 if TYPE_CHECKING:
     from etendue.running import Running
@@ -225,6 +228,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress, 
         if work.plan is not plan:
             standing = {ref: standing[own] for ref, own in work.cells.items() if own in standing}
         tree, files = keeper.close(run.tables(), sheet, reports.count(FAILED) > 0)
+    _remember(plan, reports.of(plan, work.cells), archive=keeper.folder is not None)
     reports.reuse(ref for ref in run.earlier if ref in reports)
     if tree is not None:
         TREES_OUT.hand_out(tree, tree.nbytes)
@@ -246,6 +250,17 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress, 
         work.moved,
         run.restored() if options.restore else 0,
     )
+
+
+def _remember(plan: Plan, reports: Reports, archive: bool) -> None:
+    """Remember what the stages of a run took, for the times of later plans on this machine."""
+    written = (0, 0.0)
+    if archive:
+        from etendue.archive.sharding.chunks import SPENT
+
+        written = SPENT.taken()
+    if not plan.expected and reports.seconds_of() > LEAST_REMEMBERED:
+        cost.remember(plan, reports, written)
 
 
 def collect(

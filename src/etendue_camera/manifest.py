@@ -81,6 +81,7 @@ def etendue_vocabularies() -> Document:
             "endings": (".csv", ".spdx"),
             "library": LIBRARY,
         },  # accepted wherever the path of a table is
+        "lens_profiles": {"word": "lens profile", "endings": (".lens",)},
     }
 
 
@@ -89,7 +90,15 @@ def etendue_spectra() -> dict[str, str]:
     rows = csv.reader(
         line for line in (DATA / "spectral_tables.csv").read_text(encoding="utf-8").splitlines() if line[0] != "#"
     )
-    return {"flat": LIBRARY, **{name: LIBRARY for kind, name, *_ in rows if kind not in ("kind", "rgb_space")}}
+    library = {name: LIBRARY for kind, name, *_ in rows if kind not in ("kind", "rgb_space")}
+    return {"flat": LIBRARY, **library, **_measured_cameras()}
+
+
+def _measured_cameras() -> dict[str, str]:
+    """Return the packaged sensitivities of cameras by name."""
+    text = (DATA / "cameras" / "sensitivities.csv").read_text(encoding="utf-8")
+    rows = csv.DictReader(line for line in text.splitlines() if line[0] != "#")
+    return {row["camera"]: str(DATA / "cameras" / "sensitivities" / row["file"]) for row in rows}
 
 
 @hookimpl
@@ -114,6 +123,11 @@ def etendue_commands() -> Document:
             "place": "etendue_camera.cli.catalogue:sensors",
             "usage": "[NAME]",
             "doc": "list sensors with published parameters",
+        },
+        "cameras": {
+            "place": "etendue_camera.cli.catalogue:cameras",
+            "usage": "[NAME]",
+            "doc": "list, show and search cameras and lenses that exist",
         },
         "export": {
             "place": "etendue_camera.cli.exports:export",
@@ -140,7 +154,17 @@ def etendue_seen() -> dict[str, str]:
 
 @hookimpl
 def etendue_tables() -> Document:
-    return {"camera": {"preset": "sensor", "presets": "sensors", "listed": "etendue sensors"}}
+    return {
+        "camera": {
+            "preset": "sensor",
+            "presets": "sensors",
+            "listed": "etendue sensors",
+            "further": {
+                "body": {"find": "etendue_camera.cameras.bodies:found", "listed": "etendue cameras"},
+                "lens": {"find": "etendue_camera.cameras.lenses:found", "listed": "etendue cameras --lenses"},
+            },
+        }
+    }
 
 
 @hookimpl

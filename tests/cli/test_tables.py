@@ -21,6 +21,8 @@ from etendue.present.terminal.catalogue import quantity_document, stage_document
 from etendue.present.terminal.cells import cells
 from etendue.present.terminal.terminal import outcome_document
 from etendue.result_files import finite
+from etendue_camera.cameras.bodies import body
+from etendue_camera.cli import cameras
 from etendue_camera.cli.sensors import sensor_document
 from etendue_lab.calibrate.study import calibrated
 from etendue_lab.compare import ranking
@@ -106,7 +108,7 @@ def real_frames() -> tuple[tuple[Any, ...], Any]:
 def a_calibration() -> tuple[tuple[Any, ...], Any]:
     with tempfile.TemporaryDirectory() as folder:
         np.savez(Path(folder) / "frames.npz", **measurement(levels=8, stack=2, size=32))
-        document, _ = calibrated(Path(folder) / "frames.npz", None, None, None, True)
+        document, _ = calibrated(Path(folder) / "frames.npz", check=True)
     return (document,), document
 
 
@@ -152,6 +154,16 @@ CASES = {
         "etendue_camera.cli.sensors:print_sensor",
         (sourced("camera"), sourced("facts")),
         lambda: ((own := next(one for name in preset_names() if (one := sensor_document(name))["facts"]),), own),
+    ),
+    "cameras": Case(
+        "etendue_camera.cli.cameras:print_listing",
+        (of("bodies"), of("lenses")),
+        lambda: ((own := cameras.listing("raspberry", True, True),), own),
+    ),
+    "cameras NAME": Case(
+        "etendue_camera.cli.cameras:print_one",
+        (sourced("camera"), sourced("facts")),
+        lambda: ((own := cameras.document_of(body("Raspberry Pi Camera Module 2 IMX219")),), own),
     ),
     "noise": Case(f"{LAB}.noise.terminal:print_noise", (of("mosaic"), of("rows")), written("noise")),
     "information": Case(

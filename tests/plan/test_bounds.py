@@ -1,6 +1,7 @@
 """Bounds hold for sparse light too: behind blurs, between samples, and where a later stage lets an error grow."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,7 +45,10 @@ def content_of(plane, norm="rms"):
     full = float(plane.max())
     power, amplitude = scene_rings.ring_sums(plane / full, STEP, STEP, edges)
     ends = ((float(plane.min()) / full,), (float(plane.mean()) / full,), (1.0,))
-    return Content(full, tuple(map(float, edges)), (tuple(power),), (tuple(amplitude),), *ends, norm=norm)
+    widths = scene_rings.blur_widths(*SIZE, STEP, STEP)
+    largest = scene_rings.largest_behind(plane / full, STEP, STEP, widths)
+    known = {"widths": tuple(map(float, widths)), "peaks": (tuple(map(float, largest)),)}
+    return Content(full, tuple(map(float, edges)), (tuple(power),), (tuple(amplitude),), *ends, norm=norm, **known)
 
 
 def blurred(plane, *stages):
@@ -70,7 +74,7 @@ def test_leaving_a_blur_out_of_sparse_light_changes_it_by_no_more_than_is_stated
 ):
     """Relative to the largest value of the light as it should be, at the blur itself and behind any later one."""
     plane = sparse(seed, spots, width, background)
-    stated = effects.change(blur, content_of(plane, norm), GRID)
+    stated = effects.change(blur, content_of(plane, norm), GRID).whole
     for later in AFTER:
         exact, without = blurred(plane, blur, later), blurred(plane, later)
         apart = np.abs(without - exact)
@@ -87,6 +91,70 @@ def test_the_largest_value_behind_a_blur_is_no_smaller_than_is_assumed(seed, spo
     left = np.abs(effects.in_directions((blur,), EDGES, frequency))[0]
     least = peaks.largest_at_least(content, left, peaks.padding(GRID))[0]
     assert least * content.full <= blurred(plane, blur).max() * (1 + 1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    spots=st.integers(1, 12),
+    width=st.sampled_from([0.0, 0.7, 5.0]),
+    background=st.floats(1e-6, 0.3),
+    blurs=st.lists(st.sampled_from(BLURS), max_size=3),
+)
+def test_the_largest_value_behind_blurs_and_a_later_one_is_no_smaller_than_is_known(
+    seed, spots, width, background, blurs
+):
+    """Known from the scene's own largest values behind wider blurs; stage after stage, as a plan passes it on. They may
+    lie half a sample from the next one along both axes, where a Gaussian has fallen by (step / 2 sigma)^2.
+    """
+    plane = sparse(seed, spots, width, background)
+    content = content_of(plane)
+    for blur in blurs:
+        content = effects.behind(blur, EDGES, content)
+    for sigma, least in zip(content.widths, content.peaks[0], strict=True):
+        between = 1e-9 + (0.5 * STEP / sigma) ** 2 if sigma else 1e-9
+        assert least * content.full <= blurred(plane, *blurs, LensGaussian(sigma=sigma)).max() * (1 + between) + 1e-12
+
+
+def test_the_largest_values_of_a_large_bright_area_are_known_behind_blurs_far_narrower_than_it():
+    """A quarter of the frame, 36 samples wide: its middle is as bright behind a blur, which mean and variance
+    alone would not tell."""
+    plane = np.full(SIZE, 0.01)
+    plane[20:50, 20:56] = 1.0
+    content = content_of(plane)
+    later = np.array([0.0, 1.0, 2.0])
+    frequency = scene_rings.frequencies_in(np.array(content.edges))
+    factors = effects.in_directions((LensGaussian(sigma=0.4),), EDGES, frequency)[:, 0]
+    changed = scene_rings.largest_in_rings(np.abs(1 - factors))
+    known = peaks.largest_behind(content, changed, np.zeros_like(changed), later, peaks.padding(GRID))[:, 0]
+    assert (known[:2] > 0.9).all()
+    assert known[2] > 0.8
+    unknown = replace(content, widths=(), peaks=())
+    assert peaks.largest_behind(unknown, changed, np.zeros_like(changed), later, peaks.padding(GRID)).max() < 0.3
+    factor = content.scaled(0.5, 1.0)
+    assert factor.full * factor.peaks[0][1] <= 0.5 * content.full * content.peaks[0][1]
+
+
+def test_a_band_of_its_own_counts_for_what_is_wanted_and_the_whole_light_at_the_stage():
+    """A dim band that is blurred more than a bright one: its share of the light is small, but a sensor may see it
+    alone."""
+    plane = sparse(3, 6, 1.0, 0.2)
+    one = content_of(plane)
+    two = replace(
+        one,
+        **{
+            name: (getattr(one, name)[0], tuple(0.01 * v for v in getattr(one, name)[0]))
+            for name in ("amplitude", "peaks")
+        },
+        power=(one.power[0], tuple(1e-4 * v for v in one.power[0])),
+        **{name: (getattr(one, name)[0], 0.01 * getattr(one, name)[0]) for name in ("low", "mean", "high")},
+    )
+    rings = len(one.edges) - 1
+    factors = np.stack([np.zeros(rings), np.linspace(0, 0.5, rings)])
+    found = peaks.relative(factors, 1 - factors, two, GRID)
+    alone = peaks.relative(factors[1:], 1 - factors[1:], one, GRID)
+    assert found.apart == pytest.approx(alone.apart)
+    assert found.whole <= 0.0101 * alone.apart
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 5])

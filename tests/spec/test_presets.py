@@ -102,10 +102,11 @@ def test_a_range_that_is_not_that_of_the_values_and_a_guess_that_lowers_it_say_b
 
 
 @pytest.mark.parametrize("sensor", preset_names())
-def test_sensitivity_curves_are_there_and_said_to_be_another_cameras(sensor):
+def test_sensitivity_curves_are_there_and_said_to_be_this_or_another_cameras(sensor):
     sourced = preset(sensor).shared["sensitivity"]
     spectra.check_camera(sourced.value)
-    assert "another camera" in sourced.note
+    measured = sourced.value != "Nikon 5100 (NPL)"
+    assert ("this camera" if measured else "another camera") in sourced.note and bool(sourced.licence) == measured
 
 
 def test_there_are_the_paper_and_three_classes():

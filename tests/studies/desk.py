@@ -22,12 +22,13 @@ def sensor(seed=0, size=64, bend=0.0, order=3, **own):
         is_["dsnu"] * rng.standard_normal((size, size)),
         1 + is_["prnu"] * rng.standard_normal((size, size)),
     )
+    leak = 1 + is_.get("dark_nonuniformity", 0.0) * rng.standard_normal((size, size))
     offset = (
         offset + is_["row_pattern"] * rng.standard_normal((size, 1)) + is_["column_pattern"] * rng.standard_normal(size)
     )
 
     def take(time, photons, frames=2):
-        mean = is_["quantum_efficiency"] * photons * response + is_["dark_current"] * time
+        mean = is_["quantum_efficiency"] * photons * response + is_["dark_current"] * time * leak
         charge = rng.poisson(mean, (frames, size, size)) + is_["read_noise"] * rng.standard_normal((frames, size, size))
         charge = charge + is_["row_noise"] * rng.standard_normal((frames, size, 1)) + offset
         charge = charge + is_["column_noise"] * rng.standard_normal((frames, 1, size))

@@ -13,10 +13,15 @@ from hypothesis import strategies as st
 
 from etendue.accuracy.measuring import Measurement
 from etendue.accuracy.orders import convergence, remaining
+from etendue.accuracy.sampling import moved
 from etendue.accuracy.study import accuracy
+from etendue.accuracy.timing import Timing
+from etendue.accuracy.trials import Trials
 from etendue.cli.program import main
+from etendue.compute.tables import TABLES
 from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
+from etendue.plan.cost import cell_seconds
 from etendue.plan.expansion.search import Knob, Setting, cheapest, combinations, front
 from etendue.session import load
 from tests.run.small import BARE, text_of
@@ -157,7 +162,7 @@ def test_wider_wavelength_bins_converge_as_the_midpoint_rule_does(camera):
     """
     settings_ = (75.0, 50.0, 25.0, 5.0)
     curve = accuracy(camera, installed_stages(), {"scene.bin_width": settings_}, repeat=1, most=0).curves[0]
-    errors = [t.stage_errors["scene.bin_width"] for t in curve.trials]
+    errors = [curve.stage_error(t) for t in curve.trials]
     assert math.log(errors[1] / errors[2]) / math.log(2) == pytest.approx(2, abs=0.5)
     assert errors[-1] == 0
     assert curve.affected >= {"scene", "pixel", "demosaic"}
@@ -186,9 +191,90 @@ def test_the_front_and_the_choices_are_of_trials(found):
 
 def test_work_that_no_knob_touches_costs_every_trial_the_same(found):
     whole = {c.knob.key: c.affected for c in found.curves}
-    untouched = {t.seconds["demosaic"] for t in found.trials if "precision" not in t.settings}
+    untouched = {t.timing.warm["demosaic"] for t in found.trials if "precision" not in t.settings}
     assert "demosaic" not in whole["diffusion.nodes"]
     assert len(untouched) == 1
+
+
+def seconds_of_the_plan(self, measurement, plan, repeat):
+    """Seconds without a clock: those that the plan expects of every stage."""
+    found, own = measurement.run(plan), {}
+    for cell in plan.cells.values():
+        own[cell.node] = own.get(cell.node, 0.0) + cell_seconds(plan.node(cell.node), cell, plan.precision)
+    samples = {stage: (seconds,) for stage, seconds in own.items()}
+    return found, Timing(samples, samples, 1, self.effort.by)
+
+
+def test_the_cheapest_settings_are_those_of_brute_force(camera, monkeypatch):
+    """Of 192 combinations, each run and compared, against a search that may try 24 besides each knob alone. The seconds
+    are those that plans expect: what a clock says would make the law one of the machine. Coarse bands as in the file,
+    so that the cheapest combinations for 1e-3 are on a finer grid than that of the knobs alone.
+    """
+    monkeypatch.setattr(Trials, "timed", seconds_of_the_plan)
+    monkeypatch.setattr(Trials, "again", lambda self, trials: None)
+    asked = {
+        "scene.bin_width": (100.0, 50.0, 25.0, 12.5),
+        "pixel.wavelength_terms": (3, 4, 6, 0),
+        "pixel.kept_frequencies": (0.125, 0.1875, 0.25, 0.375, 0.5, 1.0),
+        "precision": (),
+    }
+    wanted = replace(camera, wanted=("photon_rate", "rgb_camera"))
+    own, every = (accuracy(wanted, installed_stages(), asked, repeat=1, most=most) for most in (24, 1000))
+    assert len(own.trials) <= 1 + 3 + 3 + 5 + 1 + 24
+    assert len(every.trials) == 4 * 4 * 6 * 2
+    for (tolerance, one), (_, other) in zip(own.cheapest, every.cheapest, strict=True):
+        assert (one and one.cost) == (other and pytest.approx(other.cost, rel=1e-9)), tolerance
+    assert own.cheapest[2][1].settings["scene.bin_width"] == 12.5
+
+
+def test_a_run_is_cold_without_tables_and_warm_with_them(camera, monkeypatch):
+    """Cold and warm in turns, as often as asked; the least is at most the median."""
+    tables, plain = [], Measurement.run
+
+    def run(self, plan):
+        tables.append(len(TABLES.entries))
+        return plain(self, plan)
+
+    monkeypatch.setattr(Measurement, "run", run)
+    found = accuracy(camera, installed_stages(), {"diffusion.nodes": (64, 0)}, repeat=3, most=0)
+    cold = [number for number, size in enumerate(tables) if not size]
+    assert len(cold) == found.planned.timing.runs + sum(t.timing.runs for t in found.trials)
+    assert all(tables[number + 1] for number in cold)
+    for trial in found.trials:
+        assert trial.timing.runs >= 3
+        assert 0 < trial.timing.least() <= trial.timing.median()
+
+
+@pytest.fixture(scope="module")
+def sampled():
+    """A small camera with coarser and finer bands and samples, and one knob of its computation."""
+    camera = load(BARE, {"scene.bin_width": "25 nm", "wanted": ["photon_rate", "rgb_camera"]})
+    asked = {"scene.bin_width": (), "scene.spacing": (), "pixel.kept_frequencies": (0.25, 0.5, 1.0)}
+    return camera, accuracy(camera, installed_stages(), asked, repeat=1, most=8)
+
+
+def test_the_parts_of_an_error_add_up_to_it_and_name_what_was_moved(sampled):
+    _, found = sampled
+    for trial in (*found.trials, found.planned):
+        assert math.fsum(trial.parts.values()) == pytest.approx(trial.error, rel=1e-9, abs=1e-15)
+    for trial in found.trials:
+        coarse = {"pixel.kept_frequencies"} & trial.settings.keys()
+        assert trial.parts.keys() - {"scene.bin_width", "scene.spacing"} <= coarse
+
+
+def test_an_error_includes_what_the_grid_leaves(sampled):
+    """Against the same camera with bands and samples a third as wide as the finest that were tried and all else at its
+    reference: at least the true error, and below four times it: what is left behind the finest setting is estimated,
+    and parts that have different signs add up. Errors of the coarsest settings may cancel: those of the file only.
+    """
+    camera, found = sampled
+    own = next(t for t in found.trials if not t.settings)
+    finest = {c.knob.key: c.knob.settings[-1] for c in found.curves if c.knob.discretisation}
+    assert finest.keys() == {"scene.bin_width", "scene.spacing"}
+    finer = load(BARE, {"wanted": ["photon_rate", "rgb_camera"], **{key: value / 3 for key, value in finest.items()}})
+    plan, other = (Measurement(one, installed_stages(), 1) for one in (camera, finer))
+    true = moved(plan, other)[own.variable]
+    assert true <= own.error <= 4 * true
 
 
 def test_the_noise_of_a_frame_is_that_of_its_photons():

@@ -111,6 +111,10 @@ def test_a_stricter_goal_refines_and_written_numbers_stay():
     partly = hold(load(document(bin_width=100)), registry, 0.03)
     assert "bin_width" not in partly.chosen.values["scene"]
     assert hold(load(document(**values(document()))), registry, 0.03).chosen is None
+    too_coarse = hold(load(document(bin_width=100)), registry, 1e-4).chosen
+    assert too_coarse.refined == ()
+    assert too_coarse.missed["photon_rate"].startswith("bins alone")
+    assert "the file does not leave it open" in too_coarse.missed["photon_rate"]
 
 
 def test_what_memory_or_time_do_not_allow_is_said_with_what_it_would_need(monkeypatch):

@@ -2,7 +2,9 @@
 
 import json
 import math
+import re
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +15,8 @@ from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
 from etendue.session import load
 from etendue_lab.calibrate import checking, pattern_fit
-from etendue_lab.calibrate.sensor_model import calibrate
+from etendue_lab.calibrate.calibration import calibrate
+from etendue_lab.calibrate.drawing import photon_transfer
 from etendue_lab.emva.study import of_pipeline
 from etendue_lab.frames.patterns import Pattern
 from etendue_lab.frames.reading import open_frames
@@ -90,6 +93,18 @@ def test_the_fitted_sensor_predicts_its_own_frames(tmp_path):
     assert abs(found["spatial_at_stack"]) < 0.1
 
 
+def test_the_check_is_drawn_with_its_saturated_levels(tmp_path):
+    np.savez(tmp_path / "frames.npz", **measurement(seed=1, size=64))
+    asked = ["calibrate", str(tmp_path / "frames.npz"), "--figure", str(tmp_path / "transfer.svg"), "--json"]
+    done = CliRunner().invoke(main, asked)
+    assert done.exit_code == 0, done.output
+    (found,) = json.loads(done.output)["checks"]
+    assert any(row["variance_predicted"] is None for row in found["levels"])  # saturated: the model says nothing
+    drawn = (tmp_path / "transfer.svg").read_text()
+    assert "predicted, unscaled" in drawn
+    assert photon_transfer([found], "as JSON").figure is not None
+
+
 def test_the_file_is_a_sensor_of_a_pipeline_and_of_an_axis(tmp_path):
     np.savez(tmp_path / "frames.npz", **measurement(seed=1, size=96))
     target = tmp_path / "mine.toml"
@@ -153,6 +168,21 @@ use = "adc"
     assert again.exit_code == 0, again.output
 
 
+def test_the_pipeline_of_the_page_takes_a_monochrome_sensor_and_one_with_filters(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "desk.md").read_text()
+    (block,) = re.findall(r"^```toml\n(.*?)^```", page, flags=re.S | re.M)
+    (tmp_path / "desk.toml").write_text(block)
+    np.savez(tmp_path / "frames.npz", **measurement(seed=1, size=64, row_noise=3.0))
+    asked = [
+        ["calibrate", str(tmp_path / "frames.npz"), "-o", str(tmp_path / "mine.toml"), "--pitch", "4"],
+        ["run", str(tmp_path / "desk.toml"), "--sweep", "sensor=./mine.toml,sony-imx174", "--no-errors", "--archive",
+         str(tmp_path / "a"), "--want", "edge_mtf50_cycles,raw"],
+    ]  # fmt: skip
+    for one in asked:
+        done = CliRunner().invoke(main, one)
+        assert done.exit_code == 0, done.output
+
+
 def test_a_missing_or_faulty_sensor_file_is_told(tmp_path):
     document = {"name": "a", "camera": {"sensor": "./none.toml"}, "stages": [{"use": "uniform"}]}
     assert "none.toml" in str(load(document).faults)
@@ -167,11 +197,10 @@ def test_an_output_that_is_no_sensor_file_is_refused(tmp_path):
     np.savez(tmp_path / "frames.npz", **measurement())
     done = CliRunner().invoke(main, ["calibrate", str(tmp_path / "frames.npz"), "-o", str(tmp_path / "mine.txt")])
     assert done.exit_code == 2
-    assert "ends in .toml" in done.output
+    assert "ends in .toml" in " ".join(done.output.split())
 
 
 def test_the_page_of_real_frames_is_drawn_from_the_committed_figures():
-    from pathlib import Path
     from runpy import run_path
 
     root = Path(__file__).parents[2]

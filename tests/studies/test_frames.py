@@ -1,7 +1,10 @@
 """Real frames are read from every kind of file alike, one at a time, and faulty ones give one clear line."""
 
 import json
+import re
 import tracemalloc
+import warnings
+import zipfile
 
 import numpy as np
 import pytest
@@ -196,6 +199,86 @@ def test_faulty_measurements_give_one_line(tmp_path, fault):
     assert result.exit_code == 2
     assert said in " ".join(result.output.split())
     assert "Traceback" not in result.output
+
+
+def test_a_line_of_a_table_may_stand_for_all_frames_of_an_exposure(arrays, npz, tmp_path):
+    inner = tmp_path / "session"
+    rows = []
+    for kind in ("light", "dark"):
+        for level, (stack, time) in enumerate(zip(arrays[kind], arrays[f"{kind}_time_s"], strict=True)):
+            where = inner / f"{kind} {level}"
+            where.mkdir(parents=True)
+            for number, plane in enumerate(stack):
+                np.save(where / f"{number}.npy", plane)
+            light = arrays["light_photons_per_pixel"][level] if kind == "light" else 0
+            rows.append(f"{where.name}{'/*.npy' if level % 2 else ''},{time},{light},{kind}")
+    (inner / "frames.csv").write_text("\n".join(["file,time_s,photons,kind", *rows]) + "\n")
+    # the table is in a folder of the one that is named
+    found = {(one.time, one.light): len(one.frames) for one in open_frames(tmp_path).levels()}
+    expected = dict.fromkeys(zip(arrays["light_time_s"], arrays["light_photons_per_pixel"], strict=True), 2)
+    expected |= dict.fromkeys(((time, 0.0) for time in arrays["dark_time_s"]), 2)
+    assert found == expected
+    (inner / "frames.csv").write_text("file,time_s,photons\nnone*.npy,1,2\n")
+    with pytest.raises(RequestError, match="no file is named"):
+        open_frames(tmp_path)
+
+
+def _bomb(path):
+    """Times that unfold to 320 MB, in a file of 320 kB."""
+    np.savez_compressed(path, light=np.zeros((3, 2, 8, 8), np.uint16), dark=np.zeros((1, 2, 8, 8), np.uint16))
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as file, file.open("light_time_s.npy", "w") as member:
+        header = {"descr": "<f8", "fortran_order": False, "shape": (40 << 20,)}
+        np.lib.format.write_array_header_1_0(member, header)
+        for _ in range(320):
+            member.write(bytes(1 << 20))
+
+
+HOSTILE = {
+    "a time array that unfolds": (_bomb, "expected a number for each level"),
+    "objects": (lambda path: np.savez(path, light=np.array([{}, {}])), "as objects|needed"),
+    "words for times": (lambda path: _saved(path, light_time_s=np.array(["a", "b", "c"])), "of type <U1"),
+    "no zip": (lambda path: path.write_text("frames"), "cannot be read as .npz"),
+    "codes beyond 32 bits": (lambda path: _saved(path, light=np.full((3, 2, 8, 8), 1 << 40)), "at most 20 bits"),
+    "infinite numbers": (lambda path: _saved(path, light=np.full((3, 2, 8, 8), np.inf)), "whole raw codes"),
+    "single frames": (lambda path: _saved(path, light=np.ones((3, 1, 8, 8), np.uint16)), "the only frame"),
+    "no levels": (lambda path: _saved(path, light=np.ones((0, 2, 8, 8), np.uint16), light_time_s=[]), "0 levels"),
+}
+
+
+def _saved(path, **own):
+    np.savez(path, **{
+        "light": np.ones((3, 2, 8, 8), np.uint16), "light_time_s": np.arange(1.0, 4), "dark_time_s": np.ones(1),
+        "dark": np.ones((1, 2, 8, 8), np.uint16), **own,
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+@pytest.mark.parametrize("command", ["emva", "calibrate"])
+def test_hostile_arrays_give_one_line_and_no_file(tmp_path, kind, command):
+    make, said = HOSTILE[kind]
+    make(tmp_path / "a.npz")
+    tracemalloc.start()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # a file that is left open
+        result = CliRunner().invoke(
+            main, [command, str(tmp_path / "a.npz"), *(["-o", str(tmp_path / "mine.toml")] * (command == "calibrate"))]
+        )
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert result.exit_code == 2
+    assert re.search(said, " ".join(result.output.split())), result.output
+    assert "Traceback" not in result.output
+    assert most < 64 << 20
+    assert [one.name for one in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_frames_of_one_exposure_must_be_stored_alike(tmp_path):
+    np.save(tmp_path / "a.npy", np.full((2, 16, 16), 70, np.uint8))
+    np.save(tmp_path / "b.npy", np.full((2, 16, 16), 70, np.uint16))
+    (tmp_path / "a.csv").write_text("file,time_s,photons\na.npy,1,0\nb.npy,1,0\n" + "b.npy,1,5\n" * 3)
+    frames = open_frames(tmp_path / "a.csv")
+    with pytest.raises(RequestError, match="all frames must be stored alike"):
+        moments(frames, frames.levels()[0])
 
 
 def test_a_truncated_file_is_told(npz, tmp_path):

@@ -297,10 +297,17 @@ class Refinement:
         if own.unknown:
             part, why = next(iter(own.unknown.items()))
             return f"{part} unknown: {why}"
-        part = max(own.parts, key=lambda one: own.parts[one])
-        return (
-            f"{part} alone {own.parts[part]:.2g} of full scale, {own.parts[part] / own.limit:.2g} times what is asked"
-        )
+        may = {of for some in self.open.values() for of in some.values()}
+        fixed = {part: value for part, value in own.parts.items() if part not in may and value > own.limit}
+        if fixed:  # no refinement of what is open helps
+            part = max(fixed, key=lambda one: fixed[one])
+            return f"{_alone(part, own)}; the file does not leave it open"
+        return _alone(max(own.parts, key=lambda one: own.parts[one]), own)
+
+
+def _alone(part: str, own: VariableError) -> str:
+    times = own.parts[part] / own.limit if own.limit else math.inf
+    return f"{part} alone {own.parts[part]:.2g} of full scale, {times:.2g} times what is asked"
 
 
 def _larger(old: Part | str, new: Part | str) -> Part | str:

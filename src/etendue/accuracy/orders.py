@@ -19,7 +19,8 @@ from etendue.plan.expansion.search import Value
 ROUNDING = 3e-15  # smaller errors are rounding in 64 bits
 LARGEST = 0.1  # larger errors do not converge yet
 PLATEAU = 0.9  # errors that fall by less have reached a plateau
-ALIKE = 2.0  # an order is known if the largest of those between neighbours is at most this times the smallest
+ALIKE = 1.5  # an order is known if the largest of those between neighbours is at most this times the smallest
+FEW, ROUNDED, IRREGULAR = "fewer than three settings", "errors at rounding", "not in the asymptotic regime"
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class Convergence:
     order: float | None
     law: str
     settings: tuple[float, ...] = ()  # the settings it is fitted to
+    why: str = ""  # no order is known; '' too where settings are no numbers
 
 
 def convergence(
@@ -49,9 +51,10 @@ def convergence(
     reference : the setting that errors are differences to, if it is finite: under a power law h^p they are h^p - r^p,
         which falls faster than the error itself
     """
-    used = _falling(settings, errors, max(10 * floor, ROUNDING))
+    least = max(10 * floor, ROUNDING)
+    used = _falling(settings, errors, least)
     if len(used) < 3:
-        return Convergence(None, "", tuple(s for s, _ in used))
+        return Convergence(None, "", tuple(s for s, _ in used), _why_not(settings, errors, least))
     size, error = (np.array(values) for values in zip(*used, strict=True))
     finer = 1.0 if size[-1] > size[0] else -1.0
     fits = {}
@@ -65,13 +68,26 @@ def convergence(
         if 0 < max(local[-3:]) <= ALIKE * min(local[-3:]):
             fits[law] = float(np.sum((np.log(error) - slope * along - start) ** 2)), float(rate)
     law = min(fits, key=lambda name: fits[name], default="")
-    return Convergence(fits[law][1] if law else None, law, tuple(map(float, size)))
+    return Convergence(fits[law][1] if law else None, law, tuple(map(float, size)), "" if law else IRREGULAR)
+
+
+def _why_not(settings: Sequence[Any], errors: Sequence[float | None], least: float) -> str:
+    """Return why fewer than three settings show an order."""
+    numbers = [e or 0.0 for s, e in zip(settings, errors, strict=True) if _is_size(s)]
+    above = sum(e > least for e in numbers)
+    if not numbers:
+        return ""
+    return ROUNDED if not above and any(numbers) else FEW if above < 3 else IRREGULAR
+
+
+def _is_size(setting: Any) -> bool:
+    return not isinstance(setting, bool | str) and 0 < setting < math.inf
 
 
 def _falling(settings: Sequence[Any], errors: Sequence[float | None], least: float) -> list[tuple[float, float]]:
     """Return settings and errors as long as the error falls from each to the next."""
-    numbers = [(s, e or 0.0) for s, e in zip(settings, errors, strict=True) if not isinstance(s, bool | str)]
-    used = [(float(s), float(e)) for s, e in numbers if 0 < s < math.inf and least < e < LARGEST]
+    numbers = [(s, e or 0.0) for s, e in zip(settings, errors, strict=True) if _is_size(s)]
+    used = [(float(s), float(e)) for s, e in numbers if least < e < LARGEST]
     falling = [i for i in range(len(used) - 1) if min(e for _, e in used[i + 1 :]) < PLATEAU * used[i][1]]
     if not falling or falling[-1] < len(used) - 2:  # beyond these another error dominates
         return used[: falling[-1] + 1] if falling else []

@@ -35,15 +35,21 @@ class PipelineKnob(Knob):
     value: Value  # from the file, else its default
     written: bool  # in the file, by --set, or swept
     studied: bool  # it changes a grid or what a scene shows, or finer settings are too costly
+    discretisation: str = ""  # the one that it sets; all other knobs are tried at its ``value``, not at its finest
 
     @property
     def reference(self) -> Value:
-        return self.settings[-1] if self.settings else self.value
+        return self.settings[-1] if self.settings and not self.discretisation else self.value
 
     @property
     def before_reference(self) -> Value:
         """The setting one refinement below the reference if the reference is finite; else the reference."""
         return self.settings[-2] if len(self.settings) > 1 and not self.closed_form else self.reference
+
+    def finer_than(self, setting: Value) -> Value:
+        """Return the next setting towards the reference; the reference if ``setting`` is not among the settings."""
+        later = self.settings[self.settings.index(setting) + 1 :] if setting in self.settings else ()
+        return (*later, self.reference)[0]
 
 
 @dataclass(frozen=True)

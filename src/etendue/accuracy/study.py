@@ -3,19 +3,23 @@
 In:  a pipeline, and the knobs to try.
 Out: an ``Accuracy``: curves, trials, the front, the cheapest setting for a list of tolerances, the noise floor.
 
-Every trial is a run of expected values compared with the reference (`measuring`); knobs that are not tried stay at
-their reference. Seconds are thread time in one thread without cached tables; for each stage, the minimum over all runs
-with the same settings of the knobs that affect it.
+Every trial is a run of expected values compared with the reference on its grid (`measuring`); knobs that are not tried
+stay at their reference. What the grid leaves is measured by itself (`sampling`) and added. Seconds are thread time in
+one thread, cold and warm (`timing`); for each stage, of all runs with the same settings of the knobs that affect it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from etendue.accuracy.measuring import Measurement
 from etendue.accuracy.orders import ROUNDING
 from etendue.accuracy.reference import PipelineKnob, knobs_of
+from etendue.accuracy.sampling import sampling_knobs
+from etendue.accuracy.splitting import Prediction, choices, split, split_as_planned
+from etendue.accuracy.timing import WARM
 from etendue.accuracy.trials import PRECISION, Effort, SettingCurve, SettingTrial, Told, Trials
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
@@ -48,6 +52,7 @@ class Accuracy:
     )  # error of the cheapest settings on the other source
     verified_at: AxisValues = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    by: str = WARM  # the time by which settings are compared
 
 
 def accuracy(
@@ -60,6 +65,7 @@ def accuracy(
     told: Told = lambda text: None,
     elsewhere: PipelineFile | None = None,
     verify: Mapping[str, Any] = {},
+    by: str = WARM,
 ) -> Accuracy:
     """Try every knob alone, then combinations.
 
@@ -68,12 +74,14 @@ def accuracy(
     pipeline : as read
     registry : of installed stages
     asked : by knob (``stage.knob``, including those that the file writes, and ``precision``) settings from the cheapest
-        to the reference, () for those that it declares; if empty, all knobs that the file does not write
+        to the reference, () for those that it declares; if empty, all knobs that the file does not write, and all
+        discretisations
     cells : places of the sweep
-    repeat : runs of each trial; the fastest counts
+    repeat : cold and warm runs of each trial
     most : largest number of combinations
     told : called with what is being tried
     elsewhere : the same stages with another source, on which the cheapest settings are tried too; ``verify`` names it
+    by : the time by which settings are compared: warm, with tables that are made once, or cold
 
     Raises
     ------
@@ -81,46 +89,59 @@ def accuracy(
         The pipeline is invalid, or has no such knob.
     """
     given = frozenset(key for key, values in asked.items() if values)
-    effort = Effort(cells, repeat, told)
-    study = Trials(pipeline, registry, chosen_knobs(pipeline, registry, asked), given, effort)
+    effort = Effort(cells, repeat, told, by)
+    study = Trials(pipeline, registry, chosen_knobs(pipeline, registry, asked, cells), given, effort)
     once = replace(effort, repeat=1)
     other = None if elsewhere is None else Trials(elsewhere, registry, study.knobs, given, once)
     reference = study.search.at({})
     curves = [study.curve(knob, reference) for knob in study.knobs]
-    study.search.explored(study.choices(study.settled_curves(curves)), map(Goal, TOLERANCES), most)
+    curves = study.settled_curves(curves)
+    possible = choices(study, curves)
+    study.search.explored(possible, [Goal(one) for one in TOLERANCES], most, Prediction(study, curves, possible))
     planned = study.planned(pipeline)
-    trials = study.settle()
-    done = [t for t in trials if t.error is not None]
-    floor = max(study.floor, ROUNDING)
 
     def of(trial: SettingTrial) -> tuple[float, float]:
         """Errors below the possible error of the reference count as equal."""
         error, seconds = error_and_cost(trial)
-        return max(error, floor), seconds
+        return max(error, max(study.floor, ROUNDING)), seconds
 
+    done = [t for t in study.settle() if t.error is not None]
+    study.again((*front(done, of, WORTH), *_cheapest(done, of)))
+    trials = [split(t, study.settled_curves(curves), study.sampled) for t in study.settle()]
+    done = [t for t in trials if t.error is not None]
     found = Accuracy(
         pipeline.name,
         dict(study.measurement.places[0]) if len(study.measurement.places) == 1 else {},
         study.settled_curves(curves),
         trials,
         front(done, of, WORTH),
-        planned,
+        split_as_planned(planned, study.sampled),
         [(t, cheapest(done, of, t)) for t in TOLERANCES],
-        floor,
+        max(study.floor, ROUNDING),
         *study.noise(),
         notes=study.notes,
+        by=by,
     )
     if other is not None:
         found.verified_at = dict(verify)
         tried = [(t, other.search.at(one.settings)) for t, one in found.cheapest if one]
-        found.verified = [(t, one.error, one.variable) for t, one in tried]
+        found.verified = [(t, max(one.computed.values(), default=None), one.variable) for t, one in tried]
+    return found
+
+
+def _cheapest(trials: Sequence[SettingTrial], of: Callable[[SettingTrial], tuple[float, float]]) -> list[SettingTrial]:
+    """Return the cheapest trial of every tolerance, and the next that a second look may find to be cheaper."""
+    found = []
+    for tolerance in TOLERANCES:
+        within = sorted((t for t in trials if of(t)[0] <= tolerance), key=lambda t: of(t)[1])
+        found += within[:2]
     return found
 
 
 def chosen_knobs(
-    pipeline: PipelineFile, registry: Registry, asked: Mapping[str, tuple[Any, ...]]
+    pipeline: PipelineFile, registry: Registry, asked: Mapping[str, tuple[Any, ...]], cells: int = 1
 ) -> tuple[PipelineKnob, ...]:
-    """Return the knobs to try: those asked for, else all that the file does not write and that change no grid.
+    """Return the knobs to try: those asked for, else all that the file does not write, and the discretisations.
 
     Raises
     ------
@@ -132,8 +153,11 @@ def chosen_knobs(
     known[PRECISION] = PipelineKnob(
         "", PRECISION, words, use="", closed_form=True, value=pipeline.precision, written=written, studied=False
     )
+    sampling = sampling_knobs(Measurement(pipeline, registry, cells))
+    known |= {knob.key: knob for knob in sampling}
     if not asked:
-        return tuple(k for k in known.values() if k.settings and not (k.written or k.studied))
+        free = (k for k in known.values() if k.settings and not (k.written or k.studied or k.discretisation))
+        return (*free, *sampling)
     faults, chosen = [], []
     for key, values in asked.items():
         if key not in known:
@@ -152,14 +176,18 @@ def chosen_knobs(
             )
         try:
             own = _resolved(knob, values, pipeline, registry)
-            chosen.append(
-                replace(knob, settings=own, closed_form=own[-1] == knob.reference and knob.closed_form) if own else knob
-            )
+            chosen.append(_with_settings(knob, own) if own else knob)
         except Unfit as error:
             faults.append(Fault(f"--knob {key}", str(error)))
     if faults:
         raise RequestError(faults, pipeline.file)
     return tuple(chosen)
+
+
+def _with_settings(knob: PipelineKnob, own: tuple[Value, ...]) -> PipelineKnob:
+    if knob.discretisation:  # all else is tried on the grid of the file, if that is one of the settings
+        return replace(knob, settings=own, value=knob.value if knob.value in own else own[-1])
+    return replace(knob, settings=own, closed_form=own[-1] == knob.reference and knob.closed_form)
 
 
 def _resolved(

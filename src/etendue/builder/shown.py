@@ -12,8 +12,8 @@ from typing import Any
 
 from etendue.present.terminal.cells import Column
 from etendue.present.terminal.html_tables import rows_of
-from etendue.present.terminal.terminal import plan_columns
-from etendue.telling import human_bytes, human_seconds
+from etendue.present.terminal.terminal import expected_seconds, plan_columns
+from etendue.telling import human_bytes
 from etendue.types.documents import Document
 
 
@@ -29,7 +29,7 @@ def plan_page(document: Document) -> str:
     whole = (
         f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
         f"{human_bytes(document['bytes'])}, "
-        f"about {human_seconds(document['seconds'])} of thread time, at most {human_bytes(document['peak_memory'])} "
+        f"about {expected_seconds(document)} of thread time, at most {human_bytes(document['peak_memory'])} "
         f"of memory"
     )
     notes = [whole, *(f"note: {escape(text)}" for text in document["warnings"])]

@@ -35,7 +35,14 @@ from etendue.cli.saying import command, later
     show_default=True,
     type=click.IntRange(1),
     metavar="N",
-    help="Timing runs per trial; the fastest is kept.",
+    help="Cold and warm runs of each trial.",
+)
+@click.option(
+    "--by",
+    default="warm",
+    show_default=True,
+    type=click.Choice(["warm", "cold"]),
+    help="Time that is compared: warm runs use the tables of the run before, as a sweep does; cold ones make them.",
 )
 @click.option(
     "--trials",
@@ -61,9 +68,10 @@ def accuracy() -> None:
     tolerance.
 
     Every trial is compared with the reference (all knobs at their finest setting, nothing left out, 64 bits), both
-    without noise and rounding. Without --knob, all knobs that the file does not set are tried, and precision; knobs of
-    how the scene is drawn are tried only on request. The order of convergence is that of the stage's own error. Errors
-    below the noise of a single frame are not visible in it.
+    without noise and rounding. Without --knob, all knobs that the file does not set are tried, precision, and the
+    discretisations (bins, spacing, surround), coarser and finer than in the file; the error of a combination includes
+    what its discretisation leaves. The order of convergence is that of the stage's own error. Errors below the noise
+    of a single frame are not visible in it.
 
     Exit codes: 0 done, 2 invalid request.
     """

@@ -90,6 +90,9 @@ TOLERANCE = click.option(
 NOTHING_LEFT_OUT = click.option(
     "--nothing-left-out", is_flag=True, help="Run every stage, even where it has no effect on the scene."
 )
+NO_STAND_INS = click.option(
+    "--no-stand-ins", is_flag=True, help="Refuse presets with typical values where no source gives one; list them."
+)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout.")
 SCHEDULER = click.option(
     "--scheduler",
@@ -132,6 +135,7 @@ class Given:
     want: tuple[str, ...] = ()
     tolerance: str | None = None
     nothing_left_out: bool = False
+    no_stand_ins: bool = False
 
     def pipeline(self) -> PipelineFile:
         from etendue.pipeline.file import read_pipeline
@@ -192,7 +196,7 @@ gather, gather_way = _gathered(Given, "given"), _gathered(Way, "way")
 
 def pipeline_options(function: Callable[..., None]) -> Any:
     """Add all options that describe a pipeline."""
-    for option in (gather, JSON, NOTHING_LEFT_OUT, TOLERANCE, WANT, SWEEPS, settings(), FILE):
+    for option in (gather, JSON, NO_STAND_INS, NOTHING_LEFT_OUT, TOLERANCE, WANT, SWEEPS, settings(), FILE):
         function = option(function)
     return function
 
@@ -266,4 +270,6 @@ def overrides(given: Given) -> Document:
         found["wanted"] = [v for text in given.want for v in text.split(",")]
     if given.tolerance is not None:
         found["tolerance"] = number(given.tolerance)
+    if given.no_stand_ins:
+        found["stand_ins"] = False
     return found

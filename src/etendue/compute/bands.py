@@ -24,7 +24,7 @@ from etendue.compute.ownership import for_reading, frozen, guests_of, handed
 from etendue.compute.tables import prepared_of
 from etendue.contract.arrays.coordinates import coordinates_of
 from etendue.contract.arrays.grid import Bands, Grid
-from etendue.contract.capabilities import is_source
+from etendue.contract.capabilities import Banded, is_source
 from etendue.contract.stage import arguments_of, reads_of
 from etendue.errors import PluginError, refused_by_the_machine
 from etendue.telling import foreign
@@ -182,6 +182,51 @@ def made_by_band(job: Job, given: Mapping[str, Array | BandArray]) -> dict[str, 
         found = run_bands(job, given, slice(0, bands), pixels=False)
         arrays = {v: found[v] for v in small}
     return arrays | {v: StageBands(job, v, given) for v in job.by_band}
+
+
+def is_dark(plane: Array) -> bool:
+    """Return whether a plane is exactly zero everywhere; one look tells for most that are not."""
+    return not (plane[plane.shape[0] // 2, plane.shape[1] // 2] or plane.any())
+
+
+def lit_bands(light: Array) -> slice:
+    """Return the bands from the first to the last that are not exactly zero; of no light, the first."""
+    count = light.shape[0]
+    first = next((band for band in range(count) if not is_dark(light[band])), count)
+    if first == count:
+        return slice(0, min(1, count))
+    last = next(band for band in reversed(range(count)) if not is_dark(light[band]))
+    return slice(first, last + 1)
+
+
+def among_all(lit: Array, bands: slice, count: int) -> Array:
+    """Return light in all bands from that of some: zero in the others, which takes no memory until it is read."""
+    if len(lit) == count:
+        return lit
+    found = np.zeros((count, *lit.shape[1:]), dtype=lit.dtype)
+    found[bands] = lit
+    return found
+
+
+def of_lit_bands(job: Job, given: Mapping[str, Array | BandArray]) -> dict[str, Any] | None:
+    """Return what a stage writes that multiplies light by factors, computed only in bands with light; None if it is not
+    such a stage, or if all bands have light.
+    """
+    stage, declared = job.stage, reads_of(type(job.stage))
+    if not (isinstance(stage, Banded) and stage.pointwise and stage.negative != "clip"):
+        return None
+    planes = [port for port in given if len(declared[port].dims) == 3 and job.input_grids[port].banded]
+    light = given[planes[0]] if len(planes) == 1 else None
+    if not isinstance(light, np.ndarray):
+        return None
+    count, lit = len(light), lit_bands(light)
+    if lit.stop - lit.start == count:
+        return None
+    arrays = dict(run_bands(job, given, lit))
+    if small := [v for v in job.writes if v in arrays and job.writes[v].dims[-2:] != ("y", "x")]:
+        whole = run_bands(job, given, slice(0, count), pixels=False)
+        arrays |= {v: whole[v] for v in small}
+    return {v: a if v in small else among_all(np.asarray(a), lit, count) for v, a in arrays.items()}
 
 
 class Timed:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.compute.bands import BandArray, StoredBands, Timed, elsewhere, made_by_band
+from etendue.compute.bands import BandArray, StoredBands, Timed, elsewhere, made_by_band, of_lit_bands
 from etendue.compute.form import Output, form_of
 from etendue.compute.found import with_found
 from etendue.compute.given import Clipped, arguments
@@ -188,7 +188,11 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
         given = {port: for_reading(results[ref].arrays[variable]) for port, ref, variable in job.inputs}
         result, arrays = Result(), made_by_band(job, given)
     else:
-        result, arrays = Result(), job.run(**handed(job.stage, arguments(job, results, clipped)))
+        given = {port: results[ref].arrays[variable] for port, ref, variable in job.inputs}
+        lit = of_lit_bands(job, given)
+        del given
+        result = Result()
+        arrays = job.run(**handed(job.stage, arguments(job, results, clipped))) if lit is None else lit
     if not transfer or arrays:
         held = [arrays]
         del arrays  # another reference would make ``taken`` copy all of them

@@ -83,16 +83,21 @@ def at_value(pipeline: PipelineFile, key: str, value: object) -> PipelineFile:
     stage, _, name = key.rpartition(".")
     if stage:
         return each(pipeline, lambda entry: _standing(entry, name, value) if entry.name == stage else entry)
-    word = pipeline.table.preset
-    if not word or key != word:
+    word = key
+    if word not in pipeline.table.words():
         return replace(pipeline, shared={**pipeline.shared, name: value})
     table = {word: value} if isinstance(value, str) else value
     if not isinstance(table, Mapping):
         return pipeline  # a fault, which the planner reports
     own = {k: v for k, v in table.items() if k not in (word, "label")}
-    named = str(table.get(word, pipeline.preset_name))
-    values = preset_at(named, pipeline.table, pipeline.folder).values() if named else {}
-    return replace(pipeline, preset_name=named, preset=values, shared={**pipeline.shared, **own})
+    named = str(table.get(word, pipeline.named.get(word, "")))
+    values = preset_at(named, pipeline.table.kind_of(word), pipeline.folder).values() if named else {}
+    return replace(
+        pipeline,
+        named={**pipeline.named, word: named},
+        presets={**pipeline.presets, word: values},
+        shared={**pipeline.shared, **own},
+    )
 
 
 def _standing(entry: StageEntry, name: str, value: object) -> StageEntry:

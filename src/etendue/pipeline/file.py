@@ -14,6 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
+from itertools import combinations
 from pathlib import Path
 
 from etendue import plain_files
@@ -59,8 +60,8 @@ class PipelineFile(PipelineSource):
     stages: tuple[StageEntry, ...]
     shared: DocumentView = field(default_factory=dict)  # quantities that stages share
     table: Table = field(default_factory=Table)  # the table of the file that holds them
-    preset_name: str = ""
-    preset: DocumentView = field(default_factory=dict)  # the preset's values; ``shared`` overrides them
+    named: Mapping[str, str] = field(default_factory=dict)  # presets by the key that names them
+    presets: Mapping[str, DocumentView] = field(default_factory=dict)  # their values by key; ``shared`` overrides them
     sweep: DocumentView = field(default_factory=dict)
     wanted: tuple[str, ...] | None = None
     keep: tuple[str, ...] | None = None  # None: all that is computed; LOOKS: pictures and metrics
@@ -68,6 +69,7 @@ class PipelineFile(PipelineSource):
     tolerance: float = 1e-4
     norm: str = "rms"
     leave_out: bool = True  # whether what a scene does not need may be left out
+    stand_ins: bool = True  # whether presets may have typical values where no source gives one
     precision: str = "auto"
     requires: tuple[str, ...] = ()  # distributions whose stages it uses
     most_cells: int = MOST_CELLS  # a larger sweep is refused
@@ -86,16 +88,26 @@ class PipelineFile(PipelineSource):
         return self
 
     @property
-    def preset_swept(self) -> bool:
-        """Whether presets are an axis of the sweep."""
-        return bool(self.table.preset) and self.table.preset in self.sweep
+    def preset_name(self) -> str:
+        """The preset that the table's first key names."""
+        return self.named.get(self.table.preset, "")
+
+    @property
+    def preset(self) -> Document:
+        """The values of all presets that are not an axis of the sweep."""
+        return {name: v for word, own in self.presets.items() if word not in self.sweep for name, v in own.items()}
+
+    @property
+    def presets_swept(self) -> tuple[str, ...]:
+        """The keys of presets that are an axis of the sweep."""
+        return tuple(word for word in self.table.words() if word in self.sweep)
 
     def document(self) -> Document:
         """Return the document of a file that reads as this pipeline."""
         lists, tables = ("wanted", "keep", "requires"), ("stages", "sweep", "about")
         words = {word: getattr(self, word) for word in TOP if word not in (*lists, *tables)}
         names = {word: list(getattr(self, word)) for word in lists if getattr(self, word) is not None}
-        shared = {**({self.table.preset: self.preset_name} if self.preset_name else {}), **self.shared}
+        shared = {**self.named, **self.shared}
         origins = {one.name: {"from": dict(one.origin)} if one.origin else {} for one in self.stages}
         stages = [{"use": one.use, "name": one.name, **origins[one.name], **one.values} for one in self.stages]
         return {
@@ -283,15 +295,15 @@ def from_document(document: DocumentView, file: str = "", folder: Path = Path(".
     shared = words.table(table.name)
     words.table("sweep")  # reports a fault if it is not a table
     sweep = axes_of(document, faults)
-    named, values = _preset(table, shared, folder, faults)
+    named, presets = _presets(table, shared, sweep, folder, faults)
     stages, whole = _stages(document.get("stages"), faults)
     return PipelineFile(
         name=words.name(Path(file).stem or "pipeline"),
         stages=stages,
-        shared={key: value for key, value in shared.items() if not table.preset or key != table.preset},
+        shared={key: value for key, value in shared.items() if key not in table.words()},
         table=table,
-        preset_name=named,
-        preset=values,
+        named=named,
+        presets=presets,
         sweep=sweep,
         wanted=words.names("wanted"),
         keep=words.names("keep"),
@@ -299,6 +311,7 @@ def from_document(document: DocumentView, file: str = "", folder: Path = Path(".
         tolerance=tolerance,
         norm=norm,
         leave_out=leave_out,
+        stand_ins=words.flag("stand_ins", True),
         precision=precision,
         requires=words.names("requires") or (),
         most_cells=most_cells,
@@ -320,19 +333,29 @@ def _meant(key: str, table: Table) -> str:
     return nearest(key, [*TOP, *tables()])
 
 
-def _preset(table: Table, shared: DocumentView, folder: Path, faults: list[Fault]) -> tuple[str, Document]:
-    """Return the preset that a table names, and its values; the name itself is not a quantity."""
-    name, place = shared.get(table.preset, "") if table.preset else "", table.place(table.preset)
-    if not isinstance(name, str):
-        faults.append(Fault(place, f"expected the name of a {table.preset}, got {as_written(name)}"))
-        return "", {}
-    if not name:
-        return "", {}
-    try:
-        return name, preset_at(name, table, folder).values()
-    except RequestError as error:
-        faults += [Fault(place, fault.message) for fault in error.faults]
-        return "", {}
+def _presets(
+    table: Table, shared: DocumentView, sweep: DocumentView, folder: Path, faults: list[Fault]
+) -> tuple[dict[str, str], dict[str, Document]]:
+    """Return the presets that a table names and their values, by key; the names themselves are not quantities."""
+    named, values = dict[str, str](), dict[str, Document]()
+    for kind in table.kinds():
+        name, place = shared.get(kind.preset, ""), table.place(kind.preset)
+        if not isinstance(name, str):
+            faults.append(Fault(place, f"expected the name of a {kind.preset}, got {as_written(name)}"))
+        elif name and kind.find and kind.preset in sweep:
+            named[kind.preset] = name  # without effect: its axis sets the values, and it may not be found here
+        elif name:
+            try:
+                values[kind.preset] = preset_at(name, kind, folder).values()
+                named[kind.preset] = name
+            except RequestError as error:
+                faults += [Fault(place, fault.message) for fault in error.faults]
+    for first, second in combinations(values, 2):
+        if both := sorted(values[first].keys() & values[second].keys()):
+            more = f" and {len(both) - 3} more" if len(both) > 3 else ""
+            what = f"{', '.join(both[:3])}{more}"
+            faults.append(Fault(table.place(second), f"{first} and {second} both give {what}; name only one of them"))
+    return named, values
 
 
 def _stages(value: object, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bool]:

@@ -19,6 +19,7 @@ TOP = (
     "tolerance",
     "norm",
     "leave_out",
+    "stand_ins",
     "precision",
     "wanted",
     "keep",
@@ -141,7 +142,7 @@ def _quantities(document: DocumentView) -> tuple[str, ...]:
     """Return the keys that the table of shared quantities may have: declared ones, and those the document gives."""
     table = table_in(document)
     given = document.get(table.name)
-    return (*([table.preset] if table.preset else []), *quantities.names(), *(given if isinstance(given, dict) else ()))
+    return (*table.words(), *quantities.names(), *(given if isinstance(given, dict) else ()))
 
 
 def _stages(document: DocumentView) -> dict[str, tuple[int, Document]]:

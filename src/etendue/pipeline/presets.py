@@ -6,9 +6,10 @@ Out: a ``Preset``: values as they would be in the table; the pipeline's own valu
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cache
 from pathlib import Path
@@ -22,16 +23,28 @@ from etendue.telling import plain
 from etendue.types.documents import Document
 
 TYPICAL = "typical"
+COPY = re.compile(r"\.\./inputs/[0-9a-f]{64}[^/]*")  # a file of an archive, named from its records
+BESIDE = re.compile(r"[0-9a-f]{64}\.\w+")  # a file next to that of a preset, named by its SHA-256
 SPOKEN = (TYPICAL, "definition", "seed paper")  # beginnings of a source that is not a URL
 
 
 @dataclass(frozen=True)
 class Sourced:
-    """One value and its source. ``typical``: no citable source, only a usual value."""
+    """One value, its source and the licence of the source if it has one."""
 
     value: Any
     source: str
     note: str = ""
+    licence: str = ""
+
+    @property
+    def stands_in(self) -> bool:
+        """Whether it has no citable source and is only a usual value."""
+        return self.source.startswith(TYPICAL)
+
+    def words(self) -> dict[str, str]:
+        """Return what is said of it."""
+        return {"source": self.source, "licence": self.licence, "note": self.note}
 
 
 @dataclass(frozen=True)
@@ -46,6 +59,7 @@ class Preset:
     facts: Mapping[str, Sourced]
     distribution: str
     version: str
+    file: str = ""  # its document, if it was named by a path or found by its name
 
     def values(self) -> Document:
         """Return the values, as in the table."""
@@ -54,7 +68,8 @@ class Preset:
 
 def preset_names(table: Table | None = None) -> tuple[str, ...]:
     """Return the names of the presets of a table, or of all tables."""
-    hooks = [one.presets for one in ([table] if table else tables().values()) if one.presets]
+    kinds = [table] if table else [kind for one in tables().values() for kind in one.kinds()[:1]]
+    hooks = [one.presets for one in kinds if one.presets]
     return tuple(sorted({name for hook in hooks for name in discovery.installed().names(hook)}))
 
 
@@ -93,23 +108,42 @@ def preset_at(name: str, table: Table | None, folder: Path) -> Preset:
     Raises
     ------
     RequestError
-        As `preset`; or the file cannot be read. A record of an archive may come from anywhere and names no files.
+        As `preset`; or the file cannot be read. A record of an archive may come from anywhere and names only files in
+        its ``inputs/``.
     """
     if not is_file(name):
-        return preset(name, table)
+        if table is None or not table.find:
+            return preset(name, table)
+        found = discovery.loaded(table.find, f"what finds a {table.preset}")(name)
+        return _of_file(str(found), Path(found), name, table)
     table = table or next((one for one in tables().values() if one.presets), None)
-    if table is None or not table.presets or folder.name == "runs":
+    if table is None or not (table.presets or table.find) or (folder.name == "runs" and not COPY.fullmatch(name)):
         raise RequestError(f"{name!r}: a file is no {table.preset if table else 'preset'} here; write its values out")
     path = (folder / name).absolute()
+    if folder.name == "runs" and not path.resolve().is_relative_to((folder.parent / "inputs").resolve()):
+        raise RequestError(f"the {table.preset} {name!r} is not in the archive's inputs/")
+    return _of_file(name, path, name, table)
+
+
+def _of_file(said: str, path: Path, name: str, table: Table) -> Preset:
     try:
         text = plain_files.table(path).decode("utf-8")
         document = tomllib.loads(text, parse_float=Decimal)
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or plain(str(error))
         raise RequestError(
-            f"the {table.preset} {name!r} cannot be read: {why}; relative paths start at the pipeline's folder"
+            f"the {table.preset} {said!r} cannot be read: {why}; relative paths start at the pipeline's folder"
         ) from None
-    return _read(document, name, table, str(path), "", "")
+    read = _read(document, name, table, str(path), "", "")
+    beside = {key: replace(one, value=_beside(one.value, said, path)) for key, one in read.shared.items()}
+    return replace(read, shared=beside, file=str(path))
+
+
+def _beside(value: Any, said: str, path: Path) -> Any:
+    """Return a value of a preset; a file named by its content lies next to the preset's own."""
+    if not isinstance(value, str) or not BESIDE.fullmatch(value):
+        return value
+    return f"../inputs/{value}" if COPY.fullmatch(said) else str(path.parent / value)
 
 
 def _read(document: Any, name: str, table: Table, origin: str, distribution: str, version: str) -> Preset:
@@ -120,7 +154,7 @@ def _read(document: Any, name: str, table: Table, origin: str, distribution: str
             document = tomllib.loads(Path(document).read_text(encoding="utf-8"), parse_float=Decimal)
         read = {
             part: {
-                key: Sourced(entry["value"], entry["source"], entry.get("note", ""))
+                key: Sourced(entry["value"], entry["source"], entry.get("note", ""), entry.get("licence", ""))
                 for key, entry in document.get(part, {}).items()
             }
             for part in (table.name, "facts")

@@ -74,6 +74,11 @@ def schema(registry: Registry) -> Document:
             },
             "norm": {"enum": ["rms", "max"], "default": "rms"},
             "leave_out": {"type": "boolean", "default": True},
+            "stand_ins": {
+                "type": "boolean",
+                "default": True,
+                "description": "whether presets may have typical values where no source gives one",
+            },
             "precision": {"enum": ["auto", "float32", "float64"], "default": "auto"},
             "wanted": {"anyOf": [NAMES, {"type": "string"}], "description": "variables to compute"},
             "keep": {
@@ -89,7 +94,11 @@ def schema(registry: Registry) -> Document:
             "sweep": {
                 "type": "object",
                 "properties": {
-                    **{table.preset: _presets(table, {**own, **given}) for table in tables().values() if table.preset},
+                    **{
+                        kind.preset: _presets(kind, {**own, **given})
+                        for table in tables().values()
+                        for kind in table.kinds()
+                    },
                     **{name: _axis(name, types.get(name)) for name in quantities.names()},
                 },
                 "additionalProperties": {
@@ -200,15 +209,20 @@ def _axis(name: str, kind: Any) -> Document:
 
 def _shared(table: Table, given: DocumentView) -> Document:
     """Return the schema of a table of shared quantities, with its preset key."""
-    named = {**_names(table), "description": f"values of a known {table.preset}, or a file of them"}
+    named = {
+        kind.preset: {**_names(kind), "description": f"values of a known {kind.preset}, or a file of them"}
+        for kind in table.kinds()
+    }
     return {
         "type": "object",
-        "properties": {**({table.preset: named} if table.preset else {}), **given},
+        "properties": {**named, **given},
         "additionalProperties": False,
     }
 
 
 def _names(table: Table) -> Document:
+    if table.find:
+        return {"type": "string", "pattern": PLAIN}
     return {"anyOf": [{"enum": list(preset_names(table))}, {"type": "string", "pattern": r"\.toml$"}]}
 
 

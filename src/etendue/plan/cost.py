@@ -1,22 +1,32 @@
 """Cost before running: bytes stored and seconds expected.
 
 Seconds are estimated from ``nanoseconds``, a stage's time at its defaults per value written (per padded value and band
-for transfer functions), and from the costs of its knobs. The table at the end of a run has the measured times.
+for transfer functions), and from the costs of its knobs. The table at the end of a run has the measured times. This
+machine remembers them (``Rates``): by stage and by the size of the estimate, what came over what was estimated. Plans
+are told with it; nothing is decided by it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import json
+import math
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from typing import Any
 
+from etendue import cache
 from etendue.contract.arrays.grid import Grid
 from etendue.contract.arrays.variables import Declaration
 from etendue.contract.capabilities import Summed
 from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.values.parameter import Parameter
 from etendue.plan.identity.once import Once
-from etendue.plan.model import Cell, Node
+from etendue.plan.model import Cell, CellRef, Node, Plan
 
 LARGEST_WHOLE = 128 << 20  # a variable with bands above this is made and stored one band at a time
+WRITING = 4e-9  # seconds to compress and write a byte, where this machine has never done it
+SAMPLED = 64  # cells of a stage of which a run is remembered
+OCTAVES = 2  # per step of the sizes that are remembered apart
 BYTES = {"uint8": 1, "uint16": 2, "uint32": 4}
 
 
@@ -82,3 +92,98 @@ def _cost(parameter: Parameter, value: bool | float) -> float:
     )  # counts may end in 0, which stands for all
     finer = (i for i, one in enumerate(parameter.settings) if one != 0 and (value >= one if falling else value <= one))
     return parameter.costs[next(finer, -1)]
+
+
+# -- what this machine has measured ---------------------------------------------------------------------------------
+
+
+class Rates:
+    """Measured over estimated seconds by stage and size, as earlier runs on this machine left them in the cache."""
+
+    @cached_property
+    def known(self) -> dict[str, dict[str, float]]:
+        """By stage and precision, by size (``_size``), the factor; under 'writing', the seconds per byte."""
+        try:
+            document = json.loads(cache.read("rates", "stages") or b"{}")
+            return {
+                str(name): {str(int(size)): float(value) for size, value in own.items() if 0 < float(value) < math.inf}
+                for name, own in document.items()
+            }
+        except (ValueError, AttributeError, TypeError):
+            return {}
+
+    def seconds(self, cell: Cell, estimate: float, precision: str) -> float | None:
+        """Return what a cell took where the estimate was as large, or closest to it; None if it never ran here."""
+        own = self.known.get(_place(cell.stage, precision))
+        if not own or cell.left_out:
+            return None
+        return own[min(own, key=lambda size: abs(int(size) - _size(estimate)))] * estimate
+
+    @property
+    def per_byte(self) -> float | None:
+        """Return the seconds to compress and write a byte; None if nothing was ever written here."""
+        return self.known.get("writing", {}).get("0")
+
+    def learn(
+        self, cells: Mapping[str, tuple[Node, list[tuple[Cell, float]]]], precision: str, written: tuple[int, float]
+    ) -> None:
+        """Remember the seconds of some computed cells, by stage, and (bytes, seconds) of what was written."""
+        found = {name: dict(own) for name, own in Rates().known.items()}
+        for node, measured in cells.values():
+            sums: dict[tuple[str, str], list[float]] = {}
+            for cell, seconds in measured:
+                estimate = cell_seconds(node, cell, precision)
+                own = sums.setdefault((_place(cell.stage, precision), str(_size(estimate))), [0.0, 0.0])
+                own[0] += seconds
+                own[1] += estimate
+            for (place, size), (seconds, estimate) in sums.items():
+                if seconds > 0:
+                    found.setdefault(place, {})[size] = float(f"{seconds / estimate:.3g}")
+        if written[0] >= 1 << 20:
+            found["writing"] = {"0": float(f"{written[1] / written[0]:.3g}")}
+        if found:
+            cache.write("rates", "stages", json.dumps(found).encode())
+
+
+def _place(stage: Stage, precision: str) -> str:
+    return f"{type(stage).__module__}.{type(stage).__qualname__} {precision}"
+
+
+def _size(estimate: float) -> int:
+    return round(math.log2(estimate) * OCTAVES)
+
+
+def told_seconds(node: Node, cells: Iterable[Cell], precision: str, rates: Rates) -> tuple[float, bool]:
+    """Return the seconds of some cells of a stage without writing, and whether this machine has run it."""
+    total, known = 0.0, True
+    for cell, count in alike(cells):
+        estimate = cell_seconds(node, cell, precision)
+        own = rates.seconds(cell, estimate, precision)
+        known = known and (own is not None or cell.left_out is not None)
+        total += count * (estimate if own is None else own)
+    return total, known
+
+
+def with_writing(node: Node, cells: Iterable[Cell], precision: str, stored: int, rates: Rates) -> tuple[float, bool]:
+    """Return the seconds of some cells of a stage and of writing their ``stored`` bytes, and whether this machine has
+    done both.
+    """
+    seconds, known = told_seconds(node, cells, precision, rates)
+    per_byte = rates.per_byte
+    if per_byte is None:
+        return seconds + stored * WRITING, known and not stored
+    return seconds + stored * per_byte, known
+
+
+def remember(plan: Plan, reports: Mapping[CellRef, Any], written: tuple[int, float]) -> None:
+    """Remember what the stages of a run took, from some cells of each, and what was written: (bytes, seconds)."""
+    found: dict[str, tuple[Node, list[tuple[Cell, float]]]] = {}
+    for node in plan.nodes:
+        cells = plan.of(node.name)
+        chosen = cells[:: max(1, len(cells) // SAMPLED)]
+        done = [(cell, reports[cell.ref]) for cell in chosen if cell.ref in reports]
+        own = [(cell, report.seconds) for cell, report in done if report.status == "done" and not cell.left_out]
+        if own:
+            found[node.name] = node, own
+    if found:
+        Rates().learn(found, plan.precision, written)

@@ -126,10 +126,15 @@ class Node:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Why a cell is not computed, and the error bound of leaving it out, relative to the full scale of its variable."""
+    """Why a cell is not computed, and the error bound of leaving it out, relative to the full scale of its variable.
+
+    ``apart``: the bound of the worst band relative to the full scale of that band, which counts for what a later stage
+    makes of the bands; 0 if it is no larger.
+    """
 
     bound: float
     why: str
+    apart: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -173,6 +178,7 @@ class Cell:
 
     def at_wanted(self, bound: float) -> float:
         """Return what a bound at this cell is at what is wanted. What grows beyond full scale is clipped there."""
+        bound = max(bound, self.left_out.apart) if self.left_out else bound
         return max(bound, min(1.0, bound * self.growth)) if bound > 0 else bound
 
     @property
@@ -307,6 +313,8 @@ class Plan:
     expected: bool = False  # means instead of draws and rounding: integer variables are floats, nothing is stored
     # kept variables that are stored even if all their cells are left out: those that ``keep`` names
     copied: frozenset[StageVariable] = frozenset()
+    # nodes whose stages alone are looked at, which are not run: a transfer function is known without
+    seen_only: frozenset[str] = frozenset()
 
     def node(self, name: str) -> Node:
         return self._named[name]

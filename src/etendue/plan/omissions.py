@@ -11,7 +11,7 @@ from collections.abc import Collection, Hashable, Sequence
 from dataclasses import replace
 
 from etendue.contract.stage import parameters_of
-from etendue.plan.cost import cell_bytes, cell_seconds
+from etendue.plan.cost import WRITING, Rates, cell_bytes, cell_seconds, told_seconds
 from etendue.plan.model import Approximated, Cell, Node
 from etendue.telling import human_bytes
 from etendue.types.documents import Document
@@ -19,11 +19,14 @@ from etendue.types.documents import Document
 LEAST_TOLD = 1e-3  # seconds; a smaller saving is not mentioned
 
 
-def left_out(node: Node, cells: Sequence[Cell], precision: str, stored: Collection[str] = ()) -> Document | None:
+def left_out(
+    node: Node, cells: Sequence[Cell], precision: str, stored: Collection[str] = (), rates: Rates | None = None
+) -> Document | None:
     """Return the summary of a stage that is left out in some cells; None for other stages.
 
     ``bound`` holds at what is wanted too, wherever later stages let an error grow; ``at_stage`` for the stage's own
-    output. ``stored``: its variables that have an array, of which these cells take a copy.
+    output. ``stored``: its variables that have an array, of which these cells take a copy. ``rates``: what is saved is
+    told with them, writing included.
     """
     out = [(cell, cell.left_out) for cell in cells if cell.left_out]
     if not out:
@@ -34,12 +37,25 @@ def left_out(node: Node, cells: Sequence[Cell], precision: str, stored: Collecti
         "bound": max(cell.at_wanted(why.bound) for cell, why in out),
         "at_stage": max(why.bound for _, why in out),
         "why": "; ".join(dict.fromkeys(why.why for _, why in out)),
-        "seconds_saved": sum(cell_seconds(node, replace(cell, left_out=None), precision) for cell, _ in out),
+        "seconds_saved": _without(node, [cell for cell, _ in out], precision, stored, rates),
         "copies": sum(cell_bytes(node, cell, precision, stored) for cell, _ in out),
     }
 
 
-def approximated(node: Node, cells: Sequence[Cell], precision: str) -> list[Document] | None:
+def _without(node: Node, cells: Sequence[Cell], precision: str, stored: Collection[str], rates: Rates | None) -> float:
+    """Return the seconds that computing some cells that are left out would take, and writing what has no array now."""
+    whole = [replace(cell, left_out=None) for cell in cells]
+    if rates is None:
+        return sum(cell_seconds(node, cell, precision) for cell in whole)
+    per_byte = WRITING if rates.per_byte is None else rates.per_byte
+    main = list(node.writes)[:1] if not stored else []
+    unwritten = sum(cell_bytes(node, cell, precision, main) for cell in whole)
+    return told_seconds(node, whole, precision, rates)[0] + per_byte * unwritten
+
+
+def approximated(
+    node: Node, cells: Sequence[Cell], precision: str, rates: Rates | None = None
+) -> list[Document] | None:
     """Return, for a stage whose knobs the plan has set, every knob and setting with the number of cells and the seconds
     saved relative to the reference setting; None for other stages.
     """
@@ -51,7 +67,7 @@ def approximated(node: Node, cells: Sequence[Cell], precision: str) -> list[Docu
             found.setdefault((one.knob, one.value), []).append(one)
             place = one.knob, one.value
             wanted[place] = max(wanted.get(place, 0.0), cell.at_wanted(one.bound))
-            saved.setdefault((one.knob, one.value), []).append(_saved(node, cell, one, precision))
+            saved.setdefault((one.knob, one.value), []).append(_saved(node, cell, one, precision, rates))
     if not found:
         return None
     return [
@@ -75,14 +91,17 @@ def saved(node: Node, cell: Cell, precision: str) -> float | None:
     return _sum([_saved(node, cell, one, precision) for one in cell.approximated])
 
 
-def _saved(node: Node, cell: Cell, one: Approximated, precision: str) -> float | None:
+def _saved(node: Node, cell: Cell, one: Approximated, precision: str, rates: Rates | None = None) -> float | None:
     """Return the seconds that one setting saves, all others unchanged; None if the knob states no costs."""
     parameter = parameters_of(type(cell.stage))[one.knob][0]
     try:
         other = replace(cell, stage=replace(cell.stage, **{one.knob: one.reference}))
     except ValueError:  # the stage refuses it
         return None
-    saved = cell_seconds(node, other, precision) - cell_seconds(node, cell, precision)
+    estimate = cell_seconds(node, cell, precision)
+    saved = cell_seconds(node, other, precision) - estimate
+    taken = None if rates is None else rates.seconds(cell, estimate, precision)
+    saved *= 1.0 if taken is None else taken / estimate
     return max(saved, 0.0) if parameter.costs or saved else None
 
 
@@ -119,12 +138,9 @@ def told(name: str, left: Document | None, knobs: list[Document] | None) -> list
         by_knob.setdefault(one["knob"], []).append(one)
     for knob, own in by_knob.items():
         worst, saved = max(one["bound"] for one in own), _sum([one["seconds_saved"] for one in own])
-        values = ", ".join(
-            f"{one['value']} ({one['cells']})" if len(own) > 1 else f"{one['value']} in {one['cells']} cells"
-            for one in own
-        )
+        values = ", ".join(f"{one['value']} ({one['cells']})" if len(own) > 1 else f"{one['value']}" for one in own)
         said.append(
-            f"coarser   {name}.{knob} = {values} instead of {own[0]['reference']}: "
-            f"error bound {worst:.2g}{_saving(saved)}"
+            f"coarser   {name}.{knob} = {values} instead of {own[0]['reference']}, the best: "
+            f"at most {worst:.2g} of full scale at this stage{_saving(saved)}"
         )
     return said

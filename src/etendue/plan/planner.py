@@ -95,7 +95,7 @@ def make_plan(
         cells, precision, looked = expand(graph, pipeline, choice, told)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), error.file) from None
-    kept = resolve_keep(graph.nodes, graph.keep)
+    kept = frozenset(one for one in resolve_keep(graph.nodes, graph.keep) if one[0] not in graph.seen_only)
     try:
         sampled = notes_on_the_scene(graph.nodes, cells, {axis.dim: axis for axis in graph.axes})
         warnings = (*_warnings(graph.nodes, cells, pipeline.tolerance), *sampled)
@@ -108,7 +108,8 @@ def make_plan(
         cells=cells,
         wanted=graph.wanted,
         kept=kept,
-        copied=named_in_keep(graph.nodes, graph.keep),
+        copied=named_in_keep(graph.nodes, graph.keep) & kept,
+        seen_only=graph.seen_only,
         precision=precision,
         shared=graph.shared,
         leaves_out=leave_out_allowed,
@@ -209,19 +210,21 @@ def _rewritten_in_vain(nodes: Sequence[Node]) -> list[str]:
 
 def summary(plan: Plan, peak_memory: int | None = None) -> Document:
     """Return the plan as JSON for ``etendue plan --json``; ``peak_memory`` bounds the memory of a run, in bytes."""
-    stages = [_stage(plan, node) for node in plan.nodes]
+    rates = cost.Rates()
+    stages = [_stage(plan, node, rates) for node in plan.nodes]
     written = {(s["name"], v): one["bytes"] for s in stages for v, one in s["variables"].items()}
     return {
         "name": plan.pipeline.name,
         "stages": stages,
-        "cells": len(plan.cells),
+        "cells": sum(s["cells"] for s in stages),
         "naive_cells": len(plan.nodes) * math.prod(len(a.values) for a in plan.axes),
         "bytes": sum(s["bytes"] for s in stages),
         "keep": {
-            word: sum(size for place, size in written.items() if place in resolve_keep(plan.nodes, chosen))
+            word: sum(written[place] for place in resolve_keep(plan.nodes, chosen) if place[0] not in plan.seen_only)
             for word, chosen in (("all", None), (LOOKS, (LOOKS,)))
         },
         "seconds": sum(s["seconds"] for s in stages),
+        "seconds_known": all(s["seconds_known"] for s in stages),
         "peak_memory": peak_memory,
         "precision": plan.precision,
         "tolerance": plan.pipeline.tolerance if plan.leaves_out else None,
@@ -232,15 +235,17 @@ def summary(plan: Plan, peak_memory: int | None = None) -> Document:
     }
 
 
-def _stage(plan: Plan, node: Node) -> Document:
+def _stage(plan: Plan, node: Node, rates: cost.Rates) -> Document:
     """Return the summary of one stage."""
-    cells, precision = plan.of(node.name), plan.precision
+    cells, precision = [] if node.name in plan.seen_only else plan.of(node.name), plan.precision
     counted = cost.alike(cells)
     sizes = {v: sum(count * cost.cell_bytes(node, c, precision, [v]) for c, count in counted) for v in node.writes}
     same_as = {v: f"{plan.same_as[node.name, v]}.{v}" for v in node.writes if (node.name, v) in plan.same_as}
     sizes |= dict.fromkeys(same_as, 0)
     kept = {v: (node.name, v) in plan.kept for v in node.writes}
     uses = [one.use for one in node.alternatives]
+    stored = sum(size for v, size in sizes.items() if kept[v])
+    seconds, known = cost.with_writing(node, cells, precision, stored, rates)
     return {
         "name": node.name,
         "use": uses[0] if len(uses) == 1 else uses,
@@ -250,13 +255,14 @@ def _stage(plan: Plan, node: Node) -> Document:
         "found": node.found or None,
         "one_by_one": list(node.mapped) or None,
         "left_out": omissions.left_out(
-            node, cells, precision, [v for v in node.writes if (node.name, v) in plan.with_arrays]
+            node, cells, precision, [v for v in node.writes if (node.name, v) in plan.with_arrays], rates
         ),
-        "approximated": omissions.approximated(node, cells, precision),
-        "bytes": sum(size for v, size in sizes.items() if kept[v]),
+        "approximated": omissions.approximated(node, cells, precision, rates),
+        "bytes": stored,
         "variables": {
             v: {"bytes": size, "kept": kept[v]} | ({"same_as": same_as[v]} if v in same_as else {})
             for v, size in sizes.items()
         },
-        "seconds": sum(count * cost.cell_seconds(node, c, precision) for c, count in counted),
+        "seconds": seconds,
+        "seconds_known": known,
     }

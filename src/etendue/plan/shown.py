@@ -20,7 +20,8 @@ def shown_cells(plan: Plan) -> dict[str, CellRef]:
         middle[axis.dim] = (
             axis.values.index(value) if base is not None and value in axis.values else len(axis.values) // 2
         )
-    return {node.name: (node.name, tuple(middle[dim] for dim in node.axes)) for node in plan.nodes}
+    computed = (node for node in plan.nodes if node.name not in plan.seen_only)
+    return {node.name: (node.name, tuple(middle[dim] for dim in node.axes)) for node in computed}
 
 
 def shown_place(plan: Plan) -> AxisValues:
@@ -53,5 +54,6 @@ def is_headline(name: str, declaration: Declaration) -> bool:
 
 def answers(plan: Plan) -> tuple[StageVariable, ...]:
     """Return what a run tells its user: the wanted variables, and the metrics that are computed on the way to them."""
-    found = [(node.name, v) for node in plan.nodes for v, declared in node.writes.items() if is_headline(v, declared)]
+    computed = (node for node in plan.nodes if node.name not in plan.seen_only)
+    found = [(node.name, v) for node in computed for v, declared in node.writes.items() if is_headline(v, declared)]
     return (*plan.wanted, *(one for one in found if one not in plan.wanted))

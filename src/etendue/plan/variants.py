@@ -1,8 +1,8 @@
-"""Variants of a plan: the same stages and connections with other parameter values, planned again in a fraction of the
-time. They are for runs that store nothing: their cells have no keys.
+"""Variants of a plan: one point of its sweep, other draws of the noise, the same graph with other parameter values.
+They take a fraction of the time of a plan.
 
 In:  a plan.
-Out: a plan of the same graph.
+Out: a plan for runs that store nothing: its cells have no keys, or those of the whole plan.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from etendue.plan.expansion.cells import expand
-from etendue.plan.model import Axis, Node, Plan
+from etendue.plan.model import Axis, Cell, CellRef, Node, Plan, StageVariable
 from etendue.plan.planner import asked_of_stages, without_collecting
 from etendue.plan.wiring.graph import Graph
 from etendue.plan.wiring.request import Choice
-from etendue.types.documents import DocumentView
+from etendue.types.documents import AxisValues, DocumentView
 
 
 @without_collecting()
@@ -23,20 +23,14 @@ from etendue.types.documents import DocumentView
 def variant(
     plan: Plan,
     values: Mapping[str, DocumentView],
-    leave_out: bool = False,
-    precision: str = "",
-    expected: bool = True,
-    draw: int = 0,
+    exact: bool = False,
 ) -> Plan:
     """Return a plan with other parameter values.
 
     Parameters
     ----------
     values : by stage and parameter, in the parameter's unit; they replace those of the file and of axes of one value
-    leave_out : whether stages may be left out or approximated, as in the pipeline
-    precision : of arrays; '' as in the pipeline
-    expected : means instead of draws and rounding
-    draw : added to the seed of the pipeline
+    exact : leave nothing out, approximate nothing, and compute in 64 bits; otherwise decide as ``plan`` does
 
     Raises
     ------
@@ -45,25 +39,12 @@ def variant(
     """
     nodes = tuple(_with_values(node, values.get(node.name, {})) for node in plan.nodes)
     graph = Graph(nodes, tuple(_moved(axis, values) for axis in plan.axes), dict(plan.shared), plan.wanted, None, ())
-    pipeline = replace(plan.pipeline, seed=plan.pipeline.seed + draw)
-    choice = Choice(
-        pipeline.tolerance,
-        leave_out and pipeline.leave_out,
-        precision or pipeline.precision,
-        pipeline.norm,
-        expected,
-        keys=False,
-    )
+    pipeline = plan.pipeline
+    precision, decided = ("float64", {}) if exact else (plan.precision, plan.cells)
+    choice = Choice(pipeline.tolerance, False, precision, pipeline.norm, plan.expected, decided=decided, keys=False)
     cells, chosen, _ = expand(graph, pipeline, choice)
     return replace(
-        plan,
-        pipeline=pipeline,
-        axes=graph.axes,
-        nodes=nodes,
-        cells=cells,
-        precision=chosen,
-        leaves_out=choice.leave_out,
-        expected=expected,
+        plan, axes=graph.axes, nodes=nodes, cells=cells, precision=chosen, leaves_out=not exact and plan.leaves_out
     )
 
 
@@ -81,3 +62,62 @@ def _moved(axis: Axis, values: Mapping[str, DocumentView]) -> Axis:
     stage, _, name = axis.key.partition(".")
     own = values.get(stage, {})
     return replace(axis, values=(own[name],)) if name in own and len(axis.values) == 1 else axis
+
+
+def at_point(plan: Plan, place: AxisValues, wanted: tuple[StageVariable, ...]) -> Plan:
+    """Return the plan of ``wanted`` at one point, with means instead of draws and rounding."""
+    at = {axis.dim: axis.values.index(place[axis.dim]) for axis in plan.axes}
+    cells = [_at_origin(plan.cells[node.name, tuple(at[dim] for dim in node.axes)]) for node in plan.nodes]
+    return replace(
+        plan,
+        axes=tuple(_narrowed(axis, at[axis.dim]) for axis in plan.axes),
+        nodes=tuple(_chosen(node, at) for node in plan.nodes),
+        cells={cell.ref: cell for cell in cells},
+        wanted=wanted,
+        kept=frozenset(),
+        copied=frozenset(),
+        expected=True,
+    )
+
+
+def with_draw(plan: Plan, number: int) -> Plan:
+    """Return the plan with noise drawn, another draw for every number."""
+    more = f"\ndraw={number}".encode()
+    cells = {ref: _copy(cell, seed=cell.seed + more) if cell.seed else cell for ref, cell in plan.cells.items()}
+    return replace(plan, cells=cells, expected=False)
+
+
+def _narrowed(axis: Axis, number: int) -> Axis:
+    gives = {name: (values[number],) for name, values in axis.gives.items()}
+    return replace(axis, values=(axis.values[number],), gives=gives)
+
+
+def _chosen(node: Node, at: Mapping[str, int]) -> Node:
+    """Return a node with the one alternative that it uses."""
+    number = at[node.use_axis] if node.use_axis else 0
+    if len(node.alternatives) == 1:
+        return node
+    return replace(node, alternatives=(node.alternatives[number],), inputs=(node.inputs[number],))
+
+
+def _at_origin(cell: Cell) -> Cell:
+    """Return a cell at the first position of all its axes, and of those of the cells it reads: a cell reads no two
+    positions of one stage.
+    """
+    before = cell.segment_input
+    return _copy(
+        cell,
+        ref=_first(cell.ref),
+        inputs=tuple((port, _first(ref), variable) for port, ref, variable in cell.inputs),
+        looks_at=tuple((port, tuple(map(_first, refs))) for port, refs in cell.looks_at),
+        open_words=tuple(replace(word, ref=_first(word.ref)) for word in cell.open_words),
+        segment_input=before and (_first(before[0]), before[1]),
+    )
+
+
+def _copy(cell: Cell, **changes: object) -> Cell:
+    return replace(cell, **changes)  # type: ignore[arg-type]
+
+
+def _first(ref: CellRef) -> CellRef:
+    return ref[0], (0,) * len(ref[1])

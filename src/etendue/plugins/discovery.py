@@ -194,7 +194,8 @@ class Discovery:
         self._declared |= set(own() or ()) if callable(own) else set()
         tables = getattr(module, "etendue_tables", None)  # each table names the hook that provides its presets
         for table in (tables() or {}).values() if callable(tables) else ():
-            self._declared.add(str(table.get("presets", "")))
+            for kind in (table, *dict(table.get("further", {})).values()):
+                self._declared.add(str(kind.get("presets", "")))
         for name in vars(module):
             word = name.removeprefix("etendue_")
             known = (*HOOKS, *self._declared)
@@ -225,6 +226,20 @@ def _former_text(point: EntryPoint) -> str:
         f"name its manifest once, [project.entry-points.etendue] and NAME = {point.module!r}, with {point.name!r} in "
         f"its etendue_stages()"
     )
+
+
+def loaded(place: str, what: str) -> Any:
+    """Return the object at "module:name" that a distribution names.
+
+    Raises
+    ------
+    PluginError
+        It cannot be imported.
+    """
+    from importlib.metadata import EntryPoint
+
+    with foreign(f"{what}, {place}, cannot be read"):
+        return EntryPoint("", place, "").load()
 
 
 @cache

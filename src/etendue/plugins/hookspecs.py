@@ -131,7 +131,8 @@ def etendue_tables() -> Mapping[str, DocumentView]:
     """The name of the table of shared quantities in a pipeline file, and how sets of values are named in it
     (``contract.values.tables.Table``).
 
-    {"film": {"preset": "stock", "presets": "stocks"}}: ``[film] stock = "NAME"``, provided by ``etendue_stocks()``,
+    {"film": {"preset": "stock", "presets": "stocks"}}: ``[film] stock = "NAME"``, provided by ``etendue_stocks()``;
+    ``find`` instead of ``presets`` names a function that finds the file of a name; ``further`` adds such keys,
     each a file or a mapping
     """
 

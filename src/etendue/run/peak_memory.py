@@ -98,7 +98,8 @@ def _jobs(plan: Plan, workers: int, in_memory: bool, pictures: bool) -> Mapping[
     refs = [
         ref
         for ref in plan.cells
-        if all(i in chosen[dim] for dim, i in zip(plan.node(ref[0]).axes, ref[1], strict=True))
+        if ref[0] not in plan.seen_only
+        and all(i in chosen[dim] for dim, i in zip(plan.node(ref[0]).axes, ref[1], strict=True))
     ]
     todo = ancestry(plan, refs) if len(refs) < len(plan.cells) else set(refs)
     show = frozenset(ref for ref in shown_cells(plan).values() if pictures and ref in todo)

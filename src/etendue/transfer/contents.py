@@ -1,7 +1,7 @@
 """What a scene's light holds by frequency, computed before planning with one transform per band.
 
 In:  a source and the grid of its output.
-Out: a ``Content``, with every number rounded up to three digits.
+Out: a ``Content``, with every number rounded up to three digits, lower bounds down.
 """
 
 from __future__ import annotations
@@ -56,6 +56,7 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
     if y.cells or x.cells or together > AT_ONCE or grid.count > MOST_VALUES:
         return None
     edges = scene_rings.ring_edges(y.size, x.size, y.step, x.step)
+    widths = scene_rings.blur_widths(y.size, x.size, y.step, x.step)
     rows: list[Any] = []
     for planes in _planes(source, grids, variable):
         if not isinstance(planes, np.ndarray) or planes.dtype.kind != "f" or planes.shape[1:] != (y.size, x.size):
@@ -64,11 +65,11 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
             low, high, mean = float(plane.min()), float(plane.max()), float(plane.mean(dtype=np.float64))
             if not math.isfinite(low + high):
                 return None
-            sums = scene_rings.ring_sums(
-                np.asarray(plane, dtype=np.float32) / np.float32(high or 1.0), y.step, x.step, edges
-            )
-            rows.append((low, mean, high, sums[0] * high**2, sums[1] * abs(high)))
-    return replace(_content(rows, edges, grid.bands().size), white=_white(source, grids))
+            own = np.asarray(plane, dtype=np.float32) / np.float32(high or 1.0)
+            power, amplitude = scene_rings.ring_sums(own, y.step, x.step, edges)
+            peaks = scene_rings.largest_behind(own, y.step, x.step, widths) if high > 0 else 0 * widths
+            rows.append((low, mean, high, power * high**2, amplitude * abs(high), peaks * high))
+    return replace(_content(rows, edges, widths, grid.bands().size), white=_white(source, grids))
 
 
 def _white(source: Source, grids: Mapping[str, Grid]) -> tuple[float, ...]:
@@ -82,11 +83,11 @@ def _white(source: Source, grids: Mapping[str, Grid]) -> tuple[float, ...]:
     return tuple(_up(float(value)) for value in found[0]) if len(found) == 1 else ()
 
 
-def _content(rows: list[Any], edges: FloatArray, bands: int) -> Content:
-    """Return the content of all bands, from (low, mean, high, power, amplitude) of those that were examined."""
+def _content(rows: list[Any], edges: FloatArray, widths: FloatArray, bands: int) -> Content:
+    """Return the content of all bands, from (low, mean, high, power, amplitude, peaks) of those that were examined."""
     full = max(max(abs(row[0]), abs(row[2])) for row in rows)
     if full == 0:
-        full, rows = 0.0, [(0.0, 0.0, 0.0, 0 * row[3], 0 * row[4]) for row in rows]
+        full, rows = 0.0, [(0.0, 0.0, 0.0, 0 * row[3], 0 * row[4], 0 * row[5]) for row in rows]
     own = full or 1.0
     # Each band that was not examined is represented by the nearest one that was.
     every = [rows[min(round(band * len(rows) / bands), len(rows) - 1)] for band in range(bands)]
@@ -98,6 +99,8 @@ def _content(rows: list[Any], edges: FloatArray, bands: int) -> Content:
         tuple(-_up(-row[0] / own) for row in every),
         tuple(_up(row[1] / own) for row in every),
         tuple(_up(row[2] / own) for row in every),
+        widths=tuple(map(float, widths)),
+        peaks=tuple(tuple(-_up(-v / own) for v in row[5]) for row in every),
     )
 
 

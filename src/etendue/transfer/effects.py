@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from etendue.contract.arrays.facts import Content
+from etendue.contract.arrays.facts import Content, Rings
 from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Transfer
 from etendue.contract.stage import state_of
@@ -23,7 +23,7 @@ from etendue.types.arrays import Array, FloatArray
 DIRECTIONS = 8  # over a half turn, in which a non-radial transfer function is evaluated
 
 
-def change(stage: Transfer, content: Content, grid: Grid) -> float:
+def change(stage: Transfer, content: Content, grid: Grid) -> peaks.Change:
     """Return the change from leaving this stage out, in the content's norm, relative to the largest value behind it.
 
     Parameters
@@ -40,8 +40,12 @@ def change(stage: Transfer, content: Content, grid: Grid) -> float:
 
 def behind(stage: Transfer, edges: tuple[float, ...], content: Content) -> Content:
     """Return the content of the light after a stage."""
-    passed = _rings(stage, edges, content.edges)[1]
-    return content.filtered(tuple(tuple(map(float, row)) for row in passed))
+    changed, passed, _ = _rings(stage, edges, content.edges)
+    return content.filtered(_rows(passed), _rows(peaks.behind(content, changed)))
+
+
+def _rows(values: Array) -> Rings:
+    return tuple(tuple(map(float, row)) for row in values)
 
 
 def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], frequency: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """What light holds by radial frequency, in rings: it bounds how much of a blur a scene can show.
 
 In:  planes of light; factors 1 - H of a transfer function at the ends of the rings.
-Out: mean squares and amplitudes by ring; bounds for light times the factors.
+Out: mean squares and amplitudes by ring; largest values behind blurs; bounds for light times the factors.
 Sources: Parseval's theorem; the triangle inequality for the largest value.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from etendue.transfer import sampling
@@ -17,6 +18,8 @@ from etendue.types.arrays import FloatArray
 
 PER_OCTAVE = 6
 BLOCK = 1 << 19  # values of a transform processed at a time
+CUT = 1.0  # cycles per width: a Gaussian blur leaves 3e-9 of finer waves
+ROUNDING = 2e-6  # of transforms in single precision and of what is cut off, relative to the largest value
 
 
 def ring_edges(size_y: int, size_x: int, step_y: float, step_x: float) -> FloatArray:
@@ -75,6 +78,51 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
         amplitude += np.bincount(ring, (part * twice).ravel(), edges.size - 1)
         power += np.bincount(ring, (part * part * twice).ravel(), edges.size - 1)
     return power * (total_y * total_x / (ny * nx)), amplitude
+
+
+def blur_widths(size_y: int, size_x: int, step_y: float, step_x: float) -> FloatArray:
+    """Return (n,): rms widths of Gaussian blurs, um: 0, one sample, and octaves of it up to an eighth of the frame."""
+    step, side = max(step_y, step_x), min(size_y * step_y, size_x * step_x)
+    count = max(1, math.floor(math.log2(max(side / (8 * step), 1.0))) + 1)
+    return np.concatenate([[0.0], step * 2.0 ** np.arange(count)])
+
+
+def largest_behind(plane: FloatArray, step_y: float, step_x: float, widths: FloatArray) -> FloatArray:
+    """Return (width,): what the largest value of a plane at least is behind Gaussian blurs of these rms widths, um.
+
+    Notes
+    -----
+    A blur leaves nothing above a frequency of ``CUT`` over its width: each plane is transformed back on as few samples
+    as that needs, so all of them together cost about two transforms. The largest of these samples within the frame is
+    a lower bound, because the largest value may lie between them.
+    """
+    ny, nx = plane.shape
+    half = sampling.transform(np.ascontiguousarray(plane))
+    total_y, total_x = sampling.padded_size(ny), sampling.padded_size(nx)
+    found = []
+    for width in map(float, widths):
+        if width == 0:
+            found.append(float(plane.max()))
+            continue
+        rows, columns = (
+            min(math.ceil(CUT * total * step / width), total // 2)
+            for total, step in ((total_y, step_y), (total_x, step_x))
+        )
+        down, across = np.concatenate([np.arange(rows + 1), np.arange(-rows, 0)]), np.arange(columns + 1)
+        if 2 * rows == total_y:
+            down = np.delete(down, rows + 1)
+        fy, fx = down / (total_y * step_y), across / (total_x * step_x)
+        weights = [np.exp(-2 * (math.pi * width * f) ** 2).astype(plane.dtype) for f in (fy, fx)]
+        few_y, few_x = (
+            min(sampling.fast_length(2 * rows + 1), total_y),
+            min(sampling.fast_length(2 * columns + 1), total_x),
+        )
+        low = np.zeros((few_y, few_x // 2 + 1), dtype=half.dtype)
+        low[down, : columns + 1] = half[down, : columns + 1] * weights[0][:, None] * weights[1]
+        small = scipy.fft.irfft2(low, s=(few_y, few_x), workers=1) * (few_y * few_x / (total_y * total_x))
+        own = small[: (ny - 1) * few_y // total_y + 1, : (nx - 1) * few_x // total_x + 1]
+        found.append(float(own.max()) - ROUNDING * float(np.abs(own).max()))
+    return np.minimum.accumulate(np.array(found))
 
 
 def rings_of(radial: FloatArray, edges: FloatArray) -> NDArray[np.intp]:

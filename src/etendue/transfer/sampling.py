@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from etendue.types.arrays import FloatArray
 
+KEPT_WAVES = 1 << 20  # bytes of the largest waves that are kept for the next plane
 FEW = 64  # up to this many outputs per row of a transform, two matrix products are cheaper than an inverse transform
 
 ComplexArray = NDArray[np.complexfloating]
@@ -157,6 +158,17 @@ def _waves(positions: FloatArray, total: int, half: bool, terms: int) -> Complex
     return waves
 
 
+def _waves_at(
+    start: float, step: float, size: int, total: int, half: bool, terms: int, kind: np.dtype[np.complexfloating]
+) -> ComplexArray:
+    found = _waves(start + step * np.arange(size), total, half, terms).astype(kind)
+    found.flags.writeable = False
+    return found
+
+
+_kept_waves = lru_cache(32)(_waves_at)  # in a sweep, many planes are read at the same places
+
+
 def evaluate(
     half_transform: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]
 ) -> FloatArray:
@@ -180,9 +192,13 @@ def evaluate(
     precision.
     """
     total_y, total_x = padded_size(ny), padded_size(nx)
-    rows = _waves(y[0] + y[1] * np.arange(y[2]), total_y, False, half_transform.shape[-2]).astype(half_transform.dtype)
-    columns = _waves(x[0] + x[1] * np.arange(x[2]), total_x, True, half_transform.shape[-1]).astype(
-        half_transform.dtype
+    kind = half_transform.dtype
+    rows, columns = (
+        (_kept_waves if place[2] * terms * kind.itemsize <= KEPT_WAVES else _waves_at)(*place, total, half, terms, kind)
+        for place, total, half, terms in (
+            (y, total_y, False, half_transform.shape[-2]),
+            (x, total_x, True, half_transform.shape[-1]),
+        )
     )
     return np.ascontiguousarray(((rows @ half_transform) @ columns.T).real / (total_y * total_x)).astype(
         half_transform.real.dtype, copy=False

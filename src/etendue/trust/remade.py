@@ -29,7 +29,7 @@ from etendue.archive.read.tree import ROOT, Tree
 from etendue.archive.records import disk
 from etendue.archive.records.inputs import resolve_pipeline, sweep_of
 from etendue.archive.records.manifest import DATA
-from etendue.archive.records.provenance import record_of
+from etendue.archive.records.provenance import preset_said, record_of
 from etendue.archive.records.rerun import Recorded
 from etendue.archive.sharding.chunks import decode
 from etendue.archive.structure.layout import STATUS
@@ -37,13 +37,16 @@ from etendue.archive.structure.metadata import texts_of
 from etendue.archive.write.placement import Laid
 from etendue.contract.ports import CellReport, ContactSheet
 from etendue.contract.registry import installed_stages
+from etendue.contract.values.tables import preset_keys
 from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import from_document
 from etendue.pipeline.overrides import apply_overrides
+from etendue.plan.identity.keys import file_digest
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.plan.reports import Reports
 from etendue.plan.resume import is_of_names, with_stored_values
+from etendue.plugins.discovery import table_file
 from etendue.present.terminal import tables
 from etendue.types.documents import Document
 
@@ -195,13 +198,25 @@ def record_again(
     text, overrides = record.get("text"), record.get("overrides")
     made |= {"text": text, "overrides": overrides}
     given = _given(text, overrides, asked, run.text) if isinstance(text, str) and isinstance(overrides, dict) else None
+    made["shared"] = {name: _as_named(value, record["shared"].get(name)) for name, value in made["shared"].items()}
     if resolved.text != run.text:
         made["resolved"] = resolved.text
     if given is None or _words(resolve_pipeline(given).text) != _words(run.text):
         made["text"] = "a text that gives the resolved pipeline, with the overrides"
-    elif asked.pipeline.preset_swept:  # the preset outside the sweep is not in the resolved text, and has no effect
-        made["preset"] = given.pipeline.preset_name
+    elif asked.pipeline.presets_swept:  # the preset outside the sweep is not in the resolved text, and has no effect
+        made["preset"] = preset_said(given.pipeline)
     return made, {a.key: set(map(str, a.values)) for a in asked.axes}
+
+
+def _as_named(made: Any, recorded: Any) -> Any:
+    """Return a shared value as it was recorded, if that is the name of the same table."""
+    if made == recorded or not isinstance(recorded, str) or not isinstance(made, str):
+        return made
+    try:
+        path = table_file(recorded)
+        return recorded if path and made == f"sha256:{file_digest(path)}" else made
+    except (ValueError, OSError):
+        return made
 
 
 def _numbers(values: Any, own: tuple[Any, ...]) -> list[Any]:
@@ -237,7 +252,12 @@ def _placed(value: Any, other: Any) -> Any:
     """Replace names of files by those in the resolved pipeline."""
     if isinstance(value, str) and isinstance(other, str) and other.startswith("../inputs/"):
         return other
+    if isinstance(value, str) and isinstance(other, dict) and other.get("label") == value:
+        return other  # a preset on an axis, as a table with its copy
     if isinstance(value, dict) and isinstance(other, dict):
+        named = preset_keys() & value.keys() & other.keys()
+        if named and "label" not in value and "label" in other:
+            value = {**value, "label": other["label"]}
         return {key: _placed(one, other.get(key)) for key, one in value.items()}
     if isinstance(value, list) and isinstance(other, list) and len(value) == len(other):
         return [_placed(one, two) for one, two in zip(value, other, strict=True)]

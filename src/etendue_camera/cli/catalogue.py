@@ -1,6 +1,10 @@
-"""The command ``sensors``, which lists installed sensors."""
+"""The commands ``sensors``, which lists installed sensors, and ``cameras``, which lists bodies and lenses."""
 
 from __future__ import annotations
+
+from pathlib import Path
+
+import click
 
 from etendue.cli.options import JSON, NAME
 from etendue.cli.saying import command, later
@@ -12,3 +16,24 @@ from etendue.cli.saying import command, later
 @later("etendue_camera.cli.sensors:sensors_command")
 def sensors() -> None:
     """List sensors for [camera] sensor = "NAME" in a pipeline. With a name: each value with its source."""
+
+
+@command("cameras")
+@NAME
+@click.option("--lenses", is_flag=True, help="Lenses instead of bodies.")
+@click.option("--search", metavar="TEXT", help="Bodies and lenses whose names have all these words.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write a body, lens or sensitivity to a file.",
+)
+@JSON
+@later("etendue_camera.cli.cameras:cameras_command")
+def cameras() -> None:
+    """List bodies and lenses for [camera] body = "NAME" and lens = "NAME" in a pipeline.
+
+    With a name: each value with its source. NAME may also be a file: a DNG, a camconst.json, a tuning of libcamera, a
+    sensitivity of rawtoaces-data.
+    """

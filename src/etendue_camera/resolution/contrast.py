@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy
 
 from etendue import require
 from etendue_camera.arrays import Array, FloatArray
+from etendue_camera.resolution.spline import Spline, through
 
 Response = Callable[[FloatArray], FloatArray]  # (n,) cycles/um -> (n,), 1 at zero
 FEW, ROUNDS = 32, 3  # subdivisions of a step between nodes, and rounds of subdivision
@@ -102,13 +102,13 @@ def _solved(
     brackets: list[Bracket],
     grid: FloatArray,
     values: FloatArray,
-    spline: scipy.interpolate.PPoly | None = None,
+    spline: Spline | None = None,
 ) -> list[float]:
     """Solve for the crossings of some levels, normally with one call of the response; NaN for None."""
     asked = [b for b in brackets if b is not None]
     if not asked:
         return [math.nan] * len(brackets)
-    spline = scipy.interpolate.CubicSpline(grid, values) if spline is None else spline
+    spline = through(grid, values[:, None])[0] if spline is None else spline
     places = np.array([_about(spline, level, grid[i], grid[i + 1]) for level, i in asked])
     found = response(places.ravel()).reshape(places.shape)
     roots = []
@@ -122,14 +122,14 @@ def _solved(
     return [math.nan if b is None else roots.pop(0) for b in brackets]
 
 
-def _about(spline: scipy.interpolate.PPoly, level: float, low: float, high: float) -> FloatArray:
+def _about(spline: Spline, level: float, low: float, high: float) -> FloatArray:
     """Return five frequencies around the crossing of the spline with a level between two nodes."""
     inner = np.linspace(low, high, 2 * FEW + 1)
     guess = float(inner[min(int(np.argmax(spline(inner) < level)), 2 * FEW)])
     return np.clip(guess + (high - low) / FEW * np.arange(-2, 3), 0.5 * low, None)
 
 
-def _on_spline(spline: scipy.interpolate.PPoly, bracket: Bracket, grid: FloatArray) -> float:
+def _on_spline(spline: Spline, bracket: Bracket, grid: FloatArray) -> float:
     """Return where the spline itself crosses a level: linear between 65 places of a step; NaN for None."""
     if bracket is None:
         return math.nan
@@ -174,27 +174,22 @@ class ContrastCurve:
     values: Array  # (nodes + 1,), signed
 
     @cached_property
-    def _splines(self) -> list[scipy.interpolate.PPoly]:
+    def _splines(self) -> tuple[Spline, ...]:
         size = np.abs(self.values)
-        every = scipy.interpolate.CubicSpline(
-            self.grid, np.stack([size, np.square(size), np.real(self.values)], axis=1)
-        )
-        return [
-            scipy.interpolate.PPoly.construct_fast(np.ascontiguousarray(every.c[:, :, i]), every.x) for i in range(3)
-        ]
+        return through(self.grid, np.stack([size, np.square(size), np.real(self.values)], axis=1))
 
     @property
-    def contrast(self) -> scipy.interpolate.PPoly:
+    def contrast(self) -> Spline:
         return self._splines[0]
 
     @property
-    def real(self) -> scipy.interpolate.PPoly:
+    def real(self) -> Spline:
         return self._splines[2]
 
     @cached_property
     def energy(self) -> float:
         """Return the energy of the line spread, up to the last node."""
-        return float(self._splines[1].integrate(self.grid[0], self.grid[-1]))
+        return float(self._splines[1].integral(self.grid[0], self.grid[-1]))
 
     def crossings(self, cut_off: float = CUT_OFF, response: Response | None = None) -> tuple[float, float, float]:
         """Return MTF50, MTF10 and the highest frequency with contrast ``cut_off``, cycles/um; NaN where there is none.
@@ -246,5 +241,5 @@ class ContrastCurve:
         return (
             0.0
             if nyquist >= self.grid[-1]
-            else float(np.clip(self._splines[1].integrate(nyquist, self.grid[-1]) / self.energy, 0.0, 1.0))
+            else float(np.clip(self._splines[1].integral(nyquist, self.grid[-1]) / self.energy, 0.0, 1.0))
         )

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from etendue import require
 from etendue_camera.arrays import FloatArray
+from etendue_camera.resolution import roots
 
 Transfer = Callable[[FloatArray], NDArray]  # (n,) cycles/um -> (n,) or (wavelength, n)
 
@@ -229,10 +230,8 @@ def _rayleigh(spread: SpreadFunction, sparrow: float, dark: float, within: float
     while far < NODES / spread.highest:
         near, far = far, 1.1 * far
         if _saddle(spread, far, within)[0] <= RAYLEIGH_SADDLE:
-            return float(
-                scipy.optimize.brentq(
-                    lambda s: _saddle(spread, s, within)[0] - RAYLEIGH_SADDLE, near, far, xtol=max(within, 1e-13) * far
-                )
+            return roots.between(
+                lambda s: _saddle(spread, s, within)[0] - RAYLEIGH_SADDLE, near, far, max(within, 1e-13) * far
             )
     return math.nan
 
@@ -255,11 +254,7 @@ def _first_rise(
             low = max(at - step, 0.01 * step)
             if not derivative(np.array([low]))[0] < 0:
                 return None
-            return float(
-                scipy.optimize.brentq(
-                    lambda x: float(derivative(np.array([x]))[0]), low, at, xtol=max(within, 1e-14) * at
-                )
-            )
+            return roots.between(lambda x: float(derivative(np.array([x]))[0]), low, at, max(within, 1e-14) * at)
     return None
 
 
@@ -286,6 +281,6 @@ def _saddle(spread: SpreadFunction, separation: float, within: float = 0.0) -> t
     if not slope(below) > 0 > slope(above):
         peak = float(x[at])
     else:
-        peak = float(scipy.optimize.brentq(slope, below, above, xtol=max(math.sqrt(within), 1e-15) * above))
+        peak = roots.between(slope, below, above, max(math.sqrt(within), 1e-15) * above)
     middle, top = both(np.array([0.0, peak]))
     return (1.0, 0.0) if middle >= top else (float(middle / top), peak)

@@ -11,6 +11,7 @@ recombine (diffusion length Ln), or meet the back contact. A pattern of frequenc
 1/L_f^2 = 1/Ln^2 + (2 pi f)^2, which causes the blur.
 """
 
+import math
 from functools import lru_cache
 from typing import Literal
 
@@ -243,9 +244,7 @@ def _every_mtf(frequency: FloatArray, diodes: list[tuple[float, float, float, fl
     _, depletion, depth, length, back = diodes[0]
     if not (0.0 < depth < np.inf and depletion < np.inf and frequency.size <= FEW):
         return np.stack([collection_mtf(frequency, *diode) for diode in diodes])
-    at_zero, depleted, passed, absorption = (
-        np.array(column)[:, None] for column in zip(*map(_constants, diodes), strict=True)
-    )
+    at_zero, depleted, passed, absorption = _constants(diodes)
     flat = frequency.reshape(-1)
     decay = np.hypot(1.0 / length, (2.0 * np.pi) * flat)
     below = depth * _field_free(decay * depth, absorption * depth, back)
@@ -254,12 +253,17 @@ def _every_mtf(frequency: FloatArray, diodes: list[tuple[float, float, float, fl
     return ratio.reshape(len(diodes), *frequency.shape)
 
 
-@lru_cache(maxsize=4096)
-def _constants(diode: tuple[float, float, float, float, Back]) -> tuple[float, float, float, float]:
-    """Return the frequency-independent terms: D(0)/alpha, the part of it collected by the depletion layer, the part
-    that passes that layer; and alpha.
+def _constants(diodes: list[tuple[float, float, float, float, Back]]) -> list[FloatArray]:
+    """Return the frequency-independent terms of diodes that differ only in absorption, each (n, 1): D(0)/alpha, the
+    part of it collected by the depletion layer, the part that passes that layer; and alpha.
     """
-    return (float(_collection_per_absorption(0.0, *diode)), *_depleted(diode[0], diode[1]), diode[0])
+    _, depletion, depth, length, back = diodes[0]
+    absorption = np.array([diode[0] for diode in diodes])[:, None]
+    depleted, passed = (
+        np.array(column)[:, None] for column in zip(*(_depleted(a, depletion) for a, *_ in diodes), strict=True)
+    )
+    below = depth * _field_free(np.hypot(1.0 / length, np.zeros(1)) * depth, absorption * depth, back)
+    return [np.where(passed == 0.0, depleted, depleted + passed * below), depleted, passed, absorption]
 
 
 def _depleted(absorption: float, depletion: float) -> tuple[float, float]:
@@ -367,15 +371,23 @@ def _moments(a: float, count: int = 10) -> tuple[float, ...]:
     truncation after ten terms is below 1e-17 for x < 1.
 
     """
-    nodes, weights = _gauss(20)
     reach = min(1.0, 40.0 / a) if a > 0.0 else 1.0
+    y, weights, powers = _panels(reach, count) if reach == 1.0 else _panels.__wrapped__(reach, count)
+    sums = (weights * np.exp(-a * y) * powers).reshape(count, -1).sum(axis=1)
+    return tuple((sums / _ODD_FACTORIALS[:count]).tolist())
+
+
+_ODD_FACTORIALS = np.array([float(math.factorial(2 * k + 1)) for k in range(10)])
+
+
+@lru_cache(maxsize=1)
+def _panels(reach: float, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return nodes and weights on three panels up to ``reach``, and the odd powers of their distance from 1."""
+    nodes, weights = _gauss(20)
     edges = reach * np.array([0.0, 0.15, 0.45, 1.0])
     half = 0.5 * np.diff(edges)[:, None]
     y = (edges[:-1, None] + half) + half * nodes
-    weighted = half * weights * np.exp(-a * y)
-    result, power, factorial = [], 1.0 - y, 1.0
-    for k in range(count):
-        result.append(float(np.sum(weighted * power)) / factorial)
-        power = power * (1.0 - y) ** 2
-        factorial *= (2 * k + 2) * (2 * k + 3)
-    return tuple(result)
+    powers = [1.0 - y]
+    for _ in range(count - 1):
+        powers.append(powers[-1] * (1.0 - y) ** 2)
+    return y, half * weights, np.array(powers)

@@ -44,8 +44,7 @@ def photon_transfer(checks: list[Document], name: str, notice: str = "") -> Plot
             color=color,
         )  # fmt: skip
         rows += [
-            [str(check["channel"]), *(float(row[key]) for key in ("signal", "variance", "variance_predicted"))]
-            for row in shown
+            [str(check["channel"]), *(float(one[i]) for one in (x, measured, predicted))] for i in range(len(shown))
         ]
     lower.axhline(0, color="0.2", lw=1)
     for level in (-3, 3):

@@ -56,6 +56,7 @@ class PatternFit:
     surface: Array = field(default_factory=lambda: np.zeros((DEGREE + 1, DEGREE + 1)))  # Legendre coefficients
     pixels: int = 0
     frames: int = 0
+    chance: float = 1.0  # p value of the white part: that there is none
     tests: list[str] = field(default_factory=list)
 
 
@@ -76,20 +77,31 @@ def fit(found: Pattern, shaded: bool) -> PatternFit:
     if result.outliers:
         result.outlier_values = rest.mean[outliers]
         result.outlier_extremes = (float(rest.mean[outliers].min()), float(rest.mean[outliers].max()))
-    rest = Pattern(np.where(mask, rest.groups, 0.0), rest.frames)
+    # without outliers the mean is another
+    centre = rest.groups.mean(axis=(1, 2), where=mask, keepdims=True)
+    rest = Pattern(np.where(mask, rest.groups - centre, 0.0), rest.frames)
     white = rest.variance()
+    lines = {
+        name: Pattern(rest.groups.mean(axis=axis + 1, keepdims=True), rest.frames)
+        for name, axis in (("rows", 1), ("columns", 0))
+    }
+    crossed = {name: _crossed(one.groups) for name, one in lines.items()}
+    alone = (white.value - sum(crossed.values())) / (1 - 1 / shape[0] - 1 / shape[1])  # without rows and columns
     for name, axis in (("rows", 1), ("columns", 0)):
-        lines = Pattern(rest.groups.mean(axis=axis + 1, keepdims=True), rest.frames)
-        count = lines.groups.size // len(lines.groups)
-        variance = _crossed(lines.groups) - white.value / shape[axis]
-        error = math.sqrt(2 / count) * (abs(variance) + float(lines.groups.var(axis=(1, 2)).mean()) / len(lines.groups)
-                                        + white.value / shape[axis])  # fmt: skip
+        groups = lines[name].groups
+        count = groups.size // len(groups)
+        variance = crossed[name] - alone / shape[axis]
+        error = math.sqrt(2 / count) * (
+            abs(variance) + float(groups.var(axis=(1, 2)).mean()) / len(groups) + alone / shape[axis]
+        )
         p = float(scipy.special.ndtr(-variance / error * 1.0)) if error > 0 else 1.0
         result.tests.append(f"offsets of {name}: p = {p:.2g}, accepted below {LEVEL / 2:.2g}")
         if p < LEVEL / 2:
             wide = 1.96 * error
             setattr(result, name, root(Estimate(variance, variance - wide, variance + wide, "")))
             white = Estimate(white.value - variance, white.low - variance, white.high - variance, "")
+    error = (white.high - white.low) / 3.92
+    result.chance = float(scipy.special.ndtr(-white.value / error)) if error > 0 else 1.0
     result.white = root(white)
     return result
 
@@ -105,6 +117,19 @@ def root(square: Estimate) -> Estimate:
     high = square.high if square.high > 0 else square.high - square.value
     value, low, high = (math.sqrt(max(one, 0.0)) for one in (square.value, square.low, high))
     return Estimate(value, low, high, "")
+
+
+def square(one: Estimate) -> Estimate:
+    """Return the square of a size."""
+    return Estimate(one.value**2, one.low**2, one.high**2, "")
+
+
+def less(one: Estimate, other: Estimate) -> Estimate:
+    """Return a variance without an independent part."""
+    value = one.value - other.value
+    low = math.hypot(one.value - one.low, other.high - other.value)
+    high = math.hypot(one.high - one.value, other.value - other.low)
+    return Estimate(value, value - low, value + high, "")
 
 
 def smooth(plane: Array) -> Array:

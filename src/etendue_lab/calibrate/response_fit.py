@@ -2,113 +2,96 @@
 
 In:  a photon transfer curve.
 Out: gain, rate, bend with standard errors, and the tests that chose the model.
-Sources: Janesick 2007 (photon transfer with a response that bends): of a signal s, the mean is g(s) and its variance
-g'(s)^2 (K s + dark); F tests of nested least squares, at 1 % over the number of tests.
+Sources: F tests of nested least squares, at 1 % over the number of tests; von Neumann 1941 (successive differences).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
 
+from etendue.errors import RequestError
 from etendue_camera.arrays import Array
-from etendue_camera.electronics.emva import QUANTISATION
+from etendue_lab.calibrate.response_model import ResponseFit
 from etendue_lab.frames.transfer import Curve
 
 LEVEL = 0.01
 ORDERS = (1.0, 2.0, 3.0)
+EXTRAS = {  # what means may have beside gain and bend; the first scale of each
+    "offset": ("light outside the exposure time", 0.1),
+    "lamp": ("light that is not proportional to its label", 0.01),
+    "leak": ("dark charge that the one exposure time of the dark does not tell", 1.0),
+}
+DOUBT = 0.05
+PARTS = 4
+SEEN = 0.45  # DN^2: above it rounding adds 1/12 to a variance within 0.1 %, whatever the mean
 CLIPPED = 1e-3  # largest share of pixels at the top code
-
-
-@dataclass(frozen=True)
-class ResponseFit:
-    """The fitted response. Errors are standard errors, scaled by the lack of fit."""
-
-    gain: float  # DN/electron, at the dark
-    rate: float  # DN per photon, or per unit of light
-    bend: float
-    order: float
-    offset: float  # DN, of all light levels: light outside the exposure time
-    errors: dict[str, float]
-    full: float  # DN above the dark where the bend is defined
-    tests: tuple[str, ...]
-    lack: tuple[float, float]  # rms of residuals of means and variances over their own errors
-    mean_scatter: float  # relative, of means about the response: of the light
-    used: Array
-    freedom: float
-
-    def mean(self, light: Array, charge: Array | float = 0.0) -> Array:
-        """Return the expected signal, DN above the dark, on a dark charge of so many DN."""
-        s = self.rate * light + self.offset
-        return self.bent(s + charge) - self.bent(np.asarray(charge))
-
-    def bent(self, s: Array) -> Array:
-        return np.asarray(s * (1 - self.bend * (np.maximum(s, 0) / self.full) ** self.order))
-
-    def slope(self, s: Array) -> Array:
-        return np.asarray(1 - self.bend * (self.order + 1) * (np.maximum(s, 0) / self.full) ** self.order)
-
-    def variance_at(self, signal: Array, dark: Array, charge: Array | float = 0.0) -> Array:
-        """Return the expected temporal variance at a measured mean, DN above the dark; ``charge``: of the dark, DN,
-        whose noise is not in ``dark``.
-        """
-        signal = signal + charge
-        s = signal
-        if self.bend:
-            most = self.full * (0.999 / (abs(self.bend) * (self.order + 1))) ** (1 / self.order)
-            for _ in range(12):  # Newton; the loss is a few per cent
-                s = np.clip(s - (s * (1 - self.bend * (np.maximum(s, 0) / self.full) ** self.order) - signal)
-                            / np.maximum(self.slope(s), 1e-3), 0, most)  # fmt: skip
-        return np.asarray(self.slope(s) ** 2 * (self.gain * s + dark - QUANTISATION) + QUANTISATION)
-
-    def straight(self, light: Array) -> Array:
-        return np.asarray(self.rate * light + self.offset)
-
-    def variance(self, light: Array, dark: Array) -> Array:
-        """Return the expected temporal variance, DN^2, of levels whose dark has the variance ``dark``."""
-        s = self.straight(light)
-        return np.asarray(self.slope(s) ** 2 * (self.gain * s + dark - QUANTISATION) + QUANTISATION)
 
 
 def fit(curve: Curve) -> ResponseFit:
     """Fit the response of a curve; levels up to 95 % of saturation in which hardly a pixel clips."""
     clipped = np.array([one.share_at(curve.top) if one.top == curve.top else 0.0 for one in curve.moments])
     used = curve.between(0.0, 0.95) & (clipped <= CLIPPED)
+    if curve.hidden:  # nor is the noise of faint levels seen
+        cut = np.array([one.histogram[0] / one.histogram.sum() for one in curve.moments])
+        used &= (curve.variance[0] > SEEN) & (cut <= CLIPPED)
+        if np.count_nonzero(used) < 3:
+            raise RequestError(
+                f"three levels with noise above {SEEN} DN^2 and without clipped pixels are needed; or {curve.hidden}"
+            )
     bits = max(1, math.ceil(math.log2(curve.top + 1)))
     light, signal, variance = curve.exposure[used], curve.signal[0, used], curve.variance[0, used]
     dark = np.full(light.size, _flat(curve))
     frames = np.array([one.frames for one in curve.moments])[used]
     pixels = curve.moments[0].pixels
+    darks = float(sum(one.frames for one in curve.dark))
     statistical = np.sqrt(
-        variance / frames / pixels + curve.dark_variance[0, used] / sum(one.frames for one in curve.dark) / pixels
+        variance / frames / pixels
+        + curve.dark_variance[0, used] / darks / pixels
+        + curve.line_error(frames)
+        + curve.line_error(darks)
     )
     scatter = _scatter(light, signal, statistical)
     errors = (
         np.hypot(np.hypot(statistical, scatter * signal), 1e-6 * signal),
-        np.sqrt(2 / (frames - 1) / pixels) * variance,
+        np.array([one.variance_error(curve.line_noise) for one in curve.moments])[used],
     )
+    charge, usual = _charge(curve, used)
     problem = _Problem(
-        light, signal, variance, dark, errors, float(2**bits - 1), *_charge(curve, used), np.ones(light.size, bool)
-    )
-    problem = problem.with_sound_labels().with_own_scatter()
-    best, tests = problem.chosen()
-    problem = problem.with_own_scatter(best)
-    best, tests = problem.chosen()
+        light, signal, variance, dark, errors, float(2**bits - 1), charge, usual, _after(curve, used),
+        np.ones(light.size, bool), bool(curve.hidden),
+    )  # fmt: skip
+    problem = problem.with_sound_labels()
+    best, *_ = problem.with_own_scatter().chosen()
+    problem = problem.with_own_scatter(best)  # about the chosen model, from sampling errors alone
+    best, tests, others = problem.chosen()
     if not problem.sound.all():
         odd = ", ".join(f"{one:.6g}" for one in light[~problem.sound])
         tests.append(f"the means of levels labelled {odd} do not fit their light; only their variances are used")
     lack = problem.lack(best)
     covariance = problem.covariance(best, lack)
-    names = ["gain", "rate", *(["bend"] if best.bend else []), *(["offset"] if best.offset else [])]
+    names = problem.names(best)
+    errors_of = np.sqrt(np.diag(covariance))
+    if others:
+        change = [max(abs(getattr(best, name) - getattr(one, name)) for one in others) for name in names]
+        errors_of = np.hypot(errors_of, change)
+        tests.append(f"{len(others)} other models fit nearly as well: intervals include the change to them")
+    p = _p_random(problem.residuals(best)[1])
+    tests.append(f"variances scatter about the model at random from level to level: p = {p:.2g}, refused below {LEVEL}")
+    if p < LEVEL:
+        errors_of = np.hypot(errors_of, problem.without_parts(best))
+        tests.append("the model does not hold: intervals include its change where a quarter of the levels is left out")
     return replace(
         best,
-        errors=dict(zip(names, np.sqrt(np.diag(covariance)), strict=True)),
+        errors=dict(zip(names, errors_of, strict=True)),
         tests=tuple(tests),
         lack=lack,
         mean_scatter=scatter,
+        mean_error=float(np.median(problem.errors[0] / problem.signal)),
         used=used,
         freedom=max(1.0, float(light.size - len(names) / 2)),
     )
@@ -123,6 +106,19 @@ def _charge(curve: Curve, used: Array) -> tuple[Array, float]:
     times = np.nan_to_num(np.array([one.time for one in curve.dark]))
     own = np.nan_to_num(np.array([one.time for one in curve.moments]))[used]
     return slope * own, slope * float((weight * times).sum() / weight.sum())
+
+
+def _after(curve: Curve, used: Array) -> Array:
+    """Return by how much exposure times exceed the only one of the dark, s; all 0 where that tells nothing."""
+    times = np.array([one.time for one in curve.moments])[used]
+    known = np.array([one.time for one in curve.dark])
+    if curve.dark_slope is not None or np.isnan(times).any() or np.isnan(known).any():
+        return np.zeros(times.size)
+    after = np.where(np.isclose(times, known[0], rtol=1e-6, atol=0), 0.0, times - known[0])
+    light = curve.exposure[used]
+    apart = after - light * (light @ after) / (light @ light)
+    # of times that are proportional to the light, dark charge cannot be told from light
+    return after if np.ptp(times) > 0 and float(apart.std()) > 0.05 * float(after.std()) else np.zeros(times.size)
 
 
 def _flat(curve: Curve) -> float:
@@ -157,12 +153,14 @@ class _Problem:
     full: float
     charge: Array  # DN, of the dark at each level
     usual: float  # DN, the dark charge at which ``dark`` was measured
+    after: Array  # s, beyond the only exposure time of the dark; all 0: dark charge is known, or cannot be told
     sound: Array  # levels whose means fit their light
+    hidden: bool  # the dark does not show its noise
 
     def residuals(self, fit: ResponseFit) -> tuple[Array, Array]:
         """Return residuals of means, and of variances at the measured means, over their errors."""
         return (
-            ((fit.mean(self.light, self.charge) - self.signal) / self.errors[0])[self.sound],
+            ((fit.mean(self.light, self.charge, self.after) - self.signal) / self.errors[0])[self.sound],
             (self.expected(fit) - self.variance) / self.errors[1],
         )
 
@@ -172,7 +170,17 @@ class _Problem:
 
     def flexible(self, loss: str = "linear") -> ResponseFit:
         """Return the closest of all models."""
-        return min((self.fitted(one, True, loss) for one in (0.0, *ORDERS)), key=lambda one: one[1])[0]
+        return min((self.fitted(one, self.extras, loss) for one in (0.0, *ORDERS)), key=lambda one: one[1])[0]
+
+    @property
+    def extras(self) -> tuple[str, ...]:
+        """What means may have beside gain and bend."""
+        return tuple(one for one in EXTRAS if one != "leak" or self.after.any())
+
+    def names(self, fit: ResponseFit) -> list[str]:
+        """Return the names of the parameters that were fitted."""
+        found = ["gain", "rate", *(["bend"] if fit.bend else [])]
+        return found + [one for one in EXTRAS if getattr(fit, one)] + (["floor"] if self.hidden else [])
 
     def with_sound_labels(self) -> _Problem:
         """Leave out means that lie far from what their light gives: beyond 8 robust errors and 0.3 %."""
@@ -180,7 +188,7 @@ class _Problem:
         wide = replace(self, errors=(np.hypot(self.errors[0], 1e-3 * self.signal), self.errors[1]))
         found, sound = wide.flexible("soft_l1"), self.sound
         for _ in range(3):
-            away = (self.signal - found.mean(self.light, self.charge)) / self.signal
+            away = (self.signal - found.mean(self.light, self.charge, self.after)) / self.signal
             bright = self.signal > 0.05 * self.signal.max()
             usual = 1.4826 * float(np.median(np.abs(away[bright])))
             before, sound = sound, ~bright | (np.abs(away) < max(8 * usual, 3e-3))
@@ -190,89 +198,166 @@ class _Problem:
         return replace(self, sound=sound)
 
     def with_own_scatter(self, fit: ResponseFit | None = None) -> _Problem:
-        """Add to the errors of variances what scatters beyond them, the same share of every level."""
+        """Add to the errors of means, and of variances, what scatters beyond them: the same share of every level."""
         fit = fit or self.flexible()
-        away = (self.variance - self.expected(fit)) / self.variance
-        own = self.errors[1] / self.variance
-        freedom = max(away.size - 3, 1)
-        extra = 0.0
-        if float((away**2 / own**2).sum()) > float(scipy.special.chdtri(freedom, 0.01)):  # else it is no scatter
-            extra = float(
-                scipy.optimize.brentq(
-                    lambda t: float((away**2 / (own**2 + t**2)).sum()) - freedom, 0, 10 * away.std() + 1
-                )
-            )
-        return replace(self, errors=(self.errors[0], np.hypot(self.errors[1], extra * self.variance)))
-
-    def lack(self, fit: ResponseFit) -> tuple[float, float]:
-        parts = self.residuals(fit)
-        count = (2 if fit.bend else 1) + bool(fit.offset)
-        return tuple(  # type: ignore[return-value]
-            math.sqrt(float((one**2).sum()) / max(one.size - used, 1))
-            for one, used in zip(parts, (count, 1), strict=True)
+        variances = (self.variance - self.expected(fit)) / self.variance
+        means = ((self.signal - fit.mean(self.light, self.charge, self.after)) / self.signal)[self.sound]
+        own = (self.errors[0] / self.signal)[self.sound], self.errors[1] / self.variance
+        extra = _extra(means, own[0], means.size - 3), _extra(variances, own[1], variances.size - 3)
+        return replace(
+            self,
+            errors=(
+                np.hypot(self.errors[0], extra[0] * self.signal),
+                np.hypot(self.errors[1], extra[1] * self.variance),
+            ),
         )
 
-    def model(self, values: Array, order: float, offset: bool) -> ResponseFit:
-        rest = list(values[2:])
-        bend = rest.pop(0) if order else 0.0
-        return ResponseFit(
-            float(values[0]), float(values[1]), float(bend), order or 1.0, float(rest.pop(0)) if offset else 0.0,
-            {}, self.full, (), (1.0, 1.0), 0.0, np.zeros(0), 1.0,
-        )  # fmt: skip
+    def lack(self, fit: ResponseFit) -> tuple[float, float]:
+        count = len(self.names(fit)) - 1
+        means, variances = self.residuals(fit)
+        return (
+            math.sqrt(float((means**2).sum()) / max(means.size - count, 1)),
+            math.sqrt(float((variances**2).sum()) / max(variances.size - 1, 1)),
+        )
 
-    def fitted(self, order: float, offset: bool, loss: str = "linear") -> tuple[ResponseFit, float]:
+    def model(self, values: Array, order: float, names: list[str]) -> ResponseFit:
+        known: dict[str, Any] = {"bend": 0.0} | {name: float(value) for name, value in zip(names, values, strict=True)}
+        return ResponseFit(order=order or 1.0, full=self.full, brightest=float(self.light.max()), **known)
+
+    def fitted(self, order: float, extras: tuple[str, ...], loss: str = "linear") -> tuple[ResponseFit, float]:
         """Return the best model of a kind, and its sum of squares."""
         rate = float((self.signal * self.light).sum() / (self.light**2).sum())
         gain = float(np.median((self.variance - self.dark) / self.signal))
-        start = [gain, rate, *([0.01] if order else []), *([0.0] if offset else [])]
-        scale = [abs(gain), abs(rate), *([0.01] if order else []), *([0.1] if offset else [])]
         most = 0.95 / (order + 1) if order else 0.0
-        lower = [0.0, 0.0, *([-most] if order else []), *([-np.inf] if offset else [])]
-        upper = [np.inf, np.inf, *([most] if order else []), *([np.inf] if offset else [])]
-        found = scipy.optimize.least_squares(
-            lambda v: np.concatenate(self.residuals(self.model(v, order, offset))),
-            start, x_scale=scale, bounds=(lower, upper), loss=loss, xtol=1e-14, ftol=1e-14, gtol=1e-14,
-        )  # fmt: skip
-        return self.model(found.x, order, offset), 2 * float(found.cost)
+        known = {"gain": (gain, abs(gain), 0.0, np.inf), "rate": (rate, abs(rate), 0.0, np.inf)}
+        known |= {"bend": (0.01, 0.01, -most, most)} if order else {}
+        known |= {one: (0.0, EXTRAS[one][1], -0.5 if one == "lamp" else -np.inf, np.inf) for one in extras}
+        known |= {"floor": (0.1, 0.1, 0.0, np.inf)} if self.hidden else {}
+        start, scale, lower, upper = (list(one) for one in zip(*known.values(), strict=True))
+        with np.errstate(all="ignore"):  # of trial steps
+            found = scipy.optimize.least_squares(
+                lambda v: np.concatenate(self.residuals(self.model(v, order, list(known)))),
+                start, x_scale=scale, bounds=(lower, upper), loss=loss, xtol=1e-14, ftol=1e-14, gtol=1e-14,
+            )  # fmt: skip
+        return self.model(found.x, order, list(known)), 2 * float(found.cost)
 
-    def chosen(self) -> tuple[ResponseFit, list[str]]:
-        """Add to constant gain what an F test accepts: a bend of one of three orders, light outside the exposure."""
-        size, tests = 2 * self.light.size, []
-        share = LEVEL / (len(ORDERS) + 1)
-        order = 0.0
-        # the bend is tested beside the offset, which would otherwise be taken for one
-        bends = {one: self.fitted(one, True) for one in ORDERS}
+    def chosen(self) -> tuple[ResponseFit, list[str], list[ResponseFit]]:
+        """Add to constant gain what an F test accepts: a bend of one of three orders, and `EXTRAS`.
+
+        Also return other models that the data leave in doubt: bends of another order, a lamp that is not proportional.
+        """
+        share, tests = LEVEL / (len(ORDERS) + len(self.extras)), list[str]()
+        # the bend is tested beside what could be taken for one, but the lamp, which needs a bend that is known
+        extras = tuple(one for one in self.extras if one != "lamp")
+        order = self._bend(extras, share, tests)
+        order, kept = self._kept(order, extras, share, tests)
+        # means and variances that ask for different bends: the light is not that of its labels
+        with_ = {one: self.fitted(one, (*kept, "lamp")) for one in (0.0, *ORDERS)}
+        best = min(with_, key=lambda one: with_[one][1])
+        fit, cost = self.fitted(order, kept)
+        p = _p_value(cost, with_[best][1], self._freedom(best, (*kept, "lamp")))
+        tests.append(f"{EXTRAS['lamp'][0]}: p = {p:.2g}, accepted below {share:.2g}")
+        others = [with_[best][0]] if share <= p < DOUBT else []
+        if p < share:
+            order = self._bend((*extras, "lamp"), share, tests)
+            order, kept = self._kept(order, (*extras, "lamp"), share, tests, ("lamp",))
+            fit, cost = self.fitted(order, kept)
+        if order:
+            nearly = cost * (1 + float(scipy.special.chdtri(1, DOUBT)) / self._freedom(order, kept))
+            bends = [self.fitted(one, kept) for one in ORDERS if one != order]
+            others += [one for one, own in bends if own < nearly and one.bend > 0]
+        return fit, tests, others
+
+    def _freedom(self, order: float, extras: tuple[str, ...]) -> int:
+        return 2 * self.light.size - 2 - bool(order) - len(extras) - self.hidden
+
+    def _bend(self, extras: tuple[str, ...], share: float, tests: list[str]) -> float:
+        """Return the order of the bend, 0 for none."""
+        bends = {one: self.fitted(one, extras) for one in ORDERS}
         likely = min((one for one in ORDERS if bends[one][0].bend > 0), key=lambda one: bends[one][1], default=0.0)
-        straight, straight_cost = self.fitted(0.0, True)
-        if likely:
-            p = _p_value(straight_cost, bends[likely][1], size - 4)
-            tests.append(f"a bend of order {likely:g} against constant gain: p = {p:.2g}, accepted below {share:.2g}")
-            order = likely if p < share else 0.0
-        else:
+        if not likely:
             tests.append("no bend of order 1, 2 or 3 lowers the response: constant gain")
-        without, without_cost = self.fitted(order, False)
-        with_, with_cost = bends[order] if order else (straight, straight_cost)
-        p = _p_value(without_cost, with_cost, size - 3 - bool(order))
-        tests.append(f"light outside the exposure time: p = {p:.2g}, accepted below {share:.2g}")
-        offset = p < share
-        return with_ if offset else without, tests
+            return 0.0
+        p = _p_value(self.fitted(0.0, extras)[1], bends[likely][1], self._freedom(likely, extras))
+        tests.append(f"a bend of order {likely:g} against constant gain: p = {p:.2g}, accepted below {share:.2g}")
+        return likely if p < share else 0.0
+
+    def _kept(
+        self, order: float, extras: tuple[str, ...], share: float, tests: list[str], sure: tuple[str, ...] = ()
+    ) -> tuple[float, tuple[str, ...]]:
+        """Return those of ``extras`` without which the fit is worse, and the order of the bend that goes with them: one
+        that needs fewer is simpler.
+        """
+        kept = extras
+        for one in extras:
+            if one in sure:
+                continue
+            fewer = tuple(own for own in kept if own != one)
+            costs = {own: self.fitted(own, fewer) for own in (ORDERS if order else (0.0,))}
+            simple = min(
+                (own for own in costs if costs[own][0].bend >= 0), key=lambda own: costs[own][1], default=order
+            )
+            p = _p_value(costs[simple][1], self.fitted(order, kept)[1], self._freedom(order, kept))
+            tests.append(f"{EXTRAS[one][0]}: p = {p:.2g}, accepted below {share:.2g}")
+            if p >= share:
+                order, kept = simple, fewer
+        return order, kept
+
+    def without_parts(self, fit: ResponseFit) -> Array:
+        """Return standard errors from fits without each quarter of the levels, by light (a jackknife of blocks)."""
+        order, names, found = fit.order if fit.bend else 0.0, self.names(fit), []
+        for left in np.array_split(np.arange(self.light.size), PARTS):
+            keep = np.setdiff1d(np.arange(self.light.size), left)
+            rest = replace(
+                self, light=self.light[keep], signal=self.signal[keep], variance=self.variance[keep],
+                dark=self.dark[keep], charge=self.charge[keep], after=self.after[keep], sound=self.sound[keep],
+                errors=(self.errors[0][keep], self.errors[1][keep]),
+            )  # fmt: skip
+            one, _ = rest.fitted(order, tuple(one for one in EXTRAS if one in names))
+            # the lamp's excess is that at one light
+            one = replace(one, lamp=one.lamp * fit.brightest / one.brightest)
+            found.append([getattr(one, name) for name in names])
+        values = np.array(found)
+        return np.asarray(np.sqrt((PARTS - 1) / PARTS * ((values - values.mean(0)) ** 2).sum(0)))
 
     def covariance(self, fit: ResponseFit, lack: tuple[float, float]) -> Array:
         """Return the covariance of the parameters; errors are scaled up by the lack of fit of their kind."""
-        values = [fit.gain, fit.rate, *([fit.bend] if fit.bend else []), *([fit.offset] if fit.offset else [])]
+        names = self.names(fit)
+        values = [getattr(fit, name) for name in names]
         order = fit.order if fit.bend else 0.0
 
         def at(v: list[float]) -> Array:
-            parts = self.residuals(self.model(np.array(v), order, bool(fit.offset)))
+            parts = self.residuals(self.model(np.array(v), order, names))
             return np.concatenate([one / max(own, 1.0) for one, own in zip(parts, lack, strict=True)])
 
         columns = []
         for i, value in enumerate(values):
-            step = 1e-5 * abs(value)
+            step = 1e-5 * max(abs(value), 1e-6)
             ends = [at([v + sign * step * (j == i) for j, v in enumerate(values)]) for sign in (1, -1)]
             columns.append((ends[0] - ends[1]) / (2 * step))
         design = np.stack(columns, 1)
         return np.asarray(np.linalg.pinv(design.T @ design, rcond=1e-15, hermitian=True))
+
+
+def _extra(away: Array, own: Array, freedom: int) -> float:
+    """Return the scatter beside known errors; 0 where a chi-squared test at 1 % finds none."""
+    freedom = max(freedom, 1)
+    if float((away**2 / own**2).sum()) <= float(scipy.special.chdtri(freedom, LEVEL)):
+        return 0.0
+    most = 10 * math.sqrt(float((away**2).sum()) / freedom) + 1e-9
+    return float(
+        scipy.optimize.brentq(lambda t: float((away**2 / (own**2 + t**2)).sum()) - freedom, 0, most, xtol=1e-12)
+    )
+
+
+def _p_random(residuals: Array) -> float:
+    """Return the p value that successive residuals are independent (von Neumann's ratio, one-sided)."""
+    n = residuals.size
+    if n < 6:
+        return 1.0
+    away = residuals - residuals.mean()
+    ratio = float((np.diff(residuals) ** 2).sum() / (away**2).sum())
+    return float(scipy.special.ndtr((ratio - 2) / math.sqrt(4 * (n - 2) / (n * n - 1))))
 
 
 def _p_value(without: float, with_: float, freedom: int) -> float:

@@ -14,81 +14,132 @@ import numpy as np
 
 from etendue_camera.constants import ELEMENTARY_CHARGE
 from etendue_camera.electronics.jackknife import Estimate
+from etendue_lab.calibrate.edge_blur import EdgeBlur
 from etendue_lab.calibrate.sensor_model import SensorModel
 from etendue_lab.frames.frame_set import FrameSet
 
 PITCH = 5.0  # um, where none is given
+UNKNOWN = (
+    ("read_noise", "read_noise", "0"),
+    ("dsnu", "dsnu", "0"),
+    ("dark_current", "dark_current_density", '"0 A cm-2"'),
+)
 QUIET = 1e-6  # a size that is given as found, where 0 would mean: as the stage says
 
 
-def text(models: list[SensorModel], frames: FrameSet, pitch: float | None, digests: dict[str, str]) -> str:
-    """Return the sensor file of a calibration."""
-    area = (pitch or PITCH) ** 2
-    name = frames.path.stem or frames.path.name
-    combined = digest_of(digests)
-    source = "measured"
-    lines = [
-        f"title = {quoted(f'calibrated from {name}')}",
-        'kind = "calibrated"',
-        f"description = {quoted(f'{len(frames.frames)} frames of {frames.shape[1]} x {frames.shape[0]} pixels; SHA-256 of their digests {combined[:16]}')}",  # noqa: E501
-        "",
-    ]
+class _Writer:
+    """Lines of a sensor file, from calibrated channels."""
 
-    def entry(table: str, key: str, value: object, note: str, source: str = source) -> None:
-        lines.extend(
-            [f"[{table}.{key}]", f"value = {value}", f"source = {quoted(source)}", f"note = {quoted(note)}", ""]
-        )
+    def __init__(self, models: list[SensorModel]) -> None:
+        self.models, self.lines = models, list[str]()
 
-    def put(key: str, name: str, scale: float = 1.0, unit: str = "", table: str = "camera") -> None:
+    def entry(self, table: str, key: str, value: object, note: str, source: str = "measured") -> None:
+        self.lines += [
+            f"[{table}.{key}]", f"value = {value}", f"source = {quoted(source)}", f"note = {quoted(note)}", "",
+        ]  # fmt: skip
+
+    def put(self, key: str, name: str, scale: float = 1.0, unit: str = "", table: str = "camera") -> None:
         """Write the mean of the channels, with an interval that holds the interval of each."""
-        found = [model.values[name] for model in models if name in model.values]
+        found = [model.values[name] for model in self.models if name in model.values]
         if not found:
             return
         value = float(np.mean([one.value for one in found])) * scale
         low, high = min(one.low for one in found) * scale, max(one.high for one in found) * scale
-        how = next(model.how[name] for model in models if name in model.how)
-        shown = (
-            quoted(f"{value:.7g} {unit}")
-            if unit
-            else f"{max(value, QUIET if key.startswith('sensor_') else value):.7g}"
-        )
-        entry(table, key, shown, f"95 % interval {low:.5g} to {high:.5g}{' ' + unit if unit else ''}; {how}")
+        how = next(model.how[name] for model in self.models if name in model.how)
+        least = QUIET if key.startswith("sensor_") else 0.0 if table == "camera" else value
+        shown = quoted(f"{max(value, least):.7g} {unit}") if unit else f"{max(value, least):.7g}"
+        self.entry(table, key, shown, f"95 % interval {low:.5g} to {high:.5g}{' ' + unit if unit else ''}; {how}")
 
-    note = "as given" if pitch else "assumed, for no --pitch was given: densities refer to it, so that charges hold"
-    entry("camera", "pixel_pitch", quoted(f"{pitch or PITCH:g} um"), note, "measured" if pitch else "typical")
-    entry("camera", "aperture_fraction", "1.0", "densities and efficiency hold for the whole pixel", "definition")
-    entry("camera", "pattern", quoted(frames.pattern), "of the frames", "definition")
-    entry("camera", "bits", models[0].bits, f"highest code {max(model.curve.top for model in models)}")
-    put("conversion_gain", "gain")
-    put("read_noise", "read_noise")
-    put("dsnu", "dsnu")
-    put("black_level", "black_level")
-    bent = [model for model in models if model.response.bend > 0]
-    if bent:
-        put("response_bend", "bend")
-        order = bent[0].response.order
-        entry("camera", "response_order", f"{order:g}", "; ".join(bent[0].response.tests[:1]))
-    put("sensor_prnu", "prnu")
-    for key in ("row_noise", "column_noise", "row_pattern", "column_pattern"):
-        put(f"sensor_{key}", key)
+
+def text(
+    models: list[SensorModel], frames: FrameSet, pitch: float | None, aperture: float, digests: dict[str, str],
+    blur: EdgeBlur | None = None,
+) -> str:  # fmt: skip
+    """Return the sensor file of a calibration; charges are those of pixels, whatever pitch and aperture."""
+    area, file = (pitch or PITCH) ** 2, _Writer(models)
+    about = f"{len(frames.frames)} frames of {frames.shape[1]} x {frames.shape[0]} pixels"
+    file.lines += [
+        f"title = {quoted(f'calibrated from {frames.path.stem or frames.path.name}')}",
+        'kind = "calibrated"',
+        f"description = {quoted(f'{about}; SHA-256 of their digests {digest_of(digests)[:16]}')}",
+        "",
+    ]
+    _put_pixel(file, pitch, aperture, frames.pattern)
+    _put_electronics(file)
     if any("dark_current" in model.values for model in models):
-        put("dark_current_density", "dark_current", ELEMENTARY_CHARGE / (area * 1e-8), "A cm-2")
-        put("sensor_dark_nonuniformity", "dark_nonuniformity")
-    _put_full_well(models, area, entry, put)
-    _put_efficiency(models, entry)
+        file.put("dark_current_density", "dark_current", ELEMENTARY_CHARGE / (area * 1e-8), "A cm-2")
+        file.put("sensor_dark_nonuniformity", "dark_nonuniformity")
+    for name, key, zero in UNKNOWN:  # as in the check, not the usual value of other sensors
+        if (need := models[0].needs.get(name)) and not any(name in model.values for model in models):
+            file.entry("camera", key, zero, f"not known: needs {need}", "typical")
+    _put_full_well(models, area * aperture**2, file.entry, file.put)
+    _put_efficiency(models, file.entry)
     for key, name, unit in (
         ("dsnu_in_all", "dsnu_total", "electron"),
         ("prnu_in_all", "prnu_total", ""),
         ("light_outside_the_exposure", "light_offset", "DN"),
+        ("light_over_its_label", "light_excess", ""),
     ):
-        if any(name in model.values for model in models):
-            put(key, name, 1.0, unit or "relative", "facts")
-    _waves(models[0], entry)
+        file.put(key, name, 1.0, unit or "relative", "facts")
+    _put_channels(models, file.entry)
+    _waves(models[0], file.entry)
+    if blur is not None:
+        _put_lens(blur, file.entry)
     for number, one in enumerate(models[0].tests):
-        entry("facts", f"test_{number + 1:02d}", quoted(one), f"channel {models[0].channel}", "definition")
-    for number, (file, digest) in enumerate(sorted(digests.items())):
-        entry("facts", f"frames_{number + 1:04d}", quoted(file), f"SHA-256 {digest}", "definition")
-    return "\n".join(lines)
+        file.entry("facts", f"test_{number + 1:02d}", quoted(one), f"channel {models[0].channel}", "definition")
+    for number, (name, digest) in enumerate(sorted(digests.items())):
+        file.entry("facts", f"frames_{number + 1:04d}", quoted(name), f"SHA-256 {digest}", "definition")
+    return "\n".join(file.lines)
+
+
+def _put_pixel(file: _Writer, pitch: float | None, aperture: float, pattern: str) -> None:
+    note = "as given" if pitch else "assumed, for no --pitch was given: densities refer to it, so that charges hold"
+    file.entry("camera", "pixel_pitch", quoted(f"{pitch or PITCH:g} um"), note, "measured" if pitch else "typical")
+    if aperture == 1:
+        note = "densities and efficiency hold for the whole pixel"
+        file.entry("camera", "aperture_fraction", "1.0", note, "definition")
+    else:
+        note = "as given; the efficiency holds for the light on the whole pixel"
+        file.entry("camera", "aperture_fraction", f"{aperture:g}", note)
+        file.entry("camera", "microlens_gain", f"{1 / aperture**2:.9g}", note, "definition")
+    file.entry("camera", "pattern", quoted(pattern), "of the frames", "definition")
+
+
+def _put_electronics(file: _Writer) -> None:
+    models = file.models
+    file.entry("camera", "bits", models[0].bits, f"highest code {max(model.curve.top for model in models)}")
+    file.put("conversion_gain", "gain")
+    for key in ("read_noise", "dsnu", "black_level"):
+        file.put(key, key)
+    bent = [model for model in models if model.response.bend > 0]
+    if bent:
+        file.put("response_bend", "bend")
+        order = bent[0].response.order
+        file.entry("camera", "response_order", f"{order:g}", "; ".join(bent[0].response.tests[:1]))
+    file.put("sensor_prnu", "prnu")
+    for key in ("row_noise", "column_noise", "row_pattern", "column_pattern"):
+        file.put(f"sensor_{key}", key)
+
+
+def _put_channels(models: list[SensorModel], entry: Callable[..., None]) -> None:
+    """State gain and black level of every channel, where there are several; the camera has their means."""
+    for model in models if len(models) > 1 else []:
+        for name in ("gain", "black_level"):
+            one = model.values[name]
+            entry("facts", f"{name}_{model.channel.lower()}", f"{one.value:.7g}",
+                  f"95 % interval {one.low:.5g} to {one.high:.5g} {one.unit}; channel {model.channel}")  # fmt: skip
+
+
+def _put_lens(blur: EdgeBlur, entry: Callable[..., None]) -> None:
+    """State the blur of a lens, a parameter of the stage lens_gaussian."""
+    sigma = blur.sigma
+    note = (
+        f"95 % interval {sigma.low:.5g} to {sigma.high:.5g} um; parameter of the stage lens_gaussian: a sensor adds no "
+        f"stage; from an edge at {blur.angle:.3g} degrees, MTF50 {blur.mtf50.value:.4g} cycles/pixel with the pixel, "
+        f"which is divided out; charge diffusion, if any, counts as lens"
+    )
+    entry("facts", "lens", quoted(f"sigma = {sigma.value:.5g} um"), note)
+    entry("facts", "edge_frame", quoted(blur.file), f"SHA-256 {blur.digest}", "definition")
 
 
 def _put_full_well(

@@ -6,6 +6,8 @@ Out: raw frames (frame, y, x), DN.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from etendue_camera.arrays import Array
@@ -30,6 +32,7 @@ class SimulatedSensor:
         if model.dark is not None:
             self._add_outliers(self.offset, model.dark, 1 / gain)
         self.offset += self.value("dsnu") * normal(shape)
+        self.leak = np.maximum(1 + self.value("dark_nonuniformity") * normal(shape), 0)
         self.offset += self.value("row_pattern") * normal((shape[0], 1)) + self.value("column_pattern") * normal(
             shape[1]
         )
@@ -50,14 +53,18 @@ class SimulatedSensor:
         """Return the light whose mean is a signal, DN above the dark."""
         fit = self.model.response
         straight = response.unbent(signal / fit.gain, max(fit.bend, 0.0), fit.order, fit.full / fit.gain) * fit.gain
-        return max((float(straight) - fit.offset) / fit.rate, 0.0)
+        proportional = max((float(straight) - fit.offset) / fit.rate, 0.0)
+        if not fit.lamp:
+            return proportional
+        share = 4 * fit.lamp * proportional / fit.brightest
+        return 2 * proportional / (1 + math.sqrt(max(1 + share, 0.0)))  # of L (1 + a L / L_max)
 
     def frames(self, time: float, light: float, count: int) -> Array:
         """Return frames of one exposure; ``light`` in the unit of the calibration, 0 in the dark."""
         fit, rng = self.model.response, self._rng
         dark = max(self.value("dark_current") * time, 0.0) if time == time else 0.0
         photo = float(fit.straight(np.array(light))) / fit.gain if light > 0 else 0.0
-        expected = np.broadcast_to(np.maximum(photo * self.response, 0) + dark, (count, *self.shape))
+        expected = np.broadcast_to(np.maximum(photo * self.response, 0) + dark * self.leak, (count, *self.shape))
         charge = noise.poisson(np.ascontiguousarray(expected), rng)
         charge = charge + self.value("read_noise") * rng.standard_normal(charge.shape) + self.offset
         charge += self.value("row_noise") * rng.standard_normal((count, self.shape[0], 1))

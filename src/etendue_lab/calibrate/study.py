@@ -6,12 +6,14 @@ Out: the document, and the text of the sensor file.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from etendue.types.documents import Document
 from etendue_lab.calibrate import sensor_file
+from etendue_lab.calibrate.calibration import calibrate
 from etendue_lab.calibrate.checking import check as check_of
-from etendue_lab.calibrate.sensor_model import calibrate
+from etendue_lab.calibrate.edge_blur import EdgePhotograph, edge_blur
 from etendue_lab.frames.frame_set import Window
 from etendue_lab.frames.moments import sites
 from etendue_lab.frames.reading import open_frames
@@ -19,9 +21,20 @@ from etendue_lab.frames.reading import open_frames
 CONFIDENCE = 0.95
 
 
+@dataclass(frozen=True)
+class Geometry:
+    """What frames of uniform light do not tell: the pixel, and an edge for the lens."""
+
+    pitch: float | None = None  # um
+    aperture: float | None = None  # side of the light-sensitive square over the pitch
+    edge: Path | None = None
+    edge_window: str | None = None
+
+
 def calibrated(
-    path: Path, window: str | None, pattern: str | None, pitch: float | None, check: bool
-) -> tuple[Document, str]:
+    path: Path, window: str | None = None, pattern: str | None = None, geometry: Geometry = Geometry(),
+    check: bool = False,
+) -> tuple[Document, str]:  # fmt: skip
     """Calibrate a measurement.
 
     Raises
@@ -33,6 +46,11 @@ def calibrated(
     places = sites(frames)
     models = [calibrate(frames, site, name, CONFIDENCE) for name, site in places.items()]
     digests = frames.digests()
+    blur = None
+    if geometry.edge is not None and geometry.pitch and geometry.aperture:
+        place = Window.read(geometry.edge_window, "--edge-window") if geometry.edge_window else None
+        edge = EdgePhotograph(geometry.edge, geometry.pitch, geometry.aperture, place)
+        blur = edge_blur(edge, frames, models, places, CONFIDENCE)
     document: Document = {
         "measurement": path.name,
         "confidence": CONFIDENCE,
@@ -61,6 +79,20 @@ def calibrated(
             }
             for model in models
         ],
+        "edge": None
+        if blur is None
+        else {
+            "file": blur.file,
+            "digest": blur.digest,
+            "sigma": blur.sigma.value,
+            "sigma_low": blur.sigma.low,
+            "sigma_high": blur.sigma.high,
+            "mtf50": blur.mtf50.value,
+            "mtf50_low": blur.mtf50.low,
+            "mtf50_high": blur.mtf50.high,
+            "angle": blur.angle,
+            "misfit": blur.misfit,
+        },
         "checks": [check_of(frames, one, places[one.channel]) for one in models] if check else [],
         "notes": list(frames.notes),
     }
@@ -68,4 +100,4 @@ def calibrated(
         document["notes"].append(
             "the response rises above a line, which the sensor file cannot say: no bend is written"
         )
-    return document, sensor_file.text(models, frames, pitch, digests)
+    return document, sensor_file.text(models, frames, geometry.pitch, geometry.aperture or 1.0, digests, blur)

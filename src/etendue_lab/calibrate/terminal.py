@@ -15,10 +15,11 @@ from etendue.cli.saying import tell
 from etendue.errors import RequestError
 from etendue.present.plots.plot import check_suffix
 from etendue.present.terminal.terminal import _out, _print_whole, _table, escape
+from etendue.result_files import check_folder, write_whole
 from etendue.types.documents import Document
-from etendue_lab.calibrate.study import calibrated
+from etendue_lab.calibrate.study import Geometry, calibrated
 
-PERCENT = ("prnu", "prnu_total", "quantum_efficiency", "bend")
+PERCENT = ("dark_nonuniformity", "light_excess", "prnu", "prnu_total", "quantum_efficiency", "bend")
 
 
 def print_calibration(document: Document) -> None:
@@ -40,6 +41,13 @@ def print_calibration(document: Document) -> None:
             console.print(f"{name.replace('_', ' ')}: needs {escape(need)}")
         for test in one["tests"]:
             console.print(f"test: {escape(test)}")
+    if (edge := document["edge"]) is not None:
+        sigma = f"{edge['sigma']:.4g} um ({edge['sigma_low']:.4g} to {edge['sigma_high']:.4g})"
+        console.print(
+            f"lens from {escape(edge['file'])}: Gaussian blur of sigma {sigma}, pixel divided out; MTF50 of both "
+            f"{edge['mtf50']:.4g} cycles/pixel; up to Nyquist its response differs from that of such a blur by at most "
+            f"{edge['misfit']:.2g}"
+        )
     for check in document["checks"]:
         _print_check(console, check)
     for note in document["notes"]:
@@ -66,9 +74,16 @@ def _print_check(console: Any, check: Document) -> None:
         ("mean_worst", "mean, worst level"),
     ):
         verdict = "within" if check["within"][name] else "beyond"
+        chance = {
+            "variance_rms": ("sampling", check["variance_sampling"]),
+            "variance_worst": ("sampling", check["variance_worst_sampling"]),
+            "mean_worst": ("the light's scatter", 1.96 * check["light_scatter"]),
+        }
+        who, size = chance[name]
+        own = f", of which {who} gives {100 * size:.3g} %"
         console.print(
-            f"{words}: {100 * check[name]:.3g} % of {check['judged']} levels of 2 to 90 % of saturation, {verdict} "
-            f"{100 * check['limits'][name]:.3g} %"
+            f"{words}: {100 * check[name]:.3g} % of {check['judged']} levels of 2 to 90 % of saturation{own}: "
+            f"{verdict} {100 * check['limits'][name]:.3g} %"
         )
 
 
@@ -91,21 +106,31 @@ def calibrate_command(
     check: bool,
     figure: Path | None,
     pitch: float | None,
+    aperture: float | None,
+    edge: Path | None,
+    edge_window: str | None,
     window: str | None,
     pattern: str | None,
     as_json: bool,
 ) -> None:
-    if output is not None and output.suffix != ".toml":
-        raise RequestError(f"--output {output}: a sensor file ends in .toml, such as mine.toml")
+    if edge is not None and (pitch is None or aperture is None):
+        raise RequestError(
+            "--edge: the pixel's own blur must be known to be divided out: give --pitch UM and --aperture SHARE (1 "
+            "with microlenses)"
+        )
+    if edge_window is not None and edge is None:
+        raise RequestError("--edge-window: the rectangle of an edge; give --edge FILE")
+    if output is not None:
+        if output.suffix != ".toml" or output.is_dir():
+            raise RequestError(f"--output {output}: a sensor file is a file that ends in .toml, such as mine.toml")
+        check_folder(output.parent)
     if figure is not None:
         check = True
         check_suffix(figure)
-    document, text = calibrated(frames, window, pattern, pitch, check)
+    geometry = Geometry(pitch, aperture, edge, edge_window)
+    document, text = calibrated(frames, window, pattern, geometry, check)
     if output is not None:
-        try:
-            output.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise RequestError(f"--output {output}: {error.strerror}") from None
+        write_whole(output.parent, {output.name: text.encode()})
         document["notes"].append(f'[camera] sensor = "./{output.name}" uses {output}')
     if figure is not None:
         from etendue_lab.calibrate.drawing import photon_transfer

@@ -21,6 +21,19 @@ from etendue.cli.saying import command, later
     help="Of the check: photon transfer, measured and predicted: .png, .svg or .pdf.",
 )
 @click.option("--pitch", type=click.FloatRange(0, min_open=True), metavar="UM", help="Pixel pitch, um.")
+@click.option(
+    "--aperture",
+    type=click.FloatRange(0, 1, min_open=True),
+    metavar="SHARE",
+    help="Side of a pixel's light-sensitive square over its pitch: 1 with microlenses.",
+)
+@click.option(
+    "--edge",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="A raw frame of a slanted edge: adds the lens's blur. Needs --pitch and --aperture.",
+)
+@click.option("--edge-window", metavar="X,Y,W,H", help="The rectangle of the edge, in pixels.")
 @click.option("--window", metavar="X,Y,W,H", help="The rectangle that is used, in pixels.")
 @click.option(
     "--pattern", metavar="RGGB", help="2 x 2 colour filter array of the frames; default: that of DNG, or mono."

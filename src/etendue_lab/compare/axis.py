@@ -16,6 +16,7 @@ from etendue.contract.capabilities import Probe
 from etendue.contract.registry import Registry
 from etendue.contract.stage import reads_of
 from etendue.contract.values import quantities as camera
+from etendue.contract.values.tables import preset_keys
 from etendue.errors import Fault, PluginError, RequestError, nearest
 from etendue.pipeline.derived import at_value, wanting
 from etendue.pipeline.file import PipelineFile
@@ -42,8 +43,8 @@ class AxisRequest:
 
     @property
     def named(self) -> bool:
-        """Whether its values are names, of stages or sensors."""
-        return self.swaps or self.key == SENSOR
+        """Whether its values are names: of stages, sensors, bodies or lenses."""
+        return self.swaps or self.key in preset_keys()
 
     @property
     def swaps(self) -> bool:
@@ -190,14 +191,15 @@ def without_sweep(pipeline: PipelineFile) -> tuple[PipelineFile, Document]:
     otherwise the first value of the sweep.
     """
     at: dict[str, AxisValue] = {}
-    for key in sorted(pipeline.sweep, key=lambda key: key != SENSOR):  # a sensor sets values of the others
+    words = pipeline.table.words()
+    for key in sorted(pipeline.sweep, key=lambda key: key not in words):  # a sensor sets values of the others
         own = own_value(pipeline, key)
         value = _first(pipeline.sweep[key]) if own is None else own
         if value is None:
             continue  # a fault that the planner reports
-        named = key == SENSOR and isinstance(value, Mapping)
-        at[key] = str(value.get("label", value.get(SENSOR, ""))) if named else value
-        if own is None:
+        named = key in words and isinstance(value, Mapping)
+        at[key] = str(value.get("label", value.get(key, ""))) if named else value
+        if own is None or key in words:
             pipeline = at_value(pipeline, key, value)
     return wanting(replace(pipeline, sweep={})), at
 
@@ -221,6 +223,8 @@ def own_value(pipeline: PipelineFile, key: str) -> Any:
     """Return what a file gives for an axis beside its sweep, as written; None if nothing."""
     stage, _, name = key.rpartition(".")
     if not stage:
-        return pipeline.preset_name or None if key == SENSOR else pipeline.shared.get(name, pipeline.preset.get(name))
+        if key in pipeline.table.words():
+            return pipeline.named.get(key) or None
+        return pipeline.shared.get(name, pipeline.preset.get(name))
     entry = next((e for e in pipeline.stages if e.name == stage), None)
     return None if entry is None else entry.use if name == "use" else entry.values.get(name)

@@ -6,6 +6,7 @@ Out: frames; compressed members are read forwards in a stream, one frame in memo
 
 from __future__ import annotations
 
+import io
 import math
 import zipfile
 import zlib
@@ -17,7 +18,7 @@ import numpy as np
 from etendue import plain_files
 from etendue.errors import RequestError
 from etendue_camera.arrays import Array
-from etendue_lab.frames.frame_set import Frame, FrameSet, as_codes
+from etendue_lab.frames.frame_set import MOST_FRAMES, Frame, FrameSet, as_codes
 
 MOST_BYTES = 1 << 28  # of one frame
 KEYS = "light (level, frame, y, x) with light_time_s, and dark (level, frame, y, x) with dark_time_s"
@@ -41,8 +42,7 @@ class ArrayMember:
             raise RequestError(f"{path}: {member} has frames of {self._bytes} bytes; at most {MOST_BYTES} are read")
 
     def _opened(self) -> IO[bytes]:
-        file = plain_files.open_plain(self.path)
-        return zipfile.ZipFile(file).open(self.member + ".npy") if self.member else file
+        return _opened(self.path, self.member)
 
     def read(self, index: int) -> Array:
         """Return frame ``index``; frames are read forwards, so any other order starts the file again."""
@@ -61,6 +61,43 @@ class ArrayMember:
             raise RequestError(f"{self.path}: {self.member or 'the array'} ends within frame {index}: it is truncated")
         self._next = index + 1
         return as_codes(np.frombuffer(data, self._dtype).reshape(self.shape), self.path)
+
+
+class _Member(io.BufferedReader):
+    """A member of an archive, which is closed with it."""
+
+    def __init__(self, archive: zipfile.ZipFile, name: str, file: IO[bytes]) -> None:
+        super().__init__(archive.open(name))  # type: ignore[arg-type]
+        self._kept = (archive, file)
+
+    def close(self) -> None:
+        super().close()
+        for one in self._kept:
+            one.close()
+
+
+def _opened(path: Path, member: str) -> IO[bytes]:
+    file = plain_files.open_plain(path)
+    if not member:
+        return file
+    try:
+        return _Member(zipfile.ZipFile(file), member + ".npy", file)
+    except BaseException:
+        file.close()
+        raise
+
+
+def _labels(path: Path, member: str) -> Any:
+    """Return times or light of levels: a small array, whose size is known before it is unfolded."""
+    with _opened(path, member) as file:
+        shape, dtype, _ = _header(file, path, member)
+        size = math.prod(shape)
+        if size > MOST_FRAMES or dtype.kind not in "uif":
+            raise RequestError(f"{path}: {member} has {size} values of type {dtype}; expected a number for each level")
+        data = file.read(size * dtype.itemsize)
+    if len(data) != size * dtype.itemsize:
+        raise RequestError(f"{path}: {member} is truncated")
+    return np.frombuffer(data, dtype).astype(float)
 
 
 def _header(file: IO[bytes], path: Path, member: str) -> tuple[tuple[int, ...], np.dtype[Any], int]:
@@ -93,12 +130,11 @@ def read_npz(path: Path) -> FrameSet:
         plain_files.check_plain(path)
         with zipfile.ZipFile(path) as file:
             names = [one.removesuffix(".npy") for one in file.namelist()]
-        small: dict[str, Any] = {}
-        with np.load(path, allow_pickle=False) as found:
-            for name in names:
-                if name.endswith(("_time_s", "_photons_per_pixel", "_relative_light")):
-                    small[name] = np.asarray(found[name], float)
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
+        labels = ("_time_s", "_photons_per_pixel", "_relative_light")
+        small = {name: _labels(path, name) for name in names if name.endswith(labels)}
+    except RequestError:
+        raise
+    except (OSError, ValueError, zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         raise RequestError(f"{path}: cannot be read as .npz: {' '.join(str(error).split())[:120]}") from None
     if "light" not in names or ("dark" not in names and "dark_stack" not in names):
         raise RequestError(f"{path}: has {', '.join(names[:8]) or 'nothing'}; needed: {KEYS}")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -20,6 +20,8 @@ from etendue.errors import RequestError
 from etendue_camera.arrays import Array
 
 MOST_FRAMES = 100_000
+MANY_PIXELS = 1 << 20  # looked at first; every frame is checked as it is read
+MANY_CODES = 8  # different ones, to tell steps from few values
 _BLOCK = 1 << 20
 
 
@@ -70,11 +72,11 @@ class Window:
     height: int
 
     @classmethod
-    def read(cls, text: str) -> Window:
+    def read(cls, text: str, option: str = "--window") -> Window:
         """Read X,Y,WIDTH,HEIGHT."""
         parts = text.split(",")
         if len(parts) != 4 or not all(one.strip().isdecimal() for one in parts):
-            raise RequestError(f"--window {text}: give X,Y,WIDTH,HEIGHT in whole pixels, such as 100,200,512,512")
+            raise RequestError(f"{option} {text}: give X,Y,WIDTH,HEIGHT in whole pixels, such as 100,200,512,512")
         x, y, width, height = (int(one) for one in parts)
         return cls(x, y, width, height)
 
@@ -90,6 +92,7 @@ class FrameSet:
     pattern: str = "mono"  # letters of the colour filter array, row by row
     notes: list[str] = field(default_factory=list)
     window: Window | None = None
+    step: int = 1  # of which all stored codes are multiples: 16 for 12 bits in the upper bits of 16
 
     def __post_init__(self) -> None:
         if not self.frames:
@@ -117,9 +120,14 @@ class FrameSet:
 
     def cut(self, frame: Frame) -> Array:
         """Return a frame, cut to the window."""
-        found = frame.read()
-        w = self.window
-        return found if w is None else found[w.y : w.y + w.height, w.x : w.x + w.width]
+        found, w = frame.read(), self.window
+        if w is not None:
+            found = found[w.y : w.y + w.height, w.x : w.x + w.width]
+        if self.step == 1:
+            return found
+        if (found % self.step).any():
+            raise RequestError(f"{frame.source.path}: codes are no multiples of {self.step}, as in other frames")
+        return np.asarray(found // found.dtype.type(self.step))
 
     def windowed(self, window: Window | None) -> FrameSet:
         """Return the same with a window, which must lie within the frames."""
@@ -129,7 +137,19 @@ class FrameSet:
                 f"--window {window.x},{window.y},{window.width},{window.height}: beyond the frames of {columns} x "
                 f"{rows} pixels"
             )
-        return FrameSet(self.path, self.frames, self.photons, self.kind, self.pattern, self.notes, window)
+        return replace(self, window=window)
+
+    def unshifted(self) -> FrameSet:
+        """Return the same in steps of the converter, if all codes of its frames are multiples of a power of two."""
+        known: set[int] = set()
+        for frame in (self.frames[i] for i in {0, len(self.frames) // 3, len(self.frames) // 2, len(self.frames) - 1}):
+            known.update(int(one) for one in np.unique(self.cut(frame).ravel()[:MANY_PIXELS]))
+        step = math.gcd(*known)
+        step &= -step
+        if step == 1 or len(known) < MANY_CODES:
+            return self
+        note = f"all codes are multiples of {step}: DN are the converter's own steps, codes divided by {step}"
+        return replace(self, step=step, notes=[*self.notes, note])
 
     def levels(self) -> list[Level]:
         """Return levels, the dark ones first, by light and time."""
@@ -141,8 +161,10 @@ class FrameSet:
         return [Level(key[1], key[0], tuple(found[key])) for key in keys]
 
     def digests(self) -> dict[str, str]:
-        """Return the SHA-256 of every file, by name."""
-        return {path.name: sha256(path) for path in dict.fromkeys(one.source.path for one in self.frames)}
+        """Return the SHA-256 of every file, by its name in the folder of the measurement."""
+        folder = self.path if self.path.is_dir() else self.path.parent
+        paths = dict.fromkeys(one.source.path for one in self.frames)
+        return {path.relative_to(folder).as_posix(): sha256(path) for path in paths}
 
 
 def sha256(path: Path) -> str:
@@ -158,15 +180,19 @@ def as_codes(values: Array, path: Path) -> Array:
     """Return frames as unsigned integers; refuse anything else."""
     if values.dtype.kind == "u" and values.dtype.itemsize <= 4:
         return values
-    if values.dtype.kind == "i" and values.dtype.itemsize <= 8:
+    if values.dtype.kind in "iu":
         if values.size and int(values.min()) < 0:
             raise RequestError(
                 f"{path}: holds negative numbers; raw frames, from which nothing is subtracted, are needed"
             )
+        if values.size and int(values.max()) >= 1 << 32:
+            raise RequestError(f"{path}: holds the code {int(values.max())}; codes of at most 20 bits are read")
         return values.astype(np.uint32 if values.itemsize > 2 else np.uint16)
     if values.dtype.kind == "f":
-        if not np.isfinite(values).all() or (values < 0).any() or (values != np.floor(values)).any():
-            raise RequestError(f"{path}: holds fractions, NaN or negative numbers; whole raw codes are needed")
+        if not ((values >= 0) & (values < 2.0**32) & (values == np.floor(values))).all():
+            raise RequestError(
+                f"{path}: holds fractions, NaN, or numbers below 0 or above 2^32; whole raw codes are needed"
+            )
         return values.astype(np.uint32)
     raise RequestError(f"{path}: holds values of type {values.dtype}; whole raw codes are needed")
 

@@ -6,6 +6,7 @@ Out: mean, temporal variance, row and column variance, histogram; each also with
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,7 @@ class LevelMoments:
     light: float
     frames: int
     pixels: int
+    shape: tuple[int, int]
     mean: Array  # DN
     variance: Array  # DN^2, temporal, offsets of whole frames removed
     spatial: Array  # DN^2, of the mean frame, its temporal part removed
@@ -40,6 +42,13 @@ class LevelMoments:
     def top(self) -> int:
         """Highest code."""
         return int(self.histogram.size - 1)
+
+    def variance_error(self, lines: tuple[float, float] = (0.0, 0.0)) -> float:
+        """Return the statistical standard error of the temporal variance, DN^2; ``lines``: the part of it that whole
+        rows, and whole columns, share: there are few of them.
+        """
+        parts = [(float(self.variance[0]), self.pixels), (lines[0], self.shape[0]), (lines[1], self.shape[1])]
+        return math.sqrt(2 / (self.frames - 1) * sum(max(own, 0.0) ** 2 / count for own, count in parts))
 
     def share_at(self, code: int) -> float:
         """Return the share of pixels at or above a code."""
@@ -88,12 +97,18 @@ def moments(frames: FrameSet, level: Level, site: Site = MONO) -> LevelMoments:
                     f"{frames.path}: {codes.shape[1]} x {codes.shape[0]} pixels; at least 8 x 8 are needed"
                 )
             edges = [np.linspace(0, size, BLOCKS + 1).astype(int) for size in codes.shape]
+            kind = codes.dtype
             wide = codes.dtype.itemsize > 2 or count > 1 << 15
             total = np.zeros(codes.shape, np.uint64 if wide else np.uint32)
             squares = np.zeros(codes.shape, np.uint64)
             by_frame = np.zeros((count, BLOCKS, BLOCKS))
             lines = [np.zeros((count, size)) for size in codes.shape]
             histogram = np.zeros(0, np.int64)
+        if codes.dtype != kind:
+            raise RequestError(
+                f"{frame.source.path}: has codes of {8 * codes.itemsize} bits, and another frame of its exposure has "
+                f"{8 * kind.itemsize}; all frames must be stored alike"
+            )
         total += codes
         for band in range(BLOCKS):
             part = codes[edges[0][band] : edges[0][band + 1]].astype(np.uint64)
@@ -159,6 +174,7 @@ def _moments(
         level.light,
         count,
         int(n[0]),
+        (total.shape[0], total.shape[1]),
         mean + centre,
         variance,
         (still_squares - n * mean**2) / (n - 1) - variance / count,

@@ -6,18 +6,23 @@ Out: its frames, with times and light.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from etendue.errors import RequestError
+from etendue_camera.arrays import Array
 from etendue_lab.frames.arrays import read_npy, read_npz
-from etendue_lab.frames.frame_set import Frame, FrameSet, Source, Window
+from etendue_lab.frames.frame_set import MOST_FRAMES, Frame, FrameSet, Source, Window
 from etendue_lab.frames.pictures import PICTURES, PictureFrame
 from etendue_lab.frames.tables import COLUMNS, Line, read_csv, read_descriptor
 
 TABLES: dict[str, Callable[[Path], tuple[list[Line], bool]]] = {".csv": read_csv, ".txt": read_descriptor}
+MOST_FILES = 10 * MOST_FRAMES
 KINDS = "a folder, .npz, .csv (a table of frames), .txt (an EMVA descriptor)"
 
 
@@ -25,7 +30,8 @@ def are_frames(path: Path) -> bool:
     """Return whether a path is a measurement: real frames, and neither a pipeline nor an archive."""
     if path.is_dir():
         return not any((path / name).exists() for name in ("data.zarr", "journal.jsonl", "manifest.json")) and any(
-            one.suffix.lower() in PICTURES | {".npy", ".npz", *TABLES} for one in path.iterdir()
+            one.suffix.lower() in PICTURES | {".npy", ".npz", *TABLES}
+            for one in itertools.islice(path.rglob("*"), MOST_FILES)
         )
     return path.suffix.lower() in {".npz", ".npy", *TABLES} | PICTURES
 
@@ -41,7 +47,7 @@ def open_frames(path: Path, window: Window | None = None, pattern: str | None = 
     if not path.exists():
         raise RequestError(f"{path}: file not found; give {KINDS}")
     found = _folder(path) if path.is_dir() else _file(path)
-    found = found.windowed(window)
+    found = found.windowed(window).unshifted()
     return replace(found, pattern=_pattern(pattern)) if pattern else found
 
 
@@ -74,6 +80,21 @@ def _sources(path: Path) -> list[tuple[Source, int]]:
     raise RequestError(f"{path}: is not a frame; give PNG, TIFF, DNG or .npy")
 
 
+def frame_of(path: Path) -> Array:
+    """Return the mean of the frames of one file, DN (y, x).
+
+    Raises
+    ------
+    RequestError
+        It is no frame.
+    """
+    found = _sources(path)
+    total = np.zeros(found[0][0].shape)
+    for source, index in found:
+        total += source.read(index)
+    return total / len(found)
+
+
 def _listed(path: Path, lines: list[Line], photons: bool) -> FrameSet:
     frames, patterns, opened = [], set(), dict[Path, list[tuple[Source, int]]]()
     for line in lines:
@@ -98,9 +119,9 @@ def _folder(path: Path) -> FrameSet:
     """Read a folder: its one table, its one ``.npz``, or pictures with exposure times in sub-folders or names that
     contain ``dark`` for frames without light.
     """
-    inside = sorted(one for one in path.rglob("*") if one.is_file())
+    inside = sorted(one for one in itertools.islice(path.rglob("*"), MOST_FILES) if one.is_file())
     lists = [one for one in inside if one.suffix.lower() in TABLES and one.parent == path]
-    tables = [one for one in lists if one.suffix.lower() == ".csv"] or lists
+    tables = [one for one in lists or inside if one.suffix.lower() == ".csv"] or lists
     stored = [one for one in inside if one.suffix.lower() == ".npz"]
     if len(tables) == 1:
         return _file(tables[0])

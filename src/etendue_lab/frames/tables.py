@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import math
 from dataclasses import dataclass
 from pathlib import Path
 
 from etendue import plain_files
 from etendue.errors import RequestError
+from etendue_lab.frames.frame_set import MOST_FRAMES
 
 COLUMNS = "file, time_s, photons or relative_light, kind (light or dark)"
 
@@ -40,6 +42,7 @@ def _text(path: Path) -> str:
 def read_csv(path: Path) -> tuple[list[Line], bool]:
     """Read a table with the columns `COLUMNS`; return its lines, and whether light is in photons.
 
+    A line names one file, or with ``*``, ``?`` or a folder all frames of one exposure.
     A line of the kind ``dark`` needs no light. Without ``kind``, frames of light 0 are dark. Without light, it is the
     time (constant light).
     """
@@ -70,7 +73,7 @@ def read_csv(path: Path) -> tuple[list[Line], bool]:
             light = time
         if math.isnan(light):
             raise RequestError(f"{path}, line {number}: has no {light_name}, and is not dark")
-        found.append(Line(_beside(path, row[names["file"]], number), time, light, number))
+        found += [Line(file, time, light, number) for file in _named(path, row[names["file"]], number)]
     return found, photons
 
 
@@ -100,6 +103,20 @@ def read_descriptor(path: Path) -> tuple[list[Line], bool]:
     if not found:
         raise RequestError(f"{path}: names no frames; a descriptor has lines b TIME_NS PHOTONS, d TIME_NS, i FILE")
     return found, True
+
+
+def _named(path: Path, name: str | None, number: int) -> list[Path]:
+    """Return the file of a line, or all frames that a name with ``*`` or ``?``, or a folder, stands for."""
+    file = _beside(path, name, number)
+    if file.is_dir():
+        found = [one for one in file.iterdir() if one.is_file() and not one.name.startswith(".")]
+    elif not file.exists() and any(sign in file.name for sign in "*?"):
+        found = list(itertools.islice(path.parent.glob(str(file.relative_to(path.parent))), MOST_FRAMES))
+    else:
+        return [file]
+    if not found:
+        raise RequestError(f"{path}, line {number}: no file is named {str(name).strip()[:60]!r}")
+    return sorted(found)
 
 
 def _beside(path: Path, name: str | None, number: int) -> Path:

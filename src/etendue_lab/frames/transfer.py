@@ -18,8 +18,10 @@ from etendue_camera.electronics.emva import QUANTISATION
 from etendue_camera.electronics.jackknife import Estimate, Jackknife
 from etendue_lab.frames.frame_set import FrameSet, Level
 from etendue_lab.frames.moments import MONO, LevelMoments, Site, moments
-from etendue_lab.frames.patterns import Pattern, pattern
+from etendue_lab.frames.patterns import DarkPatterns, Pattern, dark_patterns, differ, pattern
 
+HIDDEN = 0.24  # DN^2: EMVA 1288 tells no dark noise below it
+STACK = 8  # frames of one level
 RANGE = 0.7  # of saturation, where EMVA 1288 fits lines
 NONE = Estimate(math.nan, math.nan, math.nan, "")
 
@@ -55,6 +57,34 @@ class Curve:
     def full(self) -> float:
         """Signal of saturation, DN; without saturation that of the brightest level."""
         return float(self.signal[0, self.peak])
+
+    @property
+    def hidden(self) -> str:
+        """What would be needed to see the noise of the dark; empty where it is seen."""
+        weight = np.array([one.frames - 1.0 for one in self.dark])
+        if sum(float(one.histogram[0]) for one in self.dark) > 1e-3 * sum(one.histogram.sum() for one in self.dark):
+            return "a higher black level: the dark is cut off at code 0"
+        if float((weight * np.array([one.variance[0] for one in self.dark])).sum() / weight.sum()) < HIDDEN:
+            return "a higher gain: rounding hides the noise of the dark"
+        return ""
+
+    @property
+    def line_noise(self) -> tuple[float, float]:
+        """Variance of the dark that rows, and columns, share, DN^2."""
+        weight = np.array([one.frames - 1.0 for one in self.dark])
+        rows, columns = (
+            float((weight * own).sum() / weight.sum())
+            for own in (
+                np.array([one.row_variance for one in self.dark]),
+                np.array([one.column_variance for one in self.dark]),
+            )
+        )
+        return max(rows, 0.0), max(columns, 0.0)
+
+    def line_error(self, frames: Array | float) -> Array:
+        """Return the variance that moving lines give to the mean of so many frames, DN^2: lines are few."""
+        rows, columns = self.line_noise
+        return np.asarray((rows / self.dark[0].shape[0] + columns / self.dark[0].shape[1]) / frames)
 
     def between(self, low: float, high: float) -> Array:
         """Return a mask of levels by the share of saturation."""
@@ -107,7 +137,7 @@ def _dark(dark: list[LevelMoments], times: Array) -> tuple[Array, Array, Array |
     mean, variance = np.stack([one.mean for one in dark], 1), np.stack([one.variance for one in dark], 1)
     weight = np.array([float(one.frames - 1) for one in dark])
     slope, origin = None, (mean * weight).sum(1) / weight.sum()
-    if np.unique(own[~np.isnan(own)]).size >= 2:
+    if differ(own[~np.isnan(own)]):
         good = ~np.isnan(own)
         x, y, w = own[good], mean[:, good], weight[good]
         centred = x - (w * x).sum() / w.sum()
@@ -140,16 +170,17 @@ class Figures:
         self.needs[name] = why
 
 
-def patterns(frames: FrameSet, found: Curve, site: Site = MONO) -> tuple[Pattern | None, Pattern | None]:
-    """Return the pattern of the dark (DN), and of the response (relative) at all levels of 5 to 70 % of saturation."""
-    dark = pattern(frames, [(one, 1.0, 1.0) for one in found.dark_levels], site)
+def patterns(frames: FrameSet, found: Curve, site: Site = MONO) -> tuple[DarkPatterns | None, Pattern | None]:
+    """Return patterns of the dark (DN), and of the response (relative) at all levels of 5 to 70 % of saturation."""
+    dark = dark_patterns(frames, found.dark_levels, site)
     used = np.flatnonzero(found.between(0.05, RANGE))
     signal = found.signal[0]
     # of a relative response the variance is near 1 / signal: the weight is the signal
     light = pattern(frames, [(found.levels[i], float(signal[i]), float(signal[i])) for i in used], site)
     if dark is not None and light is not None:  # offsets are no response
         frames_of = np.array([len(found.levels[i].frames) for i in used], float)
-        light = light.without(dark.mean * float(frames_of.sum() / (frames_of * signal[used]).sum()))
+        time = float((frames_of * np.array([found.levels[i].time for i in used])).sum() / frames_of.sum())
+        light = light.less(dark.at(time), float(frames_of.sum() / (frames_of * signal[used]).sum()))
     return dark, light
 
 
@@ -189,15 +220,16 @@ def figures(frames: FrameSet, found: Curve, site: Site = MONO, confidence: float
     weight = np.array([one.frames - 1.0 for one in found.dark])
     dark_variance = (np.stack([one.variance for one in found.dark], 1) * weight).sum(1) / weight.sum()
     read2 = dark_variance - QUANTISATION
-    if found.dark_slope is not None:  # shot noise of the dark charge
+    if found.dark_slope is not None and not found.hidden:  # shot noise of the dark charge
         times = np.array([one.time for one in found.dark])
         usual = float(np.nansum(times * weight) / weight[~np.isnan(times)].sum())
         result.values["dark_current"] = by_gain(found.dark_slope, "electron/s")
         read2 = read2 - np.maximum(gain * found.dark_slope * usual, 0.0)
     else:
-        result.lacks("dark_current", "electron/s", "dark frames at two or more exposure times")
-    if float(dark_variance[0]) < 0.24:
-        result.lacks("read_noise", "electron", "a higher gain: rounding hides the noise of the dark")
+        why = "" if found.dark_slope is None else found.hidden
+        result.lacks("dark_current", "electron/s", why or "dark frames at two or more exposure times")
+    if found.hidden:
+        result.lacks("read_noise", "electron", found.hidden)
     else:
         result.values["read_noise"] = by_gain(np.sqrt(np.maximum(read2, 0)), "electron")
     if found.saturates:
@@ -218,11 +250,17 @@ def _patterns(
     frames: FrameSet, found: Curve, site: Site, result: Figures, relative: float, gain: float, confidence: float
 ) -> None:
     dark, light = patterns(frames, found, site)
-    if dark is not None:
-        result.values["dsnu"] = _root(dark.variance(confidence), 1 / gain, relative, "electron")
-        if dark.frames < 8:
+    if found.hidden:
+        result.lacks("dsnu", "electron", found.hidden)
+    elif dark is not None:
+        # as in the standard, at the exposure time of the stack, or of half saturation
+        half = found.moments[int(np.argmin(np.abs(found.signal[0] - 0.5 * found.full)))]
+        stack = max(found.dark, key=lambda one: one.frames)
+        own = dark.at((stack if stack.frames >= STACK else half).time)
+        result.values["dsnu"] = _root(own.variance(confidence), 1 / gain, relative, "electron")
+        if own.frames < 8:
             result.notes.append(
-                f"{dark.frames} dark frames: patterns that move between frames are not told from DSNU; 16 or more tell"
+                f"{own.frames} dark frames: patterns that move between frames are not told from DSNU; 16 or more tell"
             )
     if light is None:
         result.lacks("prnu", "", "levels between 5 and 70 % of saturation")

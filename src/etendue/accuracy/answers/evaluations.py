@@ -6,13 +6,12 @@ Out: plans and values; ``TooDear`` before one that would exceed the budget.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from etendue.accuracy.answers.refinement import AS_PLANNED, DRAWN, Factors, Point
+from etendue.accuracy.answers.refinement import DRAWN, Factors, Point
 from etendue.contract.ports import CellReport, Progress
 from etendue.errors import MachineError
 from etendue.plan.ancestry import ancestry
@@ -30,8 +29,11 @@ Which = tuple[Factors, str]
 Asked = frozenset[StageVariable] | None  # None: all wanted variables
 Evaluated = tuple[Plan, dict[StageVariable, "Array"]]
 Shown = Callable[[Plan], Progress] | None
+PLANNED: Which = ({}, "")
 PLANNING = 0.01  # seconds of a plan of one point, until one was made
 ENGINE = 2e-4  # seconds that the engine adds for a cell
+FIXED = 0.015  # most of an excess over the predicted seconds of a cell that does not grow with it
+LEAST = 0.3  # smallest factor that is believed: a cell may have found its tables made
 
 
 class TooDear(Exception):
@@ -43,7 +45,10 @@ class TooDear(Exception):
 
 
 class Rates:
-    """Measured over predicted seconds of the stages of a pipeline, and what the engine adds for every cell.
+    """Measured seconds of the stages of a pipeline beside those predicted, and what the engine adds for every cell.
+
+    A small cell takes longer than predicted because of what does not grow with it, so an excess up to ``FIXED`` seconds
+    is added; beyond that, predictions are scaled.
 
     Parameters
     ----------
@@ -52,7 +57,7 @@ class Rates:
     """
 
     def __init__(self, plan: Plan, reports: Reports | None) -> None:
-        self.of: dict[str, float] = {}
+        self.of: dict[str, tuple[float, float]] = {}  # by stage: fixed seconds, and the factor of those predicted
         for ref in shown_cells(plan).values():
             report = None if reports is None else reports.get(ref)
             if report is not None:
@@ -60,18 +65,21 @@ class Rates:
                 self.learn(plan, replace(report, seconds=min(report.seconds, predicted)))
 
     def learn(self, plan: Plan, report: CellReport) -> None:
-        if report.status == "done":
-            ref = report.stage, report.index
+        ref = report.stage, report.index
+        if report.status == "done" and plan.cells[ref].left_out is None:
             predicted = cell_seconds(plan.node(report.stage), plan.cells[ref], plan.precision)
-            self.of[report.stage] = report.seconds / predicted
+            fixed = min(max(report.seconds - predicted, 0.0), FIXED)
+            self.of[report.stage] = fixed, max((report.seconds - fixed) / predicted, LEAST)
 
     def seconds(self, plan: Plan, refs: Iterable[CellRef]) -> float:
         """Return the expected seconds of some cells."""
-        cells = [plan.cells[ref] for ref in refs]
-        return math.fsum(
-            ENGINE + self.of.get(cell.node, 1.0) * cell_seconds(plan.node(cell.node), cell, plan.precision)
-            for cell in cells
-        )
+        total = 0.0
+        for ref in refs:
+            cell, (fixed, rate) = plan.cells[ref], self.of.get(ref[0], (0.0, 1.0))
+            if cell.left_out is None:
+                total += fixed + rate * cell_seconds(plan.node(cell.node), cell, plan.precision)
+            total += ENGINE
+        return total
 
 
 class Evaluations:
@@ -88,6 +96,7 @@ class Evaluations:
     def __init__(self, point: Point, rates: Rates, until: float, shown: Shown = None) -> None:
         self.point, self.rates, self.until, self.shown = point, rates, until, shown
         self.planning = PLANNING
+        self.scarce = False  # whether the budget is small for this point
         self._plans: dict[tuple[object, ...], Plan | None] = {}
         self._values: dict[tuple[object, ...], Evaluated] = {}
         self._before_noise: Mapping[CellRef, Mapping[str, Array]] = {}
@@ -95,6 +104,11 @@ class Evaluations:
     @property
     def left(self) -> float:
         return self.until - time.process_time()
+
+    @property
+    def planned_seconds(self) -> float:
+        """Return the expected seconds of the point as planned."""
+        return self._seconds(PLANNED, self.point.base, None)
 
     def plan(self, factors: Factors, how: str = "") -> Plan | None:
         """Return the plan of an evaluation; None if the stages refuse it."""
@@ -174,7 +188,7 @@ class Evaluations:
         whole = asked is None
         progress = self.shown(plan) if self.shown and self._seconds(which, plan, asked) > 1 else None
         known = self._before_noise if which[1] == DRAWN and whole else {}
-        more = self.point.before_noise if which[1] == AS_PLANNED and whole else {}
+        more = self.point.before_noise if which == PLANNED and whole else {}
         found = self.point.computed(plan, progress, known, more, asked)
         for report in found.reports.values():
             self.rates.learn(plan, report)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,8 @@ from etendue.accuracy.answers.error import (
     scaled,
     worst,
 )
-from etendue.accuracy.answers.evaluations import Evaluated, Evaluations, Rates, Shown, TooDear, Which
-from etendue.accuracy.answers.refinement import AS_PLANNED, DRAWN, EXACT, NOTHING, Point
+from etendue.accuracy.answers.evaluations import PLANNED, Evaluated, Evaluations, Rates, Shown, TooDear, Which
+from etendue.accuracy.answers.refinement import DRAWN, EXACT, NEARER, NOTHING, Factors, Point
 from etendue.accuracy.answers.regridding import on_grid
 from etendue.accuracy.pilot import chosen_places
 from etendue.contract.registry import Registry
@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 # A refinement by two of first order leaves as much again as it changes. A margin twice as large leaves little.
 FIRST_ORDER = 2.0
 SAFETY: Mapping[str, float] = {"spacing": FIRST_ORDER, "bins": FIRST_ORDER, "margin": 1.5}
+COARSENED = 1.5  # of the ways that cost less, where 1 is expected
+THRIFT = 8.0  # what the dearest ways cost together, times the seconds of the point as planned
 ELSEWHERE = 2.0  # factor for points of a sweep that were not measured
 PLACES = 4  # points of a sweep that are measured, as far as the budget allows
 DRAWS = 4  # of the noise
@@ -50,6 +52,20 @@ FEW_BANDS, COARSE = {"bins": -8}, {"spacing": -2}
 Parts = dict[StageVariable, dict[str, Part]]
 KnownParts = Mapping[str, Mapping[str, Part | str]]  # by discretisation and name of the variable; texts: why unknown
 Texts = dict[StageVariable, dict[str, str]]
+
+
+class Way(NamedTuple):
+    """Evaluations that tell an error, and the factor from what they differ by to that error."""
+
+    which: tuple[Which, ...]
+    factor: float = 1.0
+
+
+class Compared(NamedTuple):
+    """The evaluations of a way."""
+
+    made: list[Evaluated]
+    factor: float
 
 
 def state_errors(
@@ -97,13 +113,14 @@ def _at_point(plan: Plan, evaluations: Evaluations, known: KnownParts) -> tuple[
     parts: Parts = {one: {} for one in point.wanted}
     missing: Texts = {one: {} for one in point.wanted}
     fixed = dict(point.fixed())
+    evaluations.scarce = evaluations.left < THRIFT * evaluations.planned_seconds
     dear = _refine_all(plan, evaluations, parts, missing, fixed, known)
-    pair, seconds = _attempt(evaluations, missing, OMISSIONS, point.wanted, *_omitted(evaluations))
+    pair, seconds = _attempt(evaluations, missing, OMISSIONS, point.wanted, _omitted(evaluations))
     if pair is None:
         refused = f"the reference is refused{f' ({point.refusal})' if point.refusal else ''}"
         missing = {one: {**own, OMISSIONS: refused} for one, own in missing.items()}
-    elif pair:
-        compare(parts, missing, [pair[0], pair[-1]], OMISSIONS, point.wanted)
+    elif pair.made:
+        compare(parts, missing, [pair.made[0], pair.made[-1]], OMISSIONS, point.wanted, pair.factor)
     noise, more = _noise(evaluations, parts, missing)
     names = [name for _, name in point.wanted]
     errors = {}
@@ -118,24 +135,36 @@ def _at_point(plan: Plan, evaluations: Evaluations, known: KnownParts) -> tuple[
 
 
 def _attempt(
-    evaluations: Evaluations, missing: Texts, name: str, wanted: Iterable[StageVariable], *which: Which
-) -> tuple[list[Evaluated] | None, float]:
-    """Return some evaluations of as many variables as the budget allows, the cheapest first, and the seconds of all if
-    those are too many; note what is missing. None: the stages refuse one. Empty: nothing fits.
+    evaluations: Evaluations, missing: Texts, name: str, wanted: Iterable[StageVariable], ways: list[Way]
+) -> tuple[Compared | None, float]:
+    """Return the evaluations of the first way that fits into the budget, or of the last one if the budget is small for
+    this pipeline; if none fits, those of as many variables as do, wanted and cheap ones first. Note what is missing;
+    return also the seconds of all, if those are too many.
+
+    None: the stages refuse every way. No evaluations: nothing fits.
     """
+    dear: list[tuple[Way, TooDear]] = []
+    for way in ways[::-1] if evaluations.scarce else ways:
+        try:
+            found = evaluations.all_of(*way.which)
+        except TooDear as error:
+            dear.append((way, error))
+        else:
+            if found is not None:
+                return Compared(found, way.factor), 0.0
+    if not dear:
+        return None, 0.0
+    way, least = min(dear, key=lambda one: one[1].seconds)
+    made, some = list[Evaluated](), frozenset[StageVariable]()
     try:
-        return evaluations.all_of(*which), 0.0
-    except TooDear as error:
-        seconds, why, found, some = error.seconds, str(error), list[Evaluated](), frozenset[StageVariable]()
-    try:
-        some = evaluations.affordable(*which)
-        found = (evaluations.all_of(*which, asked=some) or []) if some else []
+        some = evaluations.affordable(*way.which)
+        made = (evaluations.all_of(*way.which, asked=some) or []) if some else []
     except TooDear:
         some = frozenset()
     for one in wanted:
         if one not in some:
-            missing[one][name] = why
-    return found, seconds
+            missing[one][name] = str(least)
+    return Compared(made, way.factor), least.seconds
 
 
 def _refine_all(
@@ -152,12 +181,16 @@ def _refine_all(
         rest = [one for one in affected if not _take(parts, missing, one, name, known)]
         if not rest:
             continue
-        pair, seconds = _refined(evaluations, missing, name, rest)
+        pair: Compared | None = None
+        seconds = 0.0
+        for base in _bases(name):
+            if pair is None:
+                pair, seconds = _attempt(evaluations, missing, name, rest, _refined(name, base))
         dear += seconds
         if pair is None:
             fixed[name] = f"the stages accept no finer one{f' ({point.refusal})' if point.refusal else ''}"
-        elif pair:
-            compare(parts, missing, pair, name, rest)
+        elif pair.made:
+            compare(parts, missing, pair.made, name, rest, pair.factor)
     return dear
 
 
@@ -174,36 +207,50 @@ def _take(parts: Parts, missing: Texts, one: StageVariable, name: str, known: Kn
 
 
 def refined_pair(evaluations: Evaluations, name: str) -> list[Evaluated] | None:
-    """Return two evaluations of all variables that differ by one refinement, as ``_refined``."""
-    for base in (COARSE if name == "bins" else FEW_BANDS, {}):
+    """Return two evaluations of all variables that differ by one refinement."""
+    for base in _bases(name):
         if pair := evaluations.all_of((base, ""), ({**base, name: 2}, "")):
             return pair
     return None
 
 
-def _refined(
-    evaluations: Evaluations, missing: Texts, name: str, affected: list[StageVariable]
-) -> tuple[list[Evaluated] | None, float]:
-    """Return two evaluations that differ by one refinement, coarse in all else if the stages accept that, and the
-    seconds of what was too costly.
+def _bases(name: str) -> tuple[Factors, Factors]:
+    """Return the other discretisations of the evaluations that refine one: coarse if the stages accept that."""
+    return (COARSE if name == "bins" else FEW_BANDS), {}
+
+
+def _refined(name: str, base: Factors) -> list[Way]:
+    """Return the evaluations that tell the error of a discretisation; ``base``: the other ones.
+
+    One refinement, or, for less time, one coarsening: for the first order or a higher one, the error is at most what
+    that changes. A margin is widened on a coarser grid.
     """
-    for base in (COARSE if name == "bins" else FEW_BANDS, {}):
-        pair, seconds = _attempt(evaluations, missing, name, affected, (base, ""), ({**base, name: 2}, ""))
-        if pair is not None:
-            return pair, seconds
-    return None, 0.0
+    ways = [Way(((base, ""), ({**base, name: 2}, "")), SAFETY.get(name, FIRST_ORDER))]
+    if name in ("spacing", "bins"):
+        ways.append(Way((({**base, name: -2}, ""), (base, "")), COARSENED))
+    if name == "margin" and base:
+        coarse = {**base, **COARSE}
+        ways.append(Way(((coarse, ""), ({**coarse, name: 2}, "")), FIRST_ORDER))
+    return ways
 
 
-def _omitted(evaluations: Evaluations) -> tuple[Which, ...]:
-    """Return the evaluations as planned and of the reference; the first alone if both have the same cells."""
-    own, exact = evaluations.point.base, None
+def _omitted(evaluations: Evaluations) -> list[Way]:
+    """Return the evaluations that tell the error of what is left out or coarser: as planned and of the reference, or of
+    settings one step towards it, or both with few bands. The first alone if all have the same cells.
+    """
+    own = evaluations.point.base
     try:
         exact = evaluations.plan({}, EXACT)
     except TooDear:
-        pass
+        exact = None
     if exact and own.precision == exact.precision and _same(own, exact):
-        return (({}, AS_PLANNED),)
-    return ({}, AS_PLANNED), ({}, EXACT)
+        return [Way((PLANNED,))]
+    return [
+        Way((PLANNED, ({}, EXACT))),
+        Way((PLANNED, ({}, NEARER)), FIRST_ORDER),
+        Way(((FEW_BANDS, ""), (FEW_BANDS, EXACT)), COARSENED),
+        Way(((FEW_BANDS, ""), (FEW_BANDS, NEARER)), COARSENED * FIRST_ORDER),
+    ]
 
 
 def _same(own: Plan, exact: Plan) -> bool:
@@ -222,10 +269,11 @@ def _noise(evaluations: Evaluations, parts: Parts, missing: Texts) -> tuple[dict
     if not noisy:
         return {}, 0.0
     draws: list[Which] = [({"draw": n}, DRAWN) for n in range(DRAWS)]
-    every, seconds = _attempt(evaluations, missing, "noise", noisy, ({}, AS_PLANNED), *draws)
+    every, seconds = _attempt(evaluations, missing, "noise", noisy, [Way((PLANNED, *draws))])
+    made = every.made if every else []
     found = {}
-    for one in noisy if every else ():
-        values = [float(np.ravel(own[one])[-1]) for _, own in every or () if one in own]
+    for one in noisy if made else ():
+        values = [float(np.ravel(own[one])[-1]) for _, own in made if one in own]
         if len(values) == DRAWS + 1 and all(map(math.isfinite, values)):
             mean, spread = math.fsum(values[1:]) / DRAWS, float(np.std(values[1:], ddof=1))
             found[one] = INTERVAL * spread
@@ -235,8 +283,15 @@ def _noise(evaluations: Evaluations, parts: Parts, missing: Texts) -> tuple[dict
     return found, seconds
 
 
-def compare(parts: Parts, missing: Texts, pair: list[Evaluated], name: str, wanted: Iterable[StageVariable]) -> None:
-    """Add what two evaluations of some variables differ by."""
+def compare(
+    parts: Parts,
+    missing: Texts,
+    pair: list[Evaluated],
+    name: str,
+    wanted: Iterable[StageVariable],
+    factor: float | None = None,
+) -> None:
+    """Add what two evaluations of some variables differ by, times ``factor``; None: that of one refinement."""
     (plan, values), (other, reference) = pair
     for stage, variable in wanted:
         one = stage, variable
@@ -257,4 +312,4 @@ def compare(parts: Parts, missing: Texts, pair: list[Evaluated], name: str, want
         if isinstance(found, str):
             missing[one][name] = found
         else:
-            parts[one][name] = found * (1.0 if name == OMISSIONS else SAFETY.get(name, FIRST_ORDER))
+            parts[one][name] = found * (SAFETY.get(name, FIRST_ORDER) if factor is None else factor)

@@ -6,7 +6,7 @@ Out: expected values of the wanted variables there, and what computing them cost
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from types import MappingProxyType
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from etendue.accuracy.answers.error import is_number
 from etendue.accuracy.pilot import narrowed
-from etendue.accuracy.reference import reference_of
+from etendue.accuracy.reference import PipelineKnob, reference_of
 from etendue.contract.capabilities import Sampled, Source
 from etendue.contract.discretised import Discretised
 from etendue.contract.ports import Progress
@@ -24,8 +24,7 @@ from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.derived import wanting
 from etendue.plan.ancestry import behind, in_front
 from etendue.plan.model import CellRef, Plan, StageVariable
-from etendue.plan.planner import make_plan
-from etendue.plan.variants import variant
+from etendue.plan.variants import at_point, variant, with_draw
 from etendue.present.terminal.answer_texts import shortened
 from etendue.session import Collected, Options, collect
 from etendue.telling import plain
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
     from etendue.types.arrays import Array
     from etendue.types.documents import AxisValues
 
-AS_PLANNED, EXACT, DRAWN = "as planned", "exact", "drawn"
+EXACT, NEARER, DRAWN = "exact", "nearer", "drawn"  # how; as planned: ''
 NOTHING: Mapping[Any, Any] = MappingProxyType({})
 Factors = Mapping[str, int]  # by discretisation: n times as fine, or -n: n times as coarse
 
@@ -55,6 +54,7 @@ class Point:
         self.asked = frozenset(plan.wanted)  # those of them that the pipeline wants
         pipeline = replace(plan.pipeline, leave_out=plan.leaves_out and plan.pipeline.leave_out)
         self.pipeline = wanting(narrowed(pipeline, plan.axes, [dict(place)]), wanted)
+        self.base = at_point(plan, place, wanted)  # with everything as in the run, but without noise
         self.at = at = {axis.dim: axis.values.index(place[axis.dim]) for axis in plan.axes}
         here = {node.name: plan.cells[node.name, tuple(at[dim] for dim in node.axes)].stage for node in plan.nodes}
         self.stages = {name: stage for name, stage in here.items() if isinstance(stage, Discretised)}
@@ -103,18 +103,21 @@ class Point:
         return dict(found)
 
     def planned(self, factors: Factors, how: str = "") -> Plan | None:
-        """Return the plan with these discretisations; None if it is refused. ``how``: '' with nothing left out,
-        ``AS_PLANNED`` with everything as in the run, ``EXACT`` for the reference, ``DRAWN`` for one more draw.
+        """Return the plan with these discretisations; None if it is refused. ``how``: '' with everything
+        else as in the run, ``EXACT`` for the reference, ``NEARER`` for settings one step towards it, ``DRAWN`` for one
+        more draw of the noise.
         """
         try:
-            if how == AS_PLANNED:
+            if not factors and not how:
                 return self.base
             if how == DRAWN:
-                return variant(self.base, {}, True, expected=False, draw=factors["draw"])
+                return with_draw(self.base, factors["draw"])
             values = self.values_of(factors)
             if values is None:
                 return None
-            plan = variant(self.base, values) if how != EXACT else variant(self.base, self.best, precision="float64")
+            settings = {EXACT: self.best, NEARER: self.nearer}[how] if how else {}
+            both = {stage: {**settings.get(stage, {}), **values.get(stage, {})} for stage in {*settings, *values}}
+            plan = variant(self.base, both, exact=bool(how))
         except EtendueError as error:
             faults = error.faults if isinstance(error, RequestError) else ()
             self.refusal = shortened(faults[0].message if faults else plain(str(error)))
@@ -123,18 +126,27 @@ class Point:
         return plan if all(made[stage, name] == own[name] for stage, own in values.items() for name in own) else None
 
     @cached_property
-    def base(self) -> Plan:
-        """The plan of the point, with everything as in the run but without noise."""
-        return make_plan(self.pipeline, self.registry, expected=True)
+    def knobs(self) -> list[PipelineKnob]:
+        """The knobs of the stages in use that the reference sets."""
+        used = {node.name: node.alternatives[0].use for node in self.base.nodes}
+        every = reference_of(self.pipeline, self.registry).knobs
+        return [knob for knob in every if knob.settings and used.get(knob.stage) == knob.use]
 
     @cached_property
     def best(self) -> dict[str, dict[str, Any]]:
         """By stage, the settings of its knobs in the reference."""
-        used = {node.name: node.alternatives[0].use for node in self.base.nodes}
+        return self._settings(lambda knob, own: knob.reference)
+
+    @cached_property
+    def nearer(self) -> dict[str, dict[str, Any]]:
+        """By stage, settings of its knobs one step finer than in the run; the reference where that is a closed form."""
+        return self._settings(lambda knob, own: knob.reference if knob.closed_form else knob.finer_than(own))
+
+    def _settings(self, chosen: Callable[[PipelineKnob, Any], Any]) -> dict[str, dict[str, Any]]:
         found: dict[str, dict[str, Any]] = {}
-        for knob in reference_of(self.pipeline, self.registry).knobs:
-            if knob.settings and used.get(knob.stage) == knob.use:
-                found.setdefault(knob.stage, {})[knob.name] = knob.reference
+        for knob in self.knobs:
+            own = getattr(self.base.of(knob.stage)[0].stage, knob.name)
+            found.setdefault(knob.stage, {})[knob.name] = chosen(knob, own)
         return found
 
     @cached_property

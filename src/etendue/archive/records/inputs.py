@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -24,13 +23,12 @@ from etendue.contract.values.parameter import Parameter
 from etendue.errors import ArchiveError
 from etendue.pipeline import toml
 from etendue.pipeline.file import PipelineFile
-from etendue.pipeline.presets import is_file, preset_at
+from etendue.pipeline.presets import COPY, preset_at
 from etendue.plan.identity.keys import file_digest
 from etendue.plan.model import Plan
 from etendue.plan.wiring.parameters import resolve_file
 from etendue.types.documents import Document, DocumentView
 
-_COPY = re.compile(r"\.\./inputs/[0-9a-f]{64}[^/]*")
 LARGEST_COPY = 256 << 20  # a larger input is described, not copied
 
 
@@ -68,24 +66,35 @@ class _Resolver:
         behind = file_behind(value, parameter)
         if not behind:
             return value
-        path = str(resolve_file(behind, self.pipeline.folder, parameter.folder))
+        brought = behind != value  # by a distribution: no file that the pipeline names
+        path = behind if brought else str(resolve_file(behind, self.pipeline.folder, parameter.folder))
         name = f"{file_digest(path)}{Path(path).suffix}"
         self.inputs[name] = path
-        self.written[value] = f"../inputs/{name}"
-        return self.written[value]
+        if not brought:
+            self.written[value] = f"../inputs/{name}"
+        return f"../inputs/{name}"
 
     def table(self, values: DocumentView, own: DocumentView) -> Document:
         return {name: self.value(value, own[name][0] if name in own else None) for name, value in values.items()}
 
-    def preset(self, table: DocumentView) -> Document:
+    def named(self, name: str, word: str) -> str:
+        """Return the name of a preset as an archive has it: one of a file is the name of the file's copy."""
+        path = preset_at(name, self.pipeline.table.kind_of(word), self.pipeline.folder).file
+        if not path:
+            return name
+        copy = f"{file_digest(path)}.toml"
+        self.inputs[copy] = path
+        return f"../inputs/{copy}"
+
+    def preset(self, table: DocumentView, word: str) -> Document:
         """Return an axis preset with the values its name stands for: a later version may define it differently."""
-        whose = self.pipeline.table
-        named = preset_at(table[whose.preset], whose, self.pipeline.folder).values() if whose.preset in table else {}
+        whose = self.pipeline.table.kind_of(word)
+        named = preset_at(table[word], whose, self.pipeline.folder).values() if word in table else {}
         known = {
             name: value for name, value in named.items() if name in self.shared and name not in self.pipeline.shared
         }
-        if is_file(str(table.get(whose.preset, ""))):  # an archive names no files: its values stand alone
-            table = {"label": table[whose.preset], **{k: v for k, v in table.items() if k != whose.preset}}
+        if word in table and (copy := self.named(table[word], word)) != table[word]:
+            table = {"label": table[word], **table, word: copy}
         return {
             name: self.value(value, self.shared.get(name, (None,))[0]) for name, value in {**known, **table}.items()
         }
@@ -95,8 +104,8 @@ class _Resolver:
         if name == "use" and isinstance(values, list | tuple):
             registry = installed_stages()
             return [v if isinstance(v, str) else self.table(v, parameters_of(registry.load(v["use"]))) for v in values]
-        if key == self.pipeline.table.preset and isinstance(values, list | tuple):
-            return [self.preset({key: v} if isinstance(v, str) else v) for v in values]
+        if key in self.pipeline.table.words() and isinstance(values, list | tuple):
+            return [self.preset({key: v} if isinstance(v, str) else v, key) for v in values]
         own = self.kinds.get(stage, {}) if name else self.shared
         parameter = own.get(name or key, (None,))[0]
         if isinstance(values, Mapping):
@@ -121,6 +130,8 @@ def resolve_pipeline(plan: Plan) -> Resolved:
     }
     if not plan.leaves_out:
         document["leave_out"] = False
+    if not pipeline.stand_ins:
+        document["stand_ins"] = False
     if pipeline.wanted is not None:
         document["wanted"] = list(pipeline.wanted)
     if pipeline.keep is not None:
@@ -128,11 +139,11 @@ def resolve_pipeline(plan: Plan) -> Resolved:
     if said := pipeline.about.document():
         document["about"] = said
     # Write out the values that the preset's name stands for: a later version may define it differently.
-    stated = {} if pipeline.preset_swept else pipeline.preset
-    given = {name: value for name, value in stated.items() if name in found.shared and name not in pipeline.sweep}
+    given = {
+        name: value for name, value in pipeline.preset.items() if name in found.shared and name not in pipeline.sweep
+    }
     shared = found.table({**given, **pipeline.shared}, found.shared)
-    by_name = pipeline.preset_name and not pipeline.preset_swept and not is_file(pipeline.preset_name)
-    named = {pipeline.table.preset: pipeline.preset_name} if by_name else {}
+    named = {word: found.named(name, word) for word, name in pipeline.named.items() if word not in pipeline.sweep}
     document[pipeline.table.name] = named | shared
     document["stages"] = [
         {
@@ -237,7 +248,7 @@ def _names_others(value: Any) -> bool:
     leads = isinstance(value, str) and (
         os.path.isabs(value) or value.startswith("package:") or ".." in value.split("/")
     )
-    return leads and not _COPY.fullmatch(value)
+    return leads and not COPY.fullmatch(value)
 
 
 def _in_place(value: Any, folder: Path) -> Any:

@@ -14,7 +14,7 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,8 @@ from etendue.archive.records import disk
 from etendue.archive.records.inputs import Resolved, as_recorded
 from etendue.archive.records.manifest import Manifest, digest_of
 from etendue.contract.values.late_bound import LateValue
+from etendue.pipeline.file import PipelineFile
+from etendue.pipeline.presets import preset_at
 from etendue.plan.identity.code import code_of
 from etendue.plan.identity.keys import canonical, file_digest, parameters_for_key, version_of
 from etendue.plan.model import Node, Plan
@@ -164,7 +166,8 @@ def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: DocumentView
         "text": text,
         "overrides": {key: as_recorded(value, resolved.written) for key, value in asked.pipeline.overrides},
         "table": plan.pipeline.table.name,
-        "preset": plan.pipeline.preset_name,
+        "preset": preset_said(plan.pipeline),
+        "stated": stated_values(plan.pipeline),
         "shared": {k: _plain(v) for k, v in plan.shared.items()},
         "axes": {a.key: _plain(a.values) for a in plan.axes},
         "order": [node.name for node in plan.nodes],
@@ -177,6 +180,34 @@ def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: DocumentView
         "distributions": {name: version for name, version in map(named, importlib.metadata.distributions()) if name},
         "began": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
     }
+
+
+def preset_said(pipeline: PipelineFile) -> str:
+    """Return the name of the first kind of preset; the title of one in a file, whose name differs in the archive."""
+    name = pipeline.preset_name
+    if not name:
+        return name
+    found = preset_at(name, pipeline.table, pipeline.folder)
+    return found.title if found.file else name
+
+
+def stated_values(pipeline: PipelineFile) -> Document:
+    """Return where the values of every preset in a file come from, by the key and title of the preset: source, licence
+    and note of each quantity. Packaged presets have theirs in the distribution.
+    """
+    found: Document = {}
+    for kind in pipeline.table.kinds():
+        axis = pipeline.sweep.get(kind.preset)
+        entries = axis if isinstance(axis, list | tuple) else [pipeline.named.get(kind.preset, "")]
+        names = [one.get(kind.preset, "") if isinstance(one, Mapping) else one for one in entries]
+        for one in (preset_at(str(name), kind, pipeline.folder) for name in names if name):
+            if not one.file:
+                continue
+            found.setdefault(kind.preset, {})[one.title] = {
+                name: {word: text for word, text in value.words().items() if text}
+                for name, value in sorted(one.shared.items())
+            }
+    return found
 
 
 def reasons(old: DocumentView | None, plan: Plan) -> dict[str, str]:

@@ -9,6 +9,8 @@ costs its checksum and one write.
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from math import prod
@@ -66,6 +68,26 @@ def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) 
         raise ArchiveError(f"the stored bytes do not decode to an array of {dtype} {shape}: {error}") from None
 
 
+class Spent:
+    """Bytes that this process has written, as in memory, and the thread time that it took."""
+
+    def __init__(self) -> None:
+        self.lock, self.bytes, self.seconds = threading.Lock(), 0, 0.0
+
+    def add(self, size: int, seconds: float) -> None:
+        with self.lock:
+            self.bytes, self.seconds = self.bytes + size, self.seconds + seconds
+
+    def taken(self) -> tuple[int, float]:
+        """Return both, and begin anew."""
+        with self.lock:
+            found, self.bytes, self.seconds = (self.bytes, self.seconds), 0, 0.0
+        return found
+
+
+SPENT = Spent()
+
+
 @dataclass(frozen=True)
 class Chunk:
     """One chunk of one variable: its slot in a shard, and the part of the cell that it covers (None: all of it).
@@ -98,6 +120,7 @@ class CellFiles:
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[WrittenChunk, ...]:
         """Append every chunk to this process's part of its shard; return where they were put."""
+        began, size_in_memory = time.thread_time(), 0
         written = list(self.held)
         there = {(file.path, file.slot) for file in self.held}
         cutters: dict[str, Cutter] = {}
@@ -112,11 +135,13 @@ class CellFiles:
                 )
                 array = cutter.chunk(chunk.window, chunk.shape)
             body, checksum = pieces_of(array, chunk.codec)
+            size_in_memory += array.nbytes
             size = len(body) + 4
             part, offset = PARTS.append(self.root, self.run_id, chunk.path, (body, checksum), size, self.durable)
             one = WrittenChunk(chunk.path, chunk.slot, part, offset, size, int.from_bytes(checksum, "little"))
             self.places[chunk.path, chunk.slot] = one, None
             written.append(one)
+        SPENT.add(size_in_memory, time.thread_time() - began)
         return tuple(written)
 
     def settle(self) -> None:

@@ -73,14 +73,15 @@ class ArchiveKeeper:
             store.use(plan)
         finished = set() if self.recompute else {ref for ref in plan.cells if store.finished(ref)}
         restored = {ref for ref in plan.cells if store.names[ref] in self.restore} if self.restore else set()
-        todo = select(plan, finished, {*cells.values(), *restored})
+        wanted = keeping.computed(asked, cells)
+        todo = select(plan, finished, {*wanted, *restored})
         outdated = set(plan.cells) - finished - todo - set(cells.values())
         removed = sum(store.has_files(ref) for ref in outdated)
         reasons = self._reasons(plan, {name for name, _ in todo})  # before the journal drops the old entries
         store.begin(todo, finished, outdated)
         if self.restore is not None:
             store.change()  # also if nothing is left to do: rewrite the journal and manifest
-        store.begin_run(*(dict(Counter(name for name, _ in refs)) for refs in (cells.values(), todo)))
+        store.begin_run(*(dict(Counter(name for name, _ in refs)) for refs in (wanted, todo)))
         resolved = inputs.resolve_pipeline(asked)
         store.mended += inputs.copy_inputs(store.folder, resolved.inputs, store.durable)
         if todo or not store.recorded or elsewhere:

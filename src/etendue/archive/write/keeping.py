@@ -52,6 +52,11 @@ def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:
     return {} if None in found.values() else found  # type: ignore[return-value]
 
 
+def computed(asked: Plan, cells: Mapping[CellRef, CellRef]) -> list[CellRef]:
+    """Return the cells to finish: those asked for whose values something needs."""
+    return [own for ref, own in cells.items() if ref[0] not in asked.seen_only]
+
+
 @dataclass
 class RemovedCells:
     """Finished cells by stage, and their total bytes."""

@@ -73,7 +73,8 @@ class MemoryKeeper(Passing):
             for variable in group.variables.values():
                 self.whole[path, variable.name] = np.empty((*sizes, *variable.shape), dtype=variable.dtype)
                 self.missing[path, variable.name] = np.ones(sizes, dtype=bool)
-        return Work(asked, {ref: ref for ref in asked.cells}, set(asked.cells))
+        todo = {ref for ref in asked.cells if ref[0] not in asked.seen_only}
+        return Work(asked, {ref: ref for ref in asked.cells}, todo)
 
     def target(self, cell: Cell) -> None: ...
 

@@ -19,6 +19,7 @@ def accuracy(
     knobs: tuple[str, ...],
     verify: tuple[str, ...],
     output: Path | None,
+    by: str,
     **effort: int,
 ) -> None:
     pipeline = given.pipeline()
@@ -28,7 +29,9 @@ def accuracy(
     check_folder(folder)
     with trying(silent=as_json) as told:
         there = dict(word.split("=", 1) for word in verify)
-        found = measure(pipeline, options.installed(), asked, **effort, told=told, elsewhere=elsewhere, verify=there)
+        found = measure(
+            pipeline, options.installed(), asked, **effort, told=told, elsewhere=elsewhere, verify=there, by=by
+        )
     made = finite(document(found))
     files = write_whole(folder, files_of(made))
     if as_json:

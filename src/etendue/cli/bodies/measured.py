@@ -109,8 +109,9 @@ def beyond(held: Any, answers: DocumentView) -> list[str]:
         parts = {part: own[size] for part, own in error["parts"].items() if held.chosen or part != "omissions"}
         if parts and sum(parts.values()) > most:
             worst = max(parts, key=lambda part: parts[part])
+            missed = "not held" if name in held.missed else "held against the reference, but not the answer"
             said.append(
-                f"held against the reference, but not the answer: {name} is off by {plus_minus(error, unit)}, mostly "
+                f"{missed}: {name} is off by {plus_minus(error, unit)}, mostly "
                 f"by its {worst}" + ("" if worst == "omissions" else f"; {_remedy(answers, worst)}")
             )
     return said

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etendue.compute.bands import BandArray, in_order
+from etendue.compute.bands import BandArray, in_order, is_dark
 from etendue.compute.job import Job
 from etendue.compute.ownership import frozen
 from etendue.compute.tables import TABLES, Made, prepared_of, prepared_on
@@ -126,7 +126,10 @@ class FilteredBands(BandArray):
         self.dtype = self.light.dtype
 
     def __getitem__(self, band: int) -> Array:
-        half = sampling.transform(np.asarray(self.light[band]))
+        plane = np.asarray(self.light[band])
+        if is_dark(plane):
+            return np.zeros(self.shape[1:], dtype=self.dtype)
+        half = sampling.transform(plane)
         self.joined.apply(half, band)
         return sampling.planes_of(half, *self.shape[1:])
 
@@ -234,8 +237,9 @@ def _exact(light: Array | BandArray, joined: GridTransfer, weights: Array) -> An
     """Transform and filter every band by itself; sum in frequency."""
     sums: Any = None
     for band, plane in enumerate(in_order(light)):
-        if band + 1 < len(weights[0]) and not weights[:, band].any():
-            continue  # nothing sees it
+        last = band + 1 == len(weights[0]) and sums is None  # of no light, there is at least a transform
+        if not last and (not weights[:, band].any() or is_dark(plane)):
+            continue  # nothing sees it, or there is nothing to see
         half = np.array(sampling.low_terms(sampling.transform(np.asarray(plane)), joined.shape))
         joined.apply(half, band)
         if sums is None:
@@ -247,10 +251,11 @@ def _exact(light: Array | BandArray, joined: GridTransfer, weights: Array) -> An
 def _gathered(light: Array | BandArray, basis: Array) -> Array:
     """Return a few planes, each a sum over bands, of which every channel is a mixture."""
     planes = np.zeros((basis.shape[0], *light.shape[1:]), dtype=light.dtype)
-    group: list[Array] = []
+    group: dict[int, Array] = {}
     for band, plane in enumerate(in_order(light)):
-        group.append(np.asarray(plane))
-        if len(group) == TOGETHER or band + 1 == light.shape[0]:
-            expansion.add_projected(planes, basis[:, band + 1 - len(group) : band + 1], group)
-            group = []
+        if not is_dark(plane):
+            group[band] = np.asarray(plane)
+        if group and (len(group) == TOGETHER or band + 1 == light.shape[0]):
+            expansion.add_projected(planes, basis[:, list(group)], list(group.values()))
+            group = {}
     return planes

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.compute.bands import BandArray
+from etendue.compute.bands import BandArray, among_all, lit_bands
 from etendue.compute.job import Job
 from etendue.compute.joined.segment_bands import from_bands, places
 from etendue.compute.joined.segment_cells import from_cells
@@ -22,23 +22,26 @@ from etendue.contract.capabilities import Summed, Transfer
 from etendue.contract.stage import state_of
 from etendue.plan.model import CellRef
 from etendue.transfer import sampling
-from etendue.transfer.products import Product, weights
+from etendue.transfer.products import EVERY, Product, weights
 from etendue.types.arrays import Array
 
 
 @dataclass(eq=False)
 class Light:
-    """The light at a place in a segment: its transform; where all stages before were left out, the segment's input,
-    which the first stage that needs the transform transforms for all.
+    """The light at a place in a segment: its transform, of the bands ``lit``, outside which there is no light; where
+    all stages before were left out, the segment's input, which the first stage that needs the transform transforms for
+    all.
     """
 
     transform: Any = None
     untouched: Any = None
+    lit: slice = field(default_factory=lambda: EVERY)
 
-    def transformed(self) -> Any:
+    def transformed(self) -> tuple[Any, slice]:
         if self.transform is None:
-            self.transform = sampling.transform(self.untouched)
-        return self.transform
+            self.lit = lit_bands(self.untouched)
+            self.transform = sampling.transform(self.untouched[self.lit])
+        return self.transform, self.lit
 
 
 @dataclass
@@ -77,8 +80,8 @@ def passed_on(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict
     return result, arrays
 
 
-def _on_grid(job: Job, stage: Transfer) -> Array:
-    """Return (band or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid,
+def _on_grid(job: Job, stage: Transfer, lit: slice) -> Array:
+    """Return (lit band or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid,
     cached.
     """
     grid = job.input_grids[job.inputs[0][0]]
@@ -88,13 +91,13 @@ def _on_grid(job: Job, stage: Transfer) -> Array:
     def make() -> Array:
         fy = sampling.frequencies(y.size, y.step, half=False)[:, None]
         fx = sampling.frequencies(x.size, x.step, half=True)[None, :]
-        value = Product((stage,), edges, lambda own, _: prepared_of(own, job.input_grids, job.grids)).at(fy, fx)
+        value = Product((stage,), edges, lambda own, _: prepared_of(own, job.input_grids, job.grids)).at(fy, fx, lit)
         kind = (
             np.result_type(np.dtype(job.precision), np.complex64) if np.iscomplexobj(value) else np.dtype(job.precision)
         )
         return np.ascontiguousarray(value, dtype=kind)
 
-    return TABLES.get(("transfer", state_of(stage), y, x, edges, job.precision), make)
+    return TABLES.get(("transfer", state_of(stage), y, x, edges, lit.start, lit.stop, job.precision), make)
 
 
 def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
@@ -110,22 +113,22 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, di
     if job.segment is not None and job.segment.previous is not None:
         light = results[ref].light
         assert light is not None
-        transform = light.transformed()
     else:
-        transform = sampling.transform(results[ref].arrays[variable])
+        light = Light(untouched=results[ref].arrays[variable])
+    transform, lit = light.transformed()
     (name,) = job.writes
     stage = job.stage
     assert isinstance(stage, Transfer)
     if isinstance(stage, Summed):
-        own, otf = weights(stage, prepared_of(stage, job.input_grids, job.grids)), _on_grid(job, stage)
+        own, otf = weights(stage, prepared_of(stage, job.input_grids, job.grids)), _on_grid(job, stage, lit)
         if otf.shape[0] > 1:
             transform = transform * otf
-        channels = sampling.sum_over_bands(own, np.ascontiguousarray(transform))
+        channels = sampling.sum_over_bands(own[:, lit], np.ascontiguousarray(transform))
         if otf.shape[0] == 1:
             channels = channels * otf
         return Result(), {name: sampling.sample(channels, y.size, x.size, *places(grid, job.grids[name]))}
-    transform = transform * _on_grid(job, stage)
+    transform = transform * _on_grid(job, stage, lit)
     arrays = {}
     if job.store or job.deliver:
-        arrays = {name: sampling.planes_of(transform, y.size, x.size)}
-    return Result(light=Light(transform) if job.transform else None), arrays
+        arrays = {name: among_all(sampling.planes_of(transform, y.size, x.size), lit, grid.bands().size)}
+    return Result(light=Light(transform, lit=lit) if job.transform else None), arrays

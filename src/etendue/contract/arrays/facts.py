@@ -7,6 +7,7 @@ concluded from it.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -29,6 +30,8 @@ class Content:
     low, mean, high : smallest, mean and largest value of every band
     white : light of a white surface in this scene by band, in the unit; empty if the source states none
     norm : how a change of this light is measured: 'rms' over the frame, or at the largest pixel ('max')
+    widths : rms widths of Gaussian blurs, um, rising from 0; empty if the values behind them are not known
+    peaks : what the largest value of a band at least is behind each of these blurs; rounded down
     """
 
     full: float
@@ -40,6 +43,8 @@ class Content:
     high: tuple[float, ...]
     white: tuple[float, ...] = ()
     norm: str = "rms"
+    widths: tuple[float, ...] = ()
+    peaks: Rings = ()
 
     def __hash__(self) -> int:
         return hash((self.full, self.edges[-1], self.mean, self.power[0]))
@@ -61,12 +66,25 @@ class Content:
             power.append(tuple(p + square * share for p, share in zip(own, shares, strict=True)))
             amplitude.append(tuple(a + most * math.sqrt(share) for a, share in zip(sums, shares, strict=True)))
         darkest = tuple(v * low / high for v in self.low)
-        return replace(self, full=self.full * high, power=tuple(power), amplitude=tuple(amplitude), low=darkest)
+        least = self._times([low / high] * len(self.mean))
+        return replace(
+            self, full=self.full * high, power=tuple(power), amplitude=tuple(amplitude), low=darkest, **least
+        )
 
     def _nothing(self) -> dict[str, Any]:
         """Return the fields of the content of no light."""
         none, rings = (0.0,) * len(self.mean), tuple((0.0,) * len(row) for row in self.power)
-        return {"power": rings, "amplitude": rings, "low": none, "mean": none, "high": none}
+        own = {"power": rings, "amplitude": rings, "low": none, "mean": none, "high": none}
+        return {**own, "widths": (), "peaks": ()}
+
+    def _times(self, factors: Sequence[float]) -> dict[str, Any]:
+        """Return the fields of the largest values after a factor that is at least this in each band. A blur has no
+        negative weights, so it keeps the factor of light that is nowhere below 0.
+        """
+        if not self.widths or min(self.low) < 0:
+            return {"widths": (), "peaks": ()}
+        peaks = tuple(tuple(f * v for v in row) for f, row in zip(factors, self.peaks, strict=True))
+        return {"widths": self.widths, "peaks": peaks}
 
     def weighed(self, factors: tuple[float, ...]) -> Content:
         """Return the content with every band times its own factor (at least 0)."""
@@ -80,21 +98,23 @@ class Content:
         low, mean, high = (
             tuple(f * v for f, v in zip(own, row, strict=True)) for row in (self.low, self.mean, self.high)
         )
-        return Content(self.full * largest, self.edges, rings[0], rings[1], low, mean, high, self.white, self.norm)
+        fields = (self.full * largest, self.edges, rings[0], rings[1], low, mean, high, self.white, self.norm)
+        return Content(*fields, **self._times(own))
 
     def _rows(self) -> tuple[tuple[int, Rings], tuple[int, Rings]]:
         return (2, self.power), (1, self.amplitude)
 
-    def filtered(self, passed: Rings) -> Content:
-        """Return the content after a blur that passes a share of every ring, by band or (one row) alike in all bands.
-        The range of values stays as it was.
+    def filtered(self, passed: Rings, peaks: Rings = ()) -> Content:
+        """Return the content after a blur that passes a share of every ring, by band or (one row) alike in all bands,
+        and leaves these largest values. The range of values stays as it was.
         """
         rows = passed if len(passed) > 1 else passed * len(self.power)
         power, amplitude = (
             tuple(tuple(p**n * v for p, v in zip(own, row, strict=True)) for own, row in zip(rows, rings, strict=True))
             for n, rings in self._rows()
         )
-        return replace(self, power=power, amplitude=amplitude)
+        widths = self.widths if peaks else ()
+        return replace(self, power=power, amplitude=amplitude, widths=widths, peaks=peaks)
 
     def bands_of_light(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return bounds on the values of every band, a little wider than the samples. Between samples, and after a

@@ -1,4 +1,4 @@
-"""The table of a pipeline file that holds shared quantities, and the key in it that names a preset.
+"""The table of a pipeline file that holds shared quantities, and the keys in it that name presets.
 
 In:  what distributions bring by ``etendue_tables``; a document.
 Out: ``Table``. Every file may have ``[shared]``; a domain may give the table a name of its own.
@@ -6,7 +6,8 @@ Out: ``Table``. Every file may have ``[shared]``; a domain may give the table a 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 from etendue.plugins import discovery
@@ -20,16 +21,38 @@ class Table:
     """A table of shared quantities.
 
     ``preset``: the key, and axis, that names a set of values, '' for none; ``presets``: the hook that brings such sets;
-    ``listed``: the command that lists them."""
+    ``listed``: the command that lists them. ``find``: "module:function" instead of a hook, for names that are looked
+    up: the function takes the text that names a preset and returns the path of its file, or raises RequestError.
+    ``further``: more such keys of the same table, each with its own ``presets``, ``listed`` and ``find``."""
 
     preset: str = ""
     presets: str = ""
     listed: str = ""
     name: str = SHARED
+    find: str = ""
+    further: Mapping[str, Mapping[str, str]] = field(default_factory=dict, hash=False)
 
     def place(self, name: str) -> str:
         """Return the name of a quantity as written outside the table."""
         return f"{self.name}.{name}"
+
+    def kinds(self) -> tuple[Table, ...]:
+        """Return one table per key that names presets, each as if it were the only one."""
+        own = {self.preset: self} if self.preset else {}
+        return tuple({**own, **{word: self._kind(word) for word in self.further}}.values())
+
+    def _kind(self, word: str) -> Table:
+        own = self.further[word]
+        presets, listed, find = (own.get(key, "") for key in ("presets", "listed", "find"))
+        return Table(word, presets, listed, self.name, find)
+
+    def words(self) -> tuple[str, ...]:
+        """Return the keys that name presets."""
+        return tuple(kind.preset for kind in self.kinds())
+
+    def kind_of(self, word: str) -> Table:
+        """Return the table for one of these keys."""
+        return next(kind for kind in self.kinds() if kind.preset == word)
 
 
 @cache
@@ -52,4 +75,4 @@ def table_in(document: DocumentView) -> Table:
 
 def preset_keys() -> frozenset[str]:
     """Return the keys that name presets, in any table."""
-    return frozenset(table.preset for table in tables().values() if table.preset)
+    return frozenset(word for table in tables().values() for word in table.words())

@@ -80,7 +80,7 @@ def choose(
     steps = [Knob("", name, _allowed(declared[name][0], declared[name][2])) for name in knobs]
 
     def evaluate(settings: Settings) -> Stated:
-        own = _with(stage, settings)
+        own = with_settings(stage, settings)
         return Stated(settings, None if own is None else asked(own)[0], own)
 
     search = Search(evaluate)
@@ -104,7 +104,7 @@ def _allowed(parameter: Parameter, default: bool | float) -> tuple[Value, ...]:
     return found[: found.index(default) + 1] if parameter.dear and default in found else found
 
 
-def _with(stage: Stage, settings: Settings) -> Stage | None:
+def with_settings(stage: Stage, settings: Settings) -> Stage | None:
     """Return a stage with other settings; None if it refuses them."""
     if all(getattr(stage, name) == value for name, value in settings.items()):
         return stage

@@ -18,7 +18,7 @@ from etendue.contract.capabilities import Noisy, Summed, Transfer
 from etendue.contract.stage import Stage, reads_of
 from etendue.plan import stage_calls
 from etendue.plan.expansion import leave_out
-from etendue.plan.expansion.approximate import WatchedFacts, choose, open_knobs
+from etendue.plan.expansion.approximate import WatchedFacts, choose, open_knobs, with_settings
 from etendue.plan.expansion.forms import Draft
 from etendue.plan.model import Approximated, Cell, CellRef, LeftOut, Node
 from etendue.plan.wiring.graph import Graph
@@ -65,10 +65,16 @@ class Decider:
         node, stage, form = draft.node, draft.stage, draft.form
         facts = stage_calls.carried(stage, facts_in, form.input_grids) if declared is None else declared
         left_out = None
-        if node.name not in self.choice.computed:
+        approximated: tuple[Approximated, ...] = ()
+        earlier = self.choice.decided.get((node.name, tuple(by_dim[dim] for dim in node.axes)))
+        if earlier is not None:
+            left_out, approximated = earlier.left_out, earlier.approximated
+            if leave_out.through(stage, form.whole_grids, form.grids) is None:
+                left_out = None
+            stage = with_settings(stage, {one.knob: one.value for one in approximated}) or stage
+        elif node.name not in self.choice.computed:
             noises = partial(self.noises, by_dim)
             left_out = leave_out.decide(self.rule, stage, facts_in, form.whole_grids, form.grids, noises)
-        approximated: tuple[Approximated, ...] = ()
         # Leaving out comes first: it is cheaper than any setting, and a cell left out needs no setting.
         if not left_out and self.knobs.get((node.name, draft.number)):
             stage, approximated = self.approximate(draft, facts_in)

@@ -13,6 +13,8 @@ light again wherever an exposure is edited, and a cell otherwise in a sweep than
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from etendue.contract.capabilities import Noisy, Probe
 from etendue.contract.stage import Stage, quantities_of
 from etendue.plan import stage_calls
@@ -23,34 +25,78 @@ def state_growth(cells: dict[CellRef, Cell]) -> None:
     """Set the growth of every cell with a decision. Bounds on noise are of distributions, and do not grow."""
     decided = [cell for cell in cells.values() if (cell.left_out and cell.left_out.bound > 0) or cell.approximated]
     decided = [cell for cell in decided if not isinstance(cell.stage, Noisy)]
+    if not decided:
+        return
+    steps = Steps(cells)
     for shares in (False, True):
         own = [cell for cell in decided if cell.stage.pointwise is shares]
-        factors = factors_of(cells, shares) if own else {}
+        factors = factors_of(cells, shares, steps) if own else {}
         for cell in own:
             cell.growth = factors[cell.ref]
 
 
-def factors_of(cells: dict[CellRef, Cell], shares: bool) -> dict[CellRef, float]:
+class Kind(NamedTuple):
+    """What all cells of a node have in common."""
+
+    grows: bool  # its stage states a growth
+    elementwise: bool
+    plane: bool  # it writes something by place
+    given: frozenset[str]  # ports that take a number which other cells find
+    planes: frozenset[str]  # ports that read something by place
+    seen: bool  # a probe: it passes nothing on
+
+
+class Steps:
+    """How much a change grows in each single stage, found once for every cell."""
+
+    def __init__(self, cells: dict[CellRef, Cell]) -> None:
+        self.cells = cells
+        self.kinds: dict[tuple[str, type[Stage]], Kind] = {}
+        self.known: dict[CellRef, float] = {}
+
+    def kind(self, cell: Cell) -> Kind:
+        kind = type(cell.stage)
+        found = self.kinds.get((cell.ref[0], kind))
+        if found is None:
+            found = self.kinds[cell.ref[0], kind] = Kind(
+                kind.growth is not Stage.growth,
+                kind.elementwise,
+                any("y" in grid for grid in cell.grids.values()),
+                frozenset(quantities_of(kind)),
+                frozenset(port for port, grid in cell.input_grids.items() if "y" in grid),
+                issubclass(kind, Probe),
+            )
+        return found
+
+    def step(self, cell: Cell) -> float:
+        found = self.known.get(cell.ref)
+        if found is None:
+            facts = {port: self.cells[ref].facts for port, ref, _ in cell.inputs}
+            found = self.known[cell.ref] = stage_calls.growth_of(cell.stage, facts)
+        return found
+
+
+def factors_of(cells: dict[CellRef, Cell], shares: bool, steps: Steps | None = None) -> dict[CellRef, float]:
     """Return the factor of every cell. ``shares``: of changes that are a share of every value. Where light is clipped
     they are the same share of less, and a number that is found from the light changes by that share.
     """
+    steps = steps or Steps(cells)
     direct: dict[CellRef, float] = {}
     beside: dict[CellRef, float] = {}
-    for cell in reversed(cells.values()):
-        steers = cell.ref in direct and not any("y" in grid for grid in cell.grids.values())
-        factor = direct[cell.ref] = max(1.0, direct.get(cell.ref, 1.0) + beside.get(cell.ref, 0.0))
-        kind = type(cell.stage)
-        if issubclass(kind, Probe):
+    for ref, cell in reversed(cells.items()):
+        kind, known = steps.kind(cell), direct.get(ref)
+        steers = known is not None and not kind.plane
+        factor = direct[ref] = max(1.0, (known or 1.0) + beside.get(ref, 0.0))
+        if kind.seen:
             continue
         whole = factor
-        if kind.growth is not Stage.growth:
-            step = stage_calls.growth_of(cell.stage, {port: cells[ref].facts for port, ref, _ in cell.inputs})
+        if kind.grows:
+            step = steps.step(cell)
             whole *= min(step, 1.0) if shares and (steers or kind.elementwise) else step
-        given = quantities_of(kind)
-        for port, ref, _ in cell.inputs:
-            if port in given:  # a number that the other cell finds
-                direct[ref] = max(direct.get(ref, 0.0), factor)
-            elif "y" in cell.input_grids.get(port, ()):
+        for port, source, _ in cell.inputs:
+            if port in kind.given:  # a number that the other cell finds
+                direct[source] = max(direct.get(source, 0.0), factor)
+            elif port in kind.planes:
                 ways = beside if steers else direct
-                ways[ref] = max(ways.get(ref, 0.0), whole)
+                ways[source] = max(ways.get(source, 0.0), whole)
     return direct

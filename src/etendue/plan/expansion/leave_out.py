@@ -47,7 +47,7 @@ def decide(
     """
     if rule.tolerance is None or isinstance(stage, Summed) or not isinstance(stage, Bounded | Transfer):
         return None
-    port = _through(stage, grids_in, grids)
+    port = through(stage, grids_in, grids)
     if port is None:
         return None
     own, grid = _in_norm(facts[port], rule.norm), grids_in[port]
@@ -69,7 +69,7 @@ def _in_norm(facts: Facts, norm: str) -> Facts:
     return replace(facts, content=replace(facts.content, norm=norm))
 
 
-def _through(stage: Stage, grids_in: Mapping[str, Grid], grids: Mapping[str, Grid]) -> str | None:
+def through(stage: Stage, grids_in: Mapping[str, Grid], grids: Mapping[str, Grid]) -> str | None:
     """Return the port through which a stage reads the variable it writes first; None if it writes a variable that it
     does not read, or writes it on another grid.
     """
@@ -106,10 +106,10 @@ def _of_the_content(stage: Transfer, facts: Facts, grid: Grid) -> LeftOut | None
         dark = facts.content.full == 0
         return LeftOut(0.0, "there is no light" if dark else "the scene is uniform: blur changes nothing")
     try:
-        bound = effects.change(stage, facts.content, grid)
+        found = effects.change(stage, facts.content, grid)
     except ValueError:
         return None
-    return LeftOut(bound, "the scene has too little fine detail for it to matter")
+    return LeftOut(found.whole, "the scene has too little fine detail for it to matter", found.apart)
 
 
 def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] | None], most: float) -> LeftOut | None:

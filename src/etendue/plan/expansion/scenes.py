@@ -21,7 +21,7 @@ from etendue.plan.identity.keys import key_of, parameters_for_key, version_of
 from etendue.transfer import contents as scenes
 from etendue.transfer.contents import light_of
 
-FORM = 2  # version of the cached file's form
+FORM = 3  # version of the cached file's form
 __all__ = ["content_of", "light_of"]
 MOST = 64  # contents kept in memory
 _KNOWN: dict[str, Content | None] = {}
@@ -60,6 +60,8 @@ def _read(data: bytes | None) -> Content | None:
         power, amplitude = (tuple(map(tuple, document[name])) for name in ("power", "amplitude"))
         edges, low, mean, high = (tuple(map(float, document[name])) for name in ("edges", "low", "mean", "high"))
         white = tuple(map(float, document["white"]))
-        return Content(float(document["full"]), edges, power, amplitude, low, mean, high, white)
+        fields = (float(document["full"]), edges, power, amplitude, low, mean, high, white)
+        widths, peaks = tuple(map(float, document["widths"])), tuple(map(tuple, document["peaks"]))
+        return Content(*fields, widths=widths, peaks=peaks)
     except (ValueError, KeyError, TypeError):
         return None

@@ -20,6 +20,11 @@ from typing import Generic, TypeVar
 Value = bool | int | float | str
 Settings = Mapping[str, Value]  # by key of the knob
 Choices = Mapping[str, Sequence["Setting"]]  # by key of the knob, from the cheapest to the finest
+Name = tuple[tuple[str, Value], ...]  # of a trial: the settings that it moves
+Predicted = Callable[[Settings], tuple[float, float]]  # error and cost of a combination; infinite: not to be tried
+MANY = 300  # combinations; of more, only neighbours are looked at
+DOUBT = 1.1  # of predicted costs
+SAVED = 0.01  # of the cost of the whole; settings that save less are not combined
 _Point = TypeVar("_Point")
 
 
@@ -119,17 +124,20 @@ class Search(Generic[_Tried]):
         budget: Means = Means(math.inf, math.inf),
     ) -> None:
         self.evaluate, self.start, self.budget = evaluate, start, budget
-        self.tried: dict[tuple[tuple[str, Value], ...], _Tried] = {}
+        self.tried: dict[Name, _Tried] = {}
 
     def at(self, settings: Settings) -> _Tried:
         """Return the trial of a combination; raise ``OverBudget`` if the budget does not allow it."""
-        moved = {key: value for key, value in settings.items() if value != self.start.get(key)}
-        name = tuple(sorted(moved.items()))
+        name = self.name(settings)
         if name not in self.tried:
             if len(self.tried) >= self.most:
                 raise OverBudget
-            self.tried[name] = self.evaluate(moved)
+            self.tried[name] = self.evaluate(dict(name))
         return self.tried[name]
+
+    def name(self, settings: Settings) -> Name:
+        """Return the settings that differ from where the search starts, by which a trial is known."""
+        return tuple(sorted((key, value) for key, value in settings.items() if value != self.start.get(key)))
 
     def afford(self, need: Means, spent: float) -> None:
         """Raise ``OverBudget`` if the budget does not allow what is needed after so many seconds are spent."""
@@ -184,31 +192,64 @@ class Search(Generic[_Tried]):
             return trial if goal.met(trial.error) else None
         return found
 
-    def explored(self, choices: Choices, goals: Iterable[Goal], most: int) -> None:
-        """Try at most so many combinations: all if they are no more, else those of ``combinations``, and while
-        the budget lasts coarser neighbours of the cheapest that meets each goal.
+    def explored(self, choices: Choices, goals: Sequence[Goal], most: int, predicted: Predicted) -> None:
+        """Try at most so many combinations: all if they are no more. Else for every goal, in turns, the one predicted
+        to meet it at the least cost, as long as that is less than the cheapest trial that does. What is left is spent
+        on neighbours in one setting that cost hardly more than that, as predictions may be wrong.
+
+        Half of the trials are combinations that are the best at a price of error, to begin from.
         """
         self.most = len(self.tried) + most
         with suppress(OverBudget):
-            few = math.prod(map(len, choices.values())) <= most
-            every = itertools.product(*([(key, one.value) for one in own] for key, own in choices.items()))
-            for settings in map(dict, every) if few else combinations(choices, most):
-                self.at(settings)
-            for goal in goals:
-                self._cheapened(choices, goal)
+            if math.prod(map(len, choices.values())) <= most:
+                every = itertools.product(*([(key, one.value) for one in own] for key, own in choices.items()))
+                for own in every:
+                    self.at(dict(own))
+                return
+            worth = worthwhile(choices, self.at({}).cost)
+            for settings in combinations(worth, most // 2):
+                if predicted(settings)[1] < math.inf:
+                    self.at(settings)
+            for some, at_once, doubt in ((worth, 2, 1.0), (choices, 1, DOUBT)):
+                open_ = list(goals)
+                while open_:
+                    for goal in tuple(open_):
+                        near = self._promising(some, goal, predicted, at_once, doubt)
+                        if near is None:
+                            open_.remove(goal)
+                        else:
+                            self.at(near)
 
-    def _cheapened(self, choices: Choices, goal: Goal) -> None:
-        """Go from the cheapest trial that meets a goal to coarser neighbours that cost less, until there is none."""
-        best, before = cheapest(self.tried.values(), error_and_cost, goal.most), None
-        while best is not None and best is not before:
-            own = {**self.start, **best.settings}
-            near = [
-                self.at({**best.settings, key: one.value})
-                for key, settings in choices.items()
-                for one, finer in itertools.pairwise(settings)
-                if finer.value == own[key]
-            ]
-            best, before = cheapest([best, *near], error_and_cost, goal.most), best
+    def _promising(
+        self, choices: Choices, goal: Goal, predicted: Predicted, at_once: int, doubt: float
+    ) -> Settings | None:
+        """Return the untried combination that is predicted to meet a goal at the least cost; None if none is predicted
+        to cost less than the cheapest trial that does, times ``doubt``.
+
+        Of many combinations only neighbours of that trial count, else of the one with the least error: they have other
+        settings of as many knobs as ``at_once``.
+        """
+        best = cheapest(self.tried.values(), error_and_cost, goal.most)
+        least = doubt * best.cost if best else math.inf
+        best = best or min(self.tried.values(), key=error_and_cost)
+        moves = [[(key, one.value) for one in own] for key, own in choices.items()]
+        if at_once > 1 and math.prod(map(len, moves)) <= MANY:
+            some: Iterable[Sequence[tuple[str, Value]]] = itertools.product(*moves)
+        else:
+            some = itertools.chain(*(_moved(moves, 1 + n) for n in range(at_once)))
+        found: Settings | None = None
+        for changed in some:
+            near: Settings = {**best.settings, **dict(changed)}
+            if self.name(near) not in self.tried:
+                error, cost = predicted(near)
+                if cost < least and goal.met(error):
+                    found, least = near, cost
+        return found
+
+
+def _moved(moves: Sequence[Sequence[_Point]], count: int) -> Iterable[tuple[_Point, ...]]:
+    """Return one move of each of so many knobs, in every way."""
+    return itertools.chain(*(itertools.product(*some) for some in itertools.combinations(moves, count)))
 
 
 def error_and_cost(trial: Trial) -> tuple[float, float]:
@@ -229,6 +270,18 @@ def cheapest(points: Iterable[_Point], of: Callable[[_Point], tuple[float, float
     """Return the point of least cost whose error is within ``most``; None if there is none."""
     within = [point for point in points if of(point)[0] <= most]
     return min(within, key=lambda point: (of(point)[1], of(point)[0]), default=None)
+
+
+def worthwhile(choices: Choices, whole: float) -> Choices:
+    """Return the settings that save a share of the cost of the whole against all finer ones."""
+    found: dict[str, list[Setting]] = {}
+    for key, own in choices.items():
+        kept = [own[-1]]
+        for one in own[-2::-1]:
+            if one.cost < min(other.cost for other in kept) - SAVED * whole or one.error <= min(o.error for o in kept):
+                kept.insert(0, one)
+        found[key] = kept
+    return found
 
 
 def combinations(choices: Choices, most: int) -> list[Settings]:

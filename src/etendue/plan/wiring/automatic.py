@@ -17,7 +17,7 @@ from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.errors import PluginError, RequestError
 from etendue.pipeline.derived import with_values
 from etendue.pipeline.file import PipelineFile, StageEntry
-from etendue.pipeline.presets import preset
+from etendue.pipeline.presets import preset_at
 from etendue.plan.wiring.parameters import Unfit, axis_values, resolve
 from etendue.types.documents import Document, DocumentView
 
@@ -83,8 +83,10 @@ def _shared_values(pipeline: PipelineFile, registry: Registry) -> dict[str, tupl
         kind = _kind(entry, registry)
         declared |= {name: one for name, one in parameters_of(kind).items() if one[0].shared} if kind else {}
     written: dict[str, list[Any]] = {}
-    named = pipeline.sweep.get(pipeline.table.preset) if pipeline.preset_swept else None
-    tables = [_preset(one, pipeline) for one in named] if isinstance(named, list | tuple) else [pipeline.preset]
+    tables: list[DocumentView] = [pipeline.preset]
+    for word in pipeline.presets_swept:
+        axis = pipeline.sweep[word]
+        tables += [_preset(one, pipeline, word) for one in axis] if isinstance(axis, list | tuple) else []
     for table in tables:
         for name, value in {**table, **pipeline.shared}.items():
             written.setdefault(name, []).append(value)
@@ -99,11 +101,10 @@ def _shared_values(pipeline: PipelineFile, registry: Registry) -> dict[str, tupl
     return {name: values for name, values in found.items() if values}
 
 
-def _preset(one: Any, pipeline: PipelineFile) -> DocumentView:
-    word = pipeline.table.preset
+def _preset(one: Any, pipeline: PipelineFile, word: str) -> DocumentView:
     own: Document = {word: one} if isinstance(one, str) else dict(one) if isinstance(one, Mapping) else {}
     try:
-        named = preset(str(own[word]), pipeline.table).values() if word in own else {}
+        named = preset_at(str(own[word]), pipeline.table.kind_of(word), pipeline.folder).values() if word in own else {}
     except RequestError:
         named = {}
     return {**named, **own}

@@ -40,12 +40,12 @@ def resolve_axes(
         if key in by_key:
             ordered.append(by_key[key])
             continue
-        if key == request.pipeline.table.preset:
-            if shared.presets is not None:
-                ordered.append(shared.presets)
-                for name in shared.presets.gives:
+        if key in request.pipeline.table.words():
+            if axis := shared.presets.get(key):
+                ordered.append(axis)
+                for name in axis.gives:
                     for user in users_of(name, entries):
-                        direct.setdefault(user, []).append((shared.presets.dim, name))
+                        direct.setdefault(user, []).append((axis.dim, name))
             continue
         target = (
             _parameter_of(request, key, entries, shared) if "." in key else _quantity_of(request, key, entries, shared)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from etendue.contract.arrays import variables
 from etendue.contract.arrays.dims import is_light
 from etendue.contract.registry import Registry
-from etendue.contract.stage import parameters_of, quantities_of, writes_of
+from etendue.contract.stage import looks_at_stages, parameters_of, quantities_of, writes_of
 from etendue.contract.values.names import LOOKS, OWN, beside
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.pipeline.file import PipelineFile
@@ -40,6 +40,7 @@ class Graph:
     wanted: tuple[tuple[str, str], ...]
     keep: tuple[str, ...] | None
     warnings: tuple[str, ...]
+    seen_only: frozenset[str] = frozenset()  # nodes whose stages alone are looked at: nobody needs their values
 
 
 def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
@@ -78,7 +79,8 @@ def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
         axes = [axis for axis in axes if axis.dim in reached]
     if request.faults:
         raise RequestError(request.faults, pipeline.file)
-    return Graph(tuple(nodes), tuple(axes), shared.values, wanted, pipeline.keep, tuple(request.warnings))
+    warnings = tuple(request.warnings)
+    return Graph(tuple(nodes), tuple(axes), shared.values, wanted, pipeline.keep, warnings, _seen_only(nodes, wanted))
 
 
 def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> frozenset[tuple[str, str]]:
@@ -269,3 +271,40 @@ def _prune(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> list[Node]
         open_ += [source for bound in node.inputs for _, source, _ in bound]
         open_ += [n for _, _, names in node.looks_at for n in names]
     return [node for node in nodes if node.name in needed]
+
+
+def _seen_only(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> frozenset[str]:
+    """Return the nodes whose values nothing wanted depends on: probes look at their stages (a transfer function, a
+    datasheet), which are known without running them.
+    """
+    by_name = {node.name: node for node in nodes}
+    computed: set[str] = set()
+    seen: set[str] = set()
+    open_ = [name for name, _ in wanted]
+    while open_:
+        name = open_.pop()
+        if name in computed:
+            continue
+        computed.add(name)
+        node = by_name[name]
+        open_ += [source for bound in node.inputs for _, source, _ in bound] + list(node.found.values())
+        for _, what, names in node.looks_at:
+            if looks_at_stages(what):
+                seen |= set(names)
+            else:
+                open_ += names
+        # A stage is known once the values that others find for it are: of those looked at, and of those before them.
+        open_ += [finder for other in _with_inputs(by_name, seen) for finder in by_name[other].found.values()]
+    return frozenset(by_name) - computed
+
+
+def _with_inputs(by_name: dict[str, Node], names: set[str]) -> set[str]:
+    """Return some nodes and all that they depend on."""
+    found: set[str] = set()
+    open_ = list(names)
+    while open_:
+        name = open_.pop()
+        if name not in found:
+            found.add(name)
+            open_ += [source for bound in by_name[name].inputs for _, source, _ in bound]
+    return found

@@ -8,6 +8,7 @@ Out: the axis, with the values that each of its presets gives to every quantity 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 from etendue.contract.values import quantities
@@ -25,46 +26,59 @@ if TYPE_CHECKING:
     from etendue.plan.wiring.quantities import Declared
 
 
-def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | None:
-    """Return the axis of presets; None if no preset is swept, or a fault is reported.
+def preset_axes(request: Request, declared: Mapping[str, Declared]) -> dict[str, Axis]:
+    """Return the axes of presets by the key that names them; without those that are faulty, which are reported.
 
     A value's own table overrides the pipeline's shared quantities, which override the named preset. A quantity with an
     axis of its own is left to that axis. The axis covers every quantity that any installed preset gives, even if the
     presets named here agree on it: so an archive can later take further presets without changing what the axis sets.
     """
-    whose = request.pipeline.table
+    found = {kind.preset: _axis(request, declared, kind) for kind in request.pipeline.table.kinds()}
+    axes = {word: axis for word, axis in found.items() if axis is not None}
+    for first, second in combinations(axes.values(), 2):
+        if both := sorted(first.gives.keys() & second.gives.keys()):
+            request.fault(
+                f"sweep.{second.key}",
+                f"the axes {first.key} and {second.key} both give {', '.join(both[:3])}; sweep one",
+            )
+    return axes
+
+
+def _axis(request: Request, declared: Mapping[str, Declared], whose: Table) -> Axis | None:
+    """Return the axis of one kind of presets; None if it is not swept, or a fault is reported."""
     word = whose.preset
     place, words = f"sweep.{word}", (word, "label")  # keys of a value's table that are not quantities
-    written = request.pipeline.sweep.get(word) if word else None
+    written = request.pipeline.sweep.get(word)
     if written is None:
         return None
     if not isinstance(written, list | tuple) or not written:
         request.fault(place, f"expected a list of {word}s, got {as_written(written)}")
         return None
     before = len(request.faults)
-    tables = _tables(request, written)
+    tables = _tables(request, written, word)
     own = {name for table in tables.values() for name in table if name not in words}
     for name in sorted(own - {*declared, *quantities.names()}):
         request.fault(
             place, f"unknown {whose.name} quantity {name!r}{nearest(name, [*words, *declared, *quantities.names()])}"
         )
-    named = _named(request, tables)
+    named = _named(request, tables, whose)
     if named is None:
         return None
     taken = [name for name in declared if name in own or (name in named and name not in request.pipeline.shared)]
     taken = [name for name in taken if name not in request.pipeline.sweep]
-    gives = {name: _column(request, name, declared[name], tables) for name in taken}
+    stated = _values(request, tables, whose)
+    gives = {name: _column(request, name, declared[name], tables, whose, stated) for name in taken}
     for name in sorted(named & declared.keys() & request.pipeline.shared.keys() - own):
         request.warnings.append(f"{whose.place(name)} overrides every {word} of the sweep")
     return None if len(request.faults) > before else Axis(word, word, tuple(tables), "", gives)
 
 
-def _named(request: Request, tables: Mapping[str, DocumentView]) -> set[str] | None:
+def _named(request: Request, tables: Mapping[str, DocumentView], whose: Table) -> set[str] | None:
     """Return the quantities that installed presets give, and the files named here; None if a file is faulty."""
-    whose, word = request.pipeline.table, request.pipeline.table.preset
+    word = whose.preset
     named = {name for known in preset_names(whose) for name in _stated(known, whose)}
     for table in tables.values():
-        if word in table and is_file(str(table[word])):
+        if word in table and (whose.find or is_file(str(table[word]))):
             try:
                 named |= preset_at(str(table[word]), whose, request.pipeline.folder).values().keys()
             except RequestError as error:
@@ -73,9 +87,8 @@ def _named(request: Request, tables: Mapping[str, DocumentView]) -> set[str] | N
     return named
 
 
-def _tables(request: Request, written: Iterable[str]) -> dict[str, DocumentView]:
+def _tables(request: Request, written: Iterable[str], word: str) -> dict[str, DocumentView]:
     """Return the table of each value of the axis, by its label."""
-    word = request.pipeline.table.preset
     place, tables = f"sweep.{word}", dict[str, DocumentView]()
     for one in written:
         table = {word: one} if isinstance(one, str) else one
@@ -100,28 +113,41 @@ def _stated(name: str, whose: Table) -> DocumentView:
         return {}
 
 
-def _column(request: Request, name: str, one: Declared, tables: Mapping[str, DocumentView]) -> tuple[Any, ...]:
-    """Return the values of one quantity along the axis."""
-    whose = request.pipeline.table
-    word, place = whose.preset, f"sweep.{whose.preset}"
-    found = []
+def _values(request: Request, tables: Mapping[str, DocumentView], whose: Table) -> dict[str, DocumentView]:
+    """Return what the preset of every value gives, by its label; one that cannot be read is reported."""
+    found = dict[str, DocumentView]()
     for label, table in tables.items():
         try:
-            written = {
-                **(preset_at(str(table[word]), whose, request.pipeline.folder).values() if word in table else {}),
-                **request.pipeline.shared,
-                **table,
-            }
+            named = str(table.get(whose.preset, ""))
+            found[label] = preset_at(named, whose, request.pipeline.folder).values() if named else {}
+        except RequestError as error:
+            for fault in error.faults:
+                if fault.message not in [known.message for known in request.faults]:
+                    request.fault(f"sweep.{whose.preset}", fault.message)
+    return found
+
+
+def _column(
+    request: Request,
+    name: str,
+    one: Declared,
+    tables: Mapping[str, DocumentView],
+    whose: Table,
+    stated: Mapping[str, DocumentView],
+) -> tuple[Any, ...]:
+    """Return the values of one quantity along the axis."""
+    place = f"sweep.{whose.preset}"
+    found = []
+    for label, table in tables.items():
+        if label not in stated:
+            continue
+        try:
+            written = {**stated[label], **request.pipeline.shared, **table}
             value = one.default
             if name in written:
                 value = resolve(written[name], one.parameter, one.kind, request.pipeline.folder)
         except Unfit as error:
             request.fault(place, f"{label}: {name}: {error}")
-            continue
-        except RequestError as error:
-            for fault in error.faults:
-                if fault.message not in [known.message for known in request.faults]:
-                    request.fault(place, fault.message)
             continue
         if value is MISSING:
             request.fault(

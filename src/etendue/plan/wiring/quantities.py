@@ -17,10 +17,11 @@ from etendue.contract.values.late_bound import LateValue
 from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.contract.values.units import as_written
 from etendue.errors import nearest
+from etendue.pipeline.stand_ins import standing_in
 from etendue.plan.model import Axis
 from etendue.plan.wiring.alternatives import Entries, meaning
 from etendue.plan.wiring.parameters import Unfit, resolve
-from etendue.plan.wiring.presets import preset_axis
+from etendue.plan.wiring.presets import preset_axes
 from etendue.plan.wiring.request import Request
 from etendue.types.documents import Document
 
@@ -41,16 +42,37 @@ class Quantities:
     declared: Mapping[str, Declared]
     values: Document  # None if a required one is missing or swept
     written: frozenset[str]  # those that a stage of the pipeline writes
-    presets: Axis | None = None  # if the preset is swept
+    presets: Mapping[str, Axis]  # those of swept presets, by the key that names them
 
 
 def resolve_quantities(request: Request, entries: Entries) -> Quantities:
     """Return the values of shared quantities, for all stages at once."""
     declared = _declared_by(request, entries)
     written = frozenset(d.variable for made in entries.values() for one in made for d in writes_of(one.kind).values())
-    axis = preset_axis(request, declared)
-    settled = set(axis.gives if axis else declared if request.pipeline.preset_swept else ())
-    return Quantities(declared, _values_of(request, declared, written, settled), written, axis)
+    axes = preset_axes(request, declared)
+    settled = {name for axis in axes.values() for name in axis.gives}
+    if len(axes) < len(request.pipeline.presets_swept):  # one is faulty
+        settled = set(declared)
+    values = _values_of(request, declared, written, settled)
+    if not request.faults:  # every preset could be read
+        _tell_stand_ins(request, declared)
+    return Quantities(declared, values, written, axes)
+
+
+def _tell_stand_ins(request: Request, used: Mapping[str, Declared]) -> None:
+    """Note the values that no source gives; refuse them if the pipeline allows none."""
+    for preset, names in standing_in(request.pipeline, used).items():
+        text = f"no source gives {', '.join(names)} of the {preset}: typical values stand in"
+        if request.pipeline.stand_ins:
+            request.warnings.append(text)
+        else:
+            table = request.pipeline.table.name
+            request.fault("stand_ins", f"{text}, and are not allowed; give your own under [{table}]")
+    for word, own in request.pipeline.presets.items():
+        kind, title = request.pipeline.table.kind_of(word), request.pipeline.named[word]
+        for name in own if kind.find else ():
+            if name in quantities.names() and quantities.declared(name).table and name not in used:
+                request.warnings.append(f"{name} of the {word} {title} is not used by any stage of this pipeline")
 
 
 def to_be_found(name: str, parameter: Parameter, ends: tuple[float | None, float | None] = (None, None)) -> LateValue:
@@ -84,8 +106,10 @@ def _values_of(
 ) -> Document:
     pipeline = request.pipeline
     values: Document = {}
-    given = {**({} if pipeline.preset_swept else pipeline.preset), **pipeline.shared}
-    place, named = pipeline.table.place, pipeline.table.preset
+    stated = pipeline.preset
+    by = {name: word for word, own in pipeline.presets.items() for name in own}
+    given = {**stated, **pipeline.shared}
+    place = pipeline.table.place
     swept = {*pipeline.sweep, *by_preset}
     for name, value in given.items():
         if name not in declared:
@@ -94,18 +118,18 @@ def _values_of(
             if name in quantities.names():
                 request.warnings.append(f"{place(name)} is not used by any stage of this pipeline")
             else:
-                known = [*([named] if named else []), *declared, *quantities.names()]
+                known = [*pipeline.table.words(), *declared, *quantities.names()]
                 request.fault(place(name), f"unknown {pipeline.table.name} quantity{nearest(name, known)}")
             continue
         try:
             values[name] = resolve(value, declared[name].parameter, declared[name].kind, pipeline.folder)
         except Unfit as error:
             request.fault(place(name), str(error))
-    for name in declared.keys() & pipeline.preset.keys() - {*pipeline.shared, *swept}:
+    for name in declared.keys() & stated.keys() - {*pipeline.shared, *swept}:
         other = quantities.declared(name).scales if name in quantities.names() else ""
-        if other in declared.keys() & pipeline.shared.keys() and named not in swept:
+        if other in declared.keys() & pipeline.shared.keys():
             request.warnings.append(
-                f"{place(name)} = {as_written(pipeline.preset[name])} comes from the {named} {pipeline.preset_name}, "
+                f"{place(name)} = {as_written(stated[name])} comes from the {by[name]} {pipeline.named[by[name]]}, "
                 f"but {other} is "
                 f"given here: every column of the former is scaled to the latter; give {name} too"
             )

@@ -13,6 +13,7 @@ from etendue.contract.registry import Registry
 from etendue.contract.values.units import as_written
 from etendue.errors import Fault, unprintable
 from etendue.pipeline.file import PipelineFile
+from etendue.plan.model import Cell, CellRef
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class Choice:
     # library versions for the keys, instead of the installed ones
     versions: Mapping[str, str] = field(default_factory=dict)
     computed: frozenset[str] = frozenset()  # stages that are not left out, whatever their bound
+    decided: Mapping[CellRef, Cell] = field(default_factory=dict)  # cells whose decisions are taken over
     keys: bool = True  # whether cells have keys; without, nothing can be stored or found again
 
 

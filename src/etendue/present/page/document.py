@@ -233,6 +233,7 @@ def _provenance(opened: Opened) -> Document:
         "options": record.get("options", {}),
         "overrides": record.get("overrides", {}),
         "preset": str(record.get("preset", "")),
+        "stated": record.get("stated", {}),
         "text": str(record.get("text", "")),
         "distributions": sorted({d for node in record["nodes"].values() for d in node.get("distributions", [])}),
         "pipeline_file": f"runs/{last[-1].name}" if last else "",

@@ -21,6 +21,7 @@ from etendue.contract.arrays.drawn import Drawn, Pictured
 from etendue.contract.ports import ContactSheet
 from etendue.contract.values.quantities import declared
 from etendue.contract.wording import first
+from etendue.pipeline.stand_ins import stand_ins_text, standing_in
 from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.present.pictures.appearance import brightness, rendered, white_among
@@ -59,6 +60,8 @@ def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Map
     order: list[tuple[str, Pictured, Thumbnail]] = []
     refs = set(shown.values())
     for node in plan.nodes:
+        if node.name not in shown:
+            continue  # it is not computed
         cell = plan.cells[shown[node.name]]
         for variable in node.writes:
             one = small.get(drawn_before(plan, cell, variable, refs) or cell.ref, {}).get(variable)
@@ -122,7 +125,8 @@ def sheet(
     frames = render(plan, shown, small)
     if not frames:
         return None
-    table, title = frames_table(frames), f"{plan.pipeline.name}{at}{_shared(plan)}"
+    marked = stand_ins_text(standing_in(plan.pipeline, plan.shared))
+    table, title = frames_table(frames), f"{plan.pipeline.name}{at}{_shared(plan)}{'; ' * bool(marked)}{marked}"
     table["attrs"]["cell"] = {dim: value for ref in shown.values() for dim, value in plan.labels(ref).items()}
     return ContactSheet(table, lambda path: contact_sheet(table, path, title, maps()), tuple(shown.values()), at)
 

@@ -10,17 +10,23 @@ import csv
 import io
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue.contract.wording import words as called
+from etendue.present.terminal.cells import Column
 from etendue.present.terminal.global_error import _number
 from etendue.present.terminal.terminal import _out, _table, escape
-from etendue.present.terminal.work_precision import Series, diagrams
+from etendue.present.terminal.work_precision import Bar, Series, TimedError, diagrams
 from etendue.types.documents import Document, DocumentView
 
+SHADES, LEAST = "█▓▒░", 0.005  # of the bar; share of an error that is named
 UNBOUNDED = 132  # columns when stdout is not a terminal
+if TYPE_CHECKING:
+    from rich.console import Console
+
+COLD, WARM = "cold", "warm"
 TABLE, DOCUMENT, DIAGRAM = "accuracy.csv", "accuracy.json", "accuracy.png"
 
 
@@ -31,11 +37,16 @@ def document(found: Any) -> Document:
 
     def point(trial: Any) -> Document:
         settings = {key: trial.setting(knob) for key, knob in knobs.items()}
-        return {"settings": settings, "error": trial.error, "variable": trial.variable, "seconds": trial.cost}
+        timed = {"runs": trial.timing.runs, **_times(trial.timing)}
+        parts = dict(sorted(trial.parts.items(), key=lambda part: -part[1]))
+        return {"settings": settings, "error": trial.error, "variable": trial.variable, **timed, "parts": parts}
+
+    nothing = dict.fromkeys(point(found.planned))
 
     return {
         "pipeline": found.pipeline,
         "at": dict(found.at),
+        "by": found.by,
         "curves": [_curve(curve) for curve in found.curves],
         "points": [point(trial) for trial in found.trials if not trial.why],
         "frontier": [point(trial) for trial in found.frontier],
@@ -46,13 +57,25 @@ def document(found: Any) -> Document:
         "cheapest": [
             {
                 "tolerance": tolerance,
-                **(point(trial) if trial else {"settings": None, "error": None, "variable": None, "seconds": None}),
+                **(point(trial) if trial else nothing),
                 **({"elsewhere": elsewhere.get(tolerance)} if found.verified_at else {}),
             }
             for tolerance, trial in found.cheapest
         ],
         "verified_at": dict(found.verified_at) or None,
         "notes": list(found.notes),
+    }
+
+
+def _times(timing: Any, stages: Collection[str] | None = None) -> Document:
+    """Return seconds: least and median, of the runs that are compared, and of cold ones."""
+    return {
+        "seconds": timing.least("", stages),
+        "median_seconds": timing.median("", stages),
+        "warm_seconds": timing.least(WARM, stages),
+        "warm_median_seconds": timing.median(WARM, stages),
+        "cold_seconds": timing.least(COLD, stages),
+        "cold_median_seconds": timing.median(COLD, stages),
     }
 
 
@@ -68,13 +91,16 @@ def _curve(curve: Any) -> Document:
         "order": curve.convergence.order,
         "law": curve.convergence.law or None,
         "order_from": list(curve.convergence.settings),
+        "order_why": curve.convergence.why or None,
+        "discretisation": knob.discretisation or None,
         "points": [
             {
                 "setting": trial.setting(knob),
-                "seconds": curve.seconds(trial),
-                "error": trial.error,
-                "stage_error": trial.stage_errors.get(knob.key),
-                "variable": trial.variable,
+                **_times(trial.timing, curve.affected),
+                "runs": trial.timing.runs,
+                "error": curve.error(trial)[0],
+                "stage_error": curve.stage_error(trial),
+                "variable": curve.error(trial)[1],
                 "whole_seconds": trial.cost,
             }
             for trial in curve.trials
@@ -86,14 +112,18 @@ def csv_text(document: DocumentView) -> str:
     """Return a row for each setting of each knob alone, and for each combination on the front."""
     text = io.StringIO()
     rows = csv.writer(text)
-    rows.writerow(["part", "knob", "setting", "stage_error", "error", "variable", "seconds", "whole_seconds", "order"])
+    times = ("warm_seconds", "warm_median_seconds", "cold_seconds", "cold_median_seconds", "runs")
+    names = ("setting", "stage_error", "error", "variable", *times, "whole_seconds")
+    rows.writerow(["part", "knob", *names, "order", "parts"])
     for curve in document["curves"]:
         for p in curve["points"]:
-            own = (p[name] for name in ("setting", "stage_error", "error", "variable", "seconds", "whole_seconds"))
-            rows.writerow(["alone", _key(curve), *own, curve["order"]])
+            rows.writerow(
+                ["alone", _key(curve), *(p[name] for name in names), curve["order"] or curve["order_why"], ""]
+            )
     for part in ("frontier", "points"):
         for p in document[part]:
-            rows.writerow([part, "", _settings(p["settings"]), "", p["error"], p["variable"], "", p["seconds"], ""])
+            own = (_settings(p["settings"]), "", p["error"], p["variable"], *(p[name] for name in times), p["seconds"])
+            rows.writerow([part, "", *own, "", "; ".join(f"{name} {error:.3g}" for name, error in p["parts"].items())])
     return text.getvalue()
 
 
@@ -107,35 +137,57 @@ def files_of(document: DocumentView) -> dict[str, bytes]:
 
 
 def diagram(document: DocumentView) -> bytes:
-    """Plot the results. Left: each knob alone, error of its stage against the time of the stages it affects. Right: all
-    trials.
+    """Plot the results. Left: each knob alone, error of its stage against the time of the stages it affects. Middle:
+    all trials. Right: from which knob the error comes, for each setting on the front. Bars reach from the least time to
+    the median.
     """
-    floor = document["reference_floor"]
+    floor, by = document["reference_floor"], document["by"]
+    colours = _colours(document)
     alone = []
     for curve in document["curves"]:
-        points = [(p["seconds"], p["stage_error"]) for p in curve["points"] if p["stage_error"]]
+        points = [(p["seconds"], p["stage_error"], p["median_seconds"]) for p in curve["points"] if p["stage_error"]]
         if len(points) > 1:
-            alone.append(Series(f"{_key(curve)}{_law(curve)}", points))
-    whole = [(p["seconds"], max(p["error"], floor)) for p in document["points"] if p["error"] is not None]
-    front = [(p["seconds"], max(p["error"], floor)) for p in document["frontier"]]
-    planned = [(document["planned"]["seconds"], max(document["planned"]["error"] or 0.0, floor))]
+            alone.append(Series(f"{_key(curve)}{_law(curve)}", points, colour=colours[_key(curve)]))
+
+    def of(points: Sequence[DocumentView], how: str = "") -> list[TimedError]:
+        least, median = f"{how}seconds", f"{how}median_seconds"
+        return [(p[least], max(p["error"], floor), p[median]) for p in points if p["error"] is not None]
+
+    every, front, planned = document["points"], document["frontier"], document["planned"]
+    bars = [Bar(f"{_number(p['error'])} in {_seconds(p['seconds'])}", p["parts"]) for p in front]
+    bars.append(Bar(f"as planned: {_number(planned['error'])} in {_seconds(planned['seconds'])}", planned["parts"]))
     return diagrams(
         f"{document['pipeline']}: error against run time",
         [
-            ("each knob alone: error of its stage", "thread time of the stages it affects, s", alone, None, None),
+            (
+                "each knob alone: error of its stage",
+                f"thread time of the stages it affects, {by}, s",
+                alone,
+                None,
+                None,
+            ),
             (
                 f"the whole {called()['whole']}: error of the wanted variables",
                 "thread time, s",
                 [
-                    Series("tried", whole, "dots"),
-                    Series("Pareto front", front, "front"),
-                    Series("as planned", planned, "star"),
+                    Series("tried", of(every), "dots"),
+                    Series(f"Pareto front, {by}", of(front), "front"),
+                    *([Series("the same, cold", of(front, "cold_"), "cold")] if by != COLD else []),
+                    Series("as planned", of([planned]), "star"),
                 ],
                 (document["noise_floor"], f"noise of one frame, {document['noise_floor_of']}"),
                 (floor, "uncertainty of the reference"),
             ),
         ],
+        ("share of the error, by its cause", bars, colours),
     )
+
+
+def _colours(document: DocumentView) -> dict[str, str]:
+    """Return colours of knobs that have an error by themselves, then of other causes of errors."""
+    alone = [_key(c) for c in document["curves"] if any(p["stage_error"] for p in c["points"])]
+    others = [name for p in (*document["frontier"], document["planned"]) for name in p["parts"]]
+    return {name: f"C{order % 10}" for order, name in enumerate(dict.fromkeys([*alone, *others]))}
 
 
 def print_accuracy(document: Document, files: list[Path]) -> None:
@@ -144,33 +196,50 @@ def print_accuracy(document: Document, files: list[Path]) -> None:
     if not console.is_terminal:
         console.width = max(console.width, UNBOUNDED)
     at = ", ".join(f"{key} {value}" for key, value in document["at"].items())
+    warm, cold = (
+        (f"{how} {what}", "right", lambda p, how=how: _spread(p, how)) for how, what in ((WARM, "time"), (COLD, "time"))
+    )
     rows = _table(
-        f"{escape(document['pipeline'])}: each knob alone{escape(f', at {at}') if at else ''}",
+        f"{escape(document['pipeline'])}: each knob alone{escape(f', at {at}') if at else ''}; time of the stages it "
+        "affects, least/median",
         ("knob", "left", lambda p: "" if p["rest"] else _key(p["curve"])),
         ("setting", "right", lambda p: _value(p["setting"])),
-        ("stage error", "right", lambda p: "reference" if p["last"] else _number(p["stage_error"])),
+        ("stage error", "right", lambda p: "finest" if p["last"] else _number(p["stage_error"])),
         ("final error", "right", lambda p: "" if p["last"] else _number(p["error"])),
-        ("time", "right", lambda p: _seconds(p["seconds"])),
-        ("order", "left", lambda p: "" if p["rest"] else _law(p["curve"]).strip(", ")),
+        warm,
+        cold,
+        ("runs", "right", lambda p: str(p["runs"])),
+        ("order", "left", lambda p: "" if p["rest"] else _law(p["curve"]).strip(", ") or p["curve"]["order_why"] or ""),
         rows=[
             {**p, "curve": curve, "rest": number > 0, "last": number == len(curve["points"]) - 1}
             for curve in document["curves"]
             for number, p in enumerate(curve["points"])
         ],
+        wrap=("order",),
     )
     console.print(rows)
-    reference = {_key(curve): curve["reference"] for curve in document["curves"]}
-    error, time = ("error", "right", "error", ".2g", "unknown"), ("time", "right", lambda p: _seconds(p["seconds"]))
+    reference = {_key(curve): _reference(curve) for curve in document["curves"]}
+    error = ("error", "right", "error", ".2g", "unknown")
     settings = ("left", "settings", lambda own: _settings(own, reference), "none")
-    title = "Pareto front"
-    console.print(_table(title, error, time, ("settings", *settings), rows=document["frontier"], wrap=("settings",)))
+    came = ("error from", "left", lambda p: _split(p["parts"] or {}))
+    of = ("of", "left", "variable", "", "")
+    columns: list[Column] = [error, of, warm, cold, came, ("settings", *settings)]
+    title = f"Pareto front by {document['by']} time"
+    console.print(_table(title, *columns, rows=document["frontier"], wrap=("error from", "settings")))
     elsewhere = [("elsewhere", "right", "elsewhere", ".2g", "unknown")] if document["verified_at"] else []
-    columns = [("tolerance", "right", "tolerance", ".0e"), error, *elsewhere, time, ("cheapest settings", *settings)]
+    columns = [("tolerance", "right", "tolerance", ".0e"), error, *elsewhere, warm, ("cheapest settings", *settings)]
     console.print(
         _table("cheapest settings by tolerance", *columns, rows=document["cheapest"], wrap=("cheapest settings",))
     )
+    _print_lines(console, document, files)
+
+
+def _print_lines(console: Console, document: DocumentView, files: list[Path]) -> None:
+    """Print what holds for all settings, notes and files."""
     planned = document["planned"]
-    console.print(f"as planned  error {_number(planned['error'])}, {_seconds(planned['seconds'])}")
+    own = f"error {_number(planned['error'])} of {planned['variable']}"
+    times = f"warm {_spread(planned, WARM)}, cold {_spread(planned, COLD)}"
+    console.print(f"as planned  {own}, {times}; {_split(planned['parts'])}", soft_wrap=True)
     if document["verified_at"]:
         console.print(
             escape(f"elsewhere   {', '.join(f'{key} = {value}' for key, value in document['verified_at'].items())}"),
@@ -200,6 +269,34 @@ def _law(curve: DocumentView) -> str:
         f", order {curve['order']:.1f}"
         if curve["law"] == "algebraic"
         else f", a factor {math.exp(min(curve['order'], 700)):.2g} each"
+    )
+
+
+def _reference(curve: DocumentView) -> Any:
+    """Return the setting that goes without saying: the finest. Of a discretisation there is none."""
+    return None if curve["discretisation"] else curve["reference"]
+
+
+def _split(parts: DocumentView) -> str:
+    """Return a bar of ten cells, shaded by cause from the largest on, and the causes with their shares."""
+    whole = math.fsum(parts.values())
+    if not whole:
+        return "nothing"
+    shares = [(name, part / whole) for name, part in sorted(parts.items(), key=lambda p: -p[1]) if part > LEAST * whole]
+    ends = [round(10 * math.fsum(share for _, share in shares[: i + 1])) for i in range(len(shares))]
+    bar = "".join(SHADES[min(i, 3)] * (ends[i] - (ends[i - 1] if i else 0)) for i in range(len(shares)))
+    return f"{bar:█<10.10} {', '.join(f'{name} {100 * share:.0f} %' for name, share in shares)}"
+
+
+def _spread(p: DocumentView, how: str) -> str:
+    """Return the least time and the median: '9.8/10.1 ms'."""
+    least, median = p[f"{how}_seconds"], p[f"{how}_median_seconds"]
+    if least is None:
+        return "-"
+    return (
+        f"{_seconds(least).partition(' ')[0]}/{_seconds(median)}"
+        if (least < 1) == (median < 1)
+        else (f"{_seconds(least)}/{_seconds(median)}")
     )
 
 

@@ -21,7 +21,7 @@ TEXTS, NUMBERS = ("stage", "variable", "unit"), ("rms", "max")
 def shortened(text: str) -> str:
     """Return the first line of a message, short enough to be stored."""
     line = text.partition("\n")[0]
-    return line if len(line) <= LONGEST // 2 else f"{line[: LONGEST // 2]}..."
+    return line if len(line) <= LONGEST - 20 else f"{line[: LONGEST - 20]}..."
 
 
 def is_sound(document: Any) -> bool:
@@ -99,13 +99,13 @@ def plus_minus(error: DocumentView | None, unit: str = "") -> str:
     """
     if error is None or not says_enough(error):
         return ""
-    inside = parts_text(error)
+    inside, own = parts_text(error), unit if unit != "1" else ""
     noise = f" \u00b1{number(error['noise']):.1g} (noise)" if error.get("noise") else ""
     if unknown_parts(error):
-        return f"(error not known in full: {inside}){noise}"
+        return f"{own} (error at least {number(error['rms']):.2g}: {inside}, --measure does){noise}".lstrip()
     if not number(error["rms"]):
-        return f"(exact){noise}"
-    shown = f"\u00b1{number(error['rms']):.2g} {unit if unit != '1' else ''}".rstrip()
+        return f"{own} (no numerical error){noise}".lstrip()
+    shown = f"\u00b1{number(error['rms']):.2g} {own}".rstrip()
     return f"{shown}{f' ({inside})' if inside else ''}{noise}"
 
 
@@ -123,12 +123,16 @@ def notes(document: DocumentView) -> list[str]:
     where = "" if points == 1 and factor == 1 else f" at {points} point{'s' if points > 1 else ''} of the sweep"
     spread = f"; those of the sweep are {factor:g} times as large, for the points between" if factor > 1 else ""
     when = "by an earlier run" if document["remembered"] else f"in {human_seconds(number(document['seconds']))}"
-    said = [f"errors measured{where} without noise, {when}{spread}"] if any(says_enough(one) for one in errors) else []
+    said = (
+        [f"errors measured{where} on runs without noise, {when}{spread}"]
+        if any(says_enough(one) for one in errors)
+        else []
+    )
     fixed = {f"{name}: {why}" for one in errors for name, why in one["fixed"].items()}
-    said += [f"not refined: {text}" for text in sorted(fixed)]
-    remedies = [f"{name}: {_as_options(text)}" for name, text in document.get("remedies", {}).items()]
+    said += [f"not refined, and so in no error here: {text}" for text in sorted(fixed)]
+    remedies = [f"{_as_options(text)} ({name})" for name, text in document.get("remedies", {}).items()]
     if remedies and said:
-        said.append(f"to reduce them: {'; '.join(remedies)}")
+        said.append(f"for smaller errors, one or more of: {'; '.join(remedies)}")
     return said + _missing(document)
 
 
@@ -149,8 +153,8 @@ def _missing(document: DocumentView) -> list[str]:
             else:
                 others.setdefault(f"{name}: {why}", []).append(one["variable"])
     seconds = human_seconds(number(document["dear"]))
-    of = f" of {_few(list(whose))}" if len(whose) < len(document["errors"]) else ""
-    said = [f"not measured: {', '.join(costly)}{of}; --measure does, in about {seconds}"] if costly else []
+    of = f", of {_few(list(whose))}" if len(whose) < len(document["errors"]) else ""
+    said = [f"not measured: {' and '.join(costly)}{of}; --measure does, in about {seconds}"] if costly else []
     return said + [f"not measured: {text} ({_few(names)})" for text, names in others.items()]
 
 

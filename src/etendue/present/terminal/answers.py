@@ -32,14 +32,15 @@ def print_answers(document: DocumentView | None) -> None:
     if rows:
         out.print("")
         out.print(
-            "The errors above are those of single stages; those below are of what was asked for, with discretisation."
+            "The errors in the first table are of single stages, relative to full scale; those here are of results, "
+            "discretisation included."
         )
         out.print(
             _table(
-                "error of the answer: its change if everything is refined",
+                "error of the answer: its change if what can be refined is refined",
                 ("variable", "left", "name"),
-                ("error", "right", _error),
-                ("max", "right", _largest),
+                ("error (rms)", "right", _error),
+                ("largest", "right", _largest),
                 ("parts", "left", "mostly"),
                 rows=rows,
                 wrap=("parts",),
@@ -48,7 +49,7 @@ def print_answers(document: DocumentView | None) -> None:
     if len(errors) > SHOWN:
         out.print(f"{len(errors) - SHOWN} more variables: --json")
     if len(known) > len(errors):
-        out.print(f"exact: {len(known) - len(errors)} variables that nothing of this changes")
+        out.print(f"no numerical error: {len(known) - len(errors)} variables")
     for text in notes(document):
         out.print(escape(text))
 

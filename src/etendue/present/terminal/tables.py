@@ -133,7 +133,7 @@ def stage_rows(plan: Plan, reports: Reports) -> list[Document]:
     took = {node.name: reports.seconds_of(node.name) for node in plan.nodes}
     total = reports.seconds_of() or 1.0
     for node in plan.nodes:
-        cells, seconds = plan.of(node.name), took[node.name]
+        cells, seconds = [] if node.name in plan.seen_only else plan.of(node.name), took[node.name]
         bounds = [c.left_out.bound if c.left_out else 0.0 for c in cells]
         stated = [(c.error[0] + bound, bound) for c, bound in zip(cells, bounds, strict=True) if c.error[0] is not None]
         error, bound = max(stated, default=(None, 0.0))

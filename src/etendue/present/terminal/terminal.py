@@ -164,8 +164,18 @@ def plan_columns(product: Callable[[Iterable[str]], str]) -> tuple[Column, ...]:
         ("cells", "right", "cells"),
         ("left out", "right", lambda stage: stage["left_out"] and stage["left_out"]["cells"]),
         ("stored", "right", "bytes", human_bytes),
-        ("time", "right", "seconds", human_seconds),
+        ("time", "right", lambda stage: expected_seconds(stage) if stage["cells"] else _without_time(stage)),
     )
+
+
+def expected_seconds(document: Document) -> str:
+    """Return expected seconds, with '~' where this machine has not run the stages yet; earlier plans do not say."""
+    return f"{'' if document.get('seconds_known', True) else '~'}{human_seconds(document['seconds'])}"
+
+
+def _without_time(stage: Document) -> str:
+    """Return what is said in place of a time: what was computed before, or what nobody needs the values of."""
+    return "reused" if stage["cells"] else "not needed"
 
 
 def print_plan(document: Document) -> None:
@@ -188,7 +198,7 @@ def print_plan(document: Document) -> None:
             console.print(escape(text))
     console.print(
         f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
-        f"{human_bytes(document['bytes'])} before compression, about {human_seconds(document['seconds'])} of thread "
+        f"{human_bytes(document['bytes'])} before compression, about {expected_seconds(document)} of thread "
         f"time, "
         f"peak memory {human_bytes(document['peak_memory'])}, {document['precision']}"
     )
@@ -283,7 +293,7 @@ def print_outcome(outcome: Any) -> None:
         f"{escape(outcome.plan.pipeline.name)}: {outcome.computed} cells computed, {len(outcome.reused)} reused",
         ("stage", "left", "name"),
         ("cells", "right", "cells"),
-        ("time", "right", lambda row: human_seconds(row["seconds"]) if row["computed"] else "reused"),
+        ("time", "right", lambda row: human_seconds(row["seconds"]) if row["computed"] else _without_time(row)),
         ("share", "right", lambda row: f"{100 * row['share']:.0f} %"),
         ("error", "right", "error", ".1g", "unknown"),
         ("basis", "left", "how"),
@@ -360,7 +370,7 @@ def _print_figures(console: Console, outcome: Any) -> None:
     if figures and outcome.shown_at:
         console.print(f"metrics and pictures{escape(outcome.shown_at)}:")
     for own in figures:
-        without = f"  without {', '.join(own.without)}" if own.without else ""
+        without = f"  (not included: {', '.join(own.without)})" if own.without else ""
         error = plus_minus(outcome.error_of(own.stage, own.variable), own.unit)
         plain = f"{own.unit if own.unit != '1' else ''}{' (error not measured)' if outcome.answers else ''}".strip()
         shown = f"{own.value:.5g} {error or plain}".rstrip()

@@ -6,6 +6,7 @@ Out: a PNG with the points and their Pareto front.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING
@@ -104,62 +105,94 @@ def _label(axes: Axes, points: list[Point], renderer: RendererBase) -> None:
             text.remove()
 
 
+TimedError = tuple[float, float, float]  # least seconds, error, median seconds
+
+
 @dataclass(frozen=True)
 class Series:
-    """Points (seconds, error) of one kind: a ``line`` through them, ``dots``, the ``front``, or a ``star``."""
+    """Points of one kind: a ``line`` through them, ``dots``, the ``front``, the same ``cold``, or a ``star``."""
 
     label: str
-    points: list[tuple[float, float]]
+    points: list[TimedError]
     kind: str = "line"
+    colour: str = "C0"  # of a line
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One setting, with the parts of its error by cause."""
+
+    label: str
+    parts: Mapping[str, float]
 
 
 Level = tuple[float | None, str] | None
 Panel = tuple[str, str, list[Series], Level, Level]  # title, x label, series, noise level, floor
+Split = tuple[str, list[Bar], Mapping[str, str]]  # title, bars, colours of the causes in their order
 
 
-def diagrams(title: str, panels: list[Panel]) -> bytes:
-    """Return work-precision diagrams side by side as PNG, both axes logarithmic; points without error or time are
-    omitted.
+def diagrams(title: str, panels: list[Panel], split: Split) -> bytes:
+    """Return work-precision diagrams side by side as PNG, both axes logarithmic, and a bar for the error of each
+    setting; points without error or time are omitted.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6.2 * len(panels), 5.2), dpi=120, facecolor="white", layout="constrained")
+    figure = Figure(figsize=(6.2 * len(panels) + 6.2, 5.2), dpi=120, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title)
     for number, (name, time, series, noise, floor) in enumerate(panels, 1):
-        axes = figure.add_subplot(1, len(panels), number)
+        axes = figure.add_subplot(1, len(panels) + 1, number)
         axes.set(xscale="log", yscale="log", xlabel=time, ylabel="rms error, full scale 1", title=name)
-        for order, one in enumerate(series):
-            _draw(axes, one, order)
+        for one in series:
+            _draw(axes, one)
         for level, colour, style in ((noise, "#b2443b", "--"), (floor, "#777777", ":")):
             if level is not None and level[0]:
                 axes.axhline(level[0], color=colour, ls=style, lw=1.2, label=level[1], zorder=1)
         axes.grid(True, which="major", color="#dddddd", lw=0.6)
-        _few_ticks(axes)
+        _few_ticks(axes, len(axes.get_legend_handles_labels()[1]))
         if axes.get_legend_handles_labels()[1]:
             axes.legend(frameon=False, fontsize=8, loc="upper right")
+    _bars(figure.add_subplot(1, len(panels) + 1, len(panels) + 1), *split)
     picture = BytesIO()
     figure.savefig(picture, format="png")
     return picture.getvalue()
 
 
-def _draw(axes: Axes, series: Series, order: int) -> None:
-    points = [(seconds, error) for seconds, error in series.points if seconds > 0 and error > 0]
+def _draw(axes: Axes, series: Series) -> None:
+    points = [(seconds, error, median) for seconds, error, median in series.points if seconds > 0 and error > 0]
     if not points:
         return
-    x, y = zip(*points, strict=True)
+    x, y, medians = zip(*points, strict=True)
     how: Document = {
-        "line": {"marker": "o", "ms": 4, "lw": 1.3, "color": f"C{order}", "zorder": 3},
+        "line": {"marker": "o", "ms": 4, "lw": 1.3, "color": series.colour, "zorder": 3},
         "dots": {"marker": "o", "ms": 4, "lw": 0, "color": "#b5b5b5", "zorder": 2},
         "front": {"marker": "o", "ms": 5.5, "lw": 1.5, "color": "#3b6fb6", "zorder": 4},
+        "cold": {"marker": "o", "ms": 4, "lw": 1.2, "ls": "--", "color": "#7fa6d6", "zorder": 3},
         "star": {"marker": "*", "ms": 13, "lw": 0, "color": "#c8791c", "zorder": 5},
     }[series.kind]
     axes.plot(x, y, label=series.label, **how)
+    if series.kind != "dots":
+        axes.hlines(y, x, medians, color=how["color"], lw=2.5, alpha=0.4, zorder=2)
 
 
-def _few_ticks(axes: Axes) -> None:
-    """Set ticks that do not overlap, and leave room above for the legend."""
+def _bars(axes: Axes, title: str, bars: list[Bar], colours: Mapping[str, str]) -> None:
+    """Draw the shares of every error as one bar, the first setting at the top."""
+    left, places = [0.0] * len(bars), [-number for number in range(len(bars))]
+    wholes = [sum(bar.parts.values()) or 1.0 for bar in bars]
+    for cause, colour in colours.items():
+        shares = [100 * bar.parts.get(cause, 0.0) / whole for bar, whole in zip(bars, wholes, strict=True)]
+        axes.barh(places, shares, left=left, height=0.7, color=colour, label=cause if max(shares) > 0.5 else None)
+        left = [own + share for own, share in zip(left, shares, strict=True)]
+    axes.set_yticks(places, [bar.label for bar in bars], fontsize=8)
+    room = 0.6 + 0.4 * len(bars)  # for the legend
+    axes.set(title=title, xlabel="share of the error, %", xlim=(0, 100), ylim=(0.4 - len(bars), room))
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(frameon=False, fontsize=8, loc="upper right", ncols=2)
+
+
+def _few_ticks(axes: Axes, lines: int) -> None:
+    """Set ticks that do not overlap, and leave room above for a legend with so many lines."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     low, high = axes.get_xlim()
@@ -169,4 +202,5 @@ def _few_ticks(axes: Axes) -> None:
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
     bottom, top = axes.get_ylim()
-    axes.set_ylim(bottom, top * min((top / bottom) ** 0.3, 1e4))
+    share = 0.05 * lines + 0.03  # of the height
+    axes.set_ylim(bottom, top * (top / bottom) ** (share / (1 - share)))

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Banded, Bounded, Facts, Grid, param
+from etendue.api import Banded, Bounded, Facts, Grid, param, quantity
 from etendue.contract.stage import file_state
 from etendue.transfer import peaks
 from etendue.transfer import rings as scene_rings
@@ -23,6 +23,7 @@ from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.field import blur, warp
 from etendue_camera.field.psf_bank import PsfBank
 from etendue_camera.field.stages.illumination import ends_of, farthest
+from etendue_camera.field.stages.profile import Profiled, measured_heights
 
 
 @lru_cache(maxsize=8)
@@ -33,6 +34,41 @@ def _bank(path: str, state: tuple[int, int]) -> PsfBank:
 @lru_cache(maxsize=8)
 def _table(path: str, state: tuple[int, int]) -> tuple[FloatArray, FloatArray, FloatArray]:
     return warp.read_table(path)
+
+
+@dataclass(frozen=True)
+class _Held:
+    """A table that is equal to itself only: those that are read are cached."""
+
+    table: warp.Table
+
+    def __hash__(self) -> int:
+        return id(self.table)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Held) and other.table is self.table
+
+
+@lru_cache(maxsize=256)
+def _curve(
+    coefficients: tuple[float, float, float], reference: float, colour: float, wavelength: float, held: _Held | None
+) -> warp.DistortionCurve:
+    """Return a curve; the same object for the same lens, whatever the body."""
+    return warp.DistortionCurve(coefficients, reference, colour, wavelength, None if held is None else held.table)
+
+
+@lru_cache(maxsize=1024)
+def _largest_move(lens: warp.DistortionCurve, corner_um: float, wavelengths_um: tuple[float, ...]) -> float:
+    """Return the largest distance (um) by which light moves, up to a height."""
+    radius = np.linspace(0.0, corner_um, 65)
+    return max(float(np.abs(lens.undistort(radius, w) - radius).max()) for w in wavelengths_um)
+
+
+@lru_cache(maxsize=1024)
+def _missing(
+    y_ends: tuple[float, float], x_ends: tuple[float, float], lens: warp.DistortionCurve, wavelength_um: float
+) -> float:
+    return warp.missing_um(y_ends, x_ends, lens, wavelength_um)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +208,7 @@ class LensPsfField(Banded, Bounded):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Distortion(Banded, Bounded):
+class Distortion(Profiled, Banded, Bounded):
     """Apply distortion and lateral colour: move each image point to its real height, r' = r (1 + k1 q + k2 q^2 + k3
     q^3).
 
@@ -189,6 +225,7 @@ class Distortion(Banded, Bounded):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 350.0
 
+    focal_length: float = quantity("focal_length")
     k1: float = param(0.0, doc="cubic distortion at the reference radius; negative: barrel")
     k2: float = param(0.0, doc="fifth-order distortion at the reference radius")
     k3: float = param(0.0, doc="seventh-order distortion at the reference radius")
@@ -223,20 +260,31 @@ class Distortion(Banded, Bounded):
     )
 
     def __post_init__(self) -> None:
+        self.check_lens()
         if self.table and (self.k1 or self.k2 or self.k3):
             raise ValueError("table and coefficients are both given; give only one of them")
 
+    def of_lens(self) -> warp.Table | None:
+        """Return the measured heights of the lens at this focal length; None if there are none, or the stage has
+        coefficients or a table of its own.
+        """
+        if not self.lens_profile or self.table or self.k1 or self.k2 or self.k3:
+            return None
+        return measured_heights(self, self.focal_length)
+
     def map(self) -> warp.DistortionCurve:
-        return warp.DistortionCurve(
+        table = _table(self.table, file_state(self.table)) if self.table else self.of_lens()
+        return _curve(
             (self.k1, self.k2, self.k3),
             1e3 * self.reference_radius,
             self.lateral_colour,
             1e-3 * self.reference_wavelength,
-            _table(self.table, file_state(self.table)) if self.table else None,
+            None if table is None else _Held(table),
         )
 
     def does_nothing(self) -> bool:
-        return not self.table and not (self.k1 or self.k2 or self.k3 or self.lateral_colour)
+        own = self.table or self.k1 or self.k2 or self.k3 or self.lateral_colour
+        return not own and self.of_lens() is None
 
     def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         corner = math.hypot(np.abs(coordinates["y_um"]).max(), np.abs(coordinates["x_um"]).max())
@@ -261,10 +309,9 @@ class Distortion(Banded, Bounded):
             return 0.0, "the scene is uniform: displacement has no effect"
         if facts.content is None:
             return None
-        radius, lens = np.linspace(0.0, farthest(grid), 65), self.map()
-        most = max(float(np.abs(lens.undistort(radius, w * 1e-3) - radius).max()) for w in grid.bands().values())
+        most = _largest_move(self.map(), farthest(grid), tuple(w * 1e-3 for w in grid.bands().values()))
         factors = scene_rings.moved(most, np.array(facts.content.edges))[None]
-        lost = peaks.relative(factors, np.ones_like(factors), facts.content, grid)
+        lost = peaks.relative(factors, np.ones_like(factors), facts.content, grid).apart
         return lost, f"light moves by at most {most:.2g} um, and the scene has little detail that fine"
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
@@ -289,7 +336,7 @@ class Distortion(Banded, Bounded):
             step = max(lines.line(dim).step for dim in ("y", "x"))
             cycles = np.array(light.content.edges[1:]) * step
             lost = warp.wave_error(self.order, cycles, self.oversampling)[None]
-            found = peaks.relative(lost, np.ones_like(lost), light.content, lines)
+            found = peaks.relative(lost, np.ones_like(lost), light.content, lines).apart
             return min(1.0, found + warp.BORDER) + rounding, "proved"
         limit = light.band_limit
         softness = (
@@ -298,23 +345,26 @@ class Distortion(Banded, Bounded):
         return min(1.0, warp.edge_error(self.order, softness, self.oversampling)) + rounding, "fitted"
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
+        has_own = bool(self.table or self.k1 or self.k2 or self.k3)
+        notes = [] if has_own else self.lens_notes("distortion", "none is applied", self.of_lens() is not None)
         if self.does_nothing():
-            return []
-        grid, lens, notes = grids["irradiance"], self.map(), []
+            return notes
+        grid, lens = grids["irradiance"], self.map()
+        whose = self.table or self.lens_name()
         wavelengths = [w * 1e-3 for w in (grid.bands().values()[0], grid.bands().values()[-1])]
         corner = farthest(grid)
         if lens.table is not None:
             ideal, own = lens.table[0], lens.table[1]
             if float(lens.undistort(corner, wavelengths[0])) > 1.001 * ideal[-1]:
                 notes.append(
-                    f"{self.table} ends {ideal[-1]:g} um from the axis; beyond it the curve is extrapolated linearly"
+                    f"{whose} ends {ideal[-1]:g} um from the axis; beyond it the curve is extrapolated linearly"
                 )
-            if own.size > 1 and (wavelengths[0] < own[0] - 0.005 or wavelengths[1] > own[-1] + 0.005):
+            if self.table and own.size > 1 and (wavelengths[0] < own[0] - 0.005 or wavelengths[1] > own[-1] + 0.005):
                 notes.append(
-                    f"{self.table} has {own[0] * 1e3:g} to {own[-1] * 1e3:g} nm; outside this range the nearest column "
+                    f"{whose} has {own[0] * 1e3:g} to {own[-1] * 1e3:g} nm; outside this range the nearest column "
                     "is used"
                 )
-        missing = max(warp.missing_um(ends_of(grid.line("y")), ends_of(grid.line("x")), lens, w) for w in wavelengths)
+        missing = max(_missing(ends_of(grid.line("y")), ends_of(grid.line("x")), lens, w) for w in wavelengths)
         if missing > 0.5 * grid.line("x").step and not facts.uniform:
             notes.append(
                 f"the distorted frame extends {missing:.3g} um beyond the rendered light and reads its mirror "

@@ -16,12 +16,13 @@ import numpy as np
 from etendue.api import Banded, Bounded, Facts, Grid, measured, param
 from etendue_camera.arrays import Array, FloatArray, Floats
 from etendue_camera.field.stages.illumination import Dimming, by_curves, farthest, nearest
+from etendue_camera.field.stages.profile import Profiled, measured_falloff
 from etendue_camera.field.stages.tables import FieldTable, field_table
 from etendue_camera.light import radiometry
 
 
 @dataclass(frozen=True, kw_only=True)
-class Falloff(Dimming, Banded, Bounded):
+class Falloff(Dimming, Profiled, Banded, Bounded):
     """Apply relative illumination: the cos4 law, the exact Lambertian disc, or a table."""
 
     role: ClassVar = "falloff"
@@ -53,13 +54,26 @@ class Falloff(Dimming, Banded, Bounded):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        self.check_lens()
         if (self.model == "table") != bool(self.table):
             raise ValueError(
                 f"model is {self.model!r} and table is {self.table!r}; give a table with model = 'table', and only "
                 f"with it"
             )
 
+    def tabled(self) -> bool:
+        """Return whether a table applies: the stage's own, or what was measured of the lens instead of the cos4 law."""
+        return self.model == "table" or (
+            self.model == "cos4" and self.geometry == "physical" and self.of_lens() is not None
+        )
+
+    def of_lens(self) -> FieldTable | None:
+        """Return the measured fall-off of the lens at these settings; None if there is none."""
+        return measured_falloff(self, self.focal_length, self.f_number, self.in_focus())
+
     def rows(self) -> FieldTable:
+        if self.model != "table" and (found := self.of_lens()) is not None:
+            return found
         return field_table(self.table, ("height_mm", "angle_deg"))
 
     def tangent(self, radius_um: Floats, corner_um: float) -> Floats:
@@ -83,17 +97,17 @@ class Falloff(Dimming, Banded, Bounded):
     def bounds(self, grid: Grid) -> tuple[float, float]:
         """Return the smallest and largest relative illumination over the frame."""
         corner = farthest(grid)
-        if self.model == "table":
+        if self.tabled():
             return self.rows().range(float(self.place(nearest(grid), corner)), float(self.place(corner, corner)))
         return float(self.relative(np.array(self.tangent(corner, corner)))), 1.0
 
     def assumes(self) -> dict[str, Hashable]:
-        if self.model == "table":
-            return {"the fall-off": ("that of", self.table)}
+        if self.tabled():
+            return {"the fall-off": ("that of", self.table or self.lens_profile)}
         return {"the fall-off": (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))}
 
     def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
-        return self.rows().curves(coordinates["wavelength"]) if self.model == "table" else np.ones((1, 1))
+        return self.rows().curves(coordinates["wavelength"]) if self.tabled() else np.ones((1, 1))
 
     def by_band(self, prepared: FloatArray, bands: slice) -> FloatArray:
         return prepared if len(prepared) == 1 else prepared[bands]
@@ -101,7 +115,7 @@ class Falloff(Dimming, Banded, Bounded):
     def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         radius = np.hypot(y_um[:, None], x_um[None, :])
         corner = math.hypot(max(abs(y_um[0]), abs(y_um[-1])), max(abs(x_um[0]), abs(x_um[-1])))
-        if self.model == "table":
+        if self.tabled():
             return {"irradiance": by_curves(irradiance, self.place(radius, corner), self.rows().nodes, prepared)}
         return {"irradiance": irradiance * self.relative(self.tangent(radius, corner)).astype(irradiance.dtype)}
 
@@ -110,12 +124,15 @@ class Falloff(Dimming, Banded, Bounded):
         return max(1.0 - low, high - 1.0), "the field is so small that falloff is below this at the corner"
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=self.model != "table")
+        return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=not self.tabled())
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
-        if self.model != "table":
-            return []
+        notes = self.lens_notes(
+            "the fall-off", "the cos4 law stands in", self.of_lens() is not None, (self.focal_length, self.f_number)
+        )
+        if not self.tabled():
+            return notes
         corner, bands = farthest(grids["irradiance"]), grids["irradiance"].bands().values()
-        return self.rows().remarks(
+        return notes + self.rows().remarks(
             float(self.place(corner, corner)), "mm" if self.rows().axis == "height_mm" else "degrees", bands
         )

@@ -305,7 +305,7 @@ class Resolution(Probe):
         if self.solved or nyquist > self.highest:
             at_nyquist = float(np.abs(signed(otf, observed, towards, self.rendering)(np.array([nyquist])))[0])
         else:
-            at_nyquist = max(float(seen.curve.contrast(nyquist)), 0.0)
+            at_nyquist = max(float(seen.curve.contrast(np.array(nyquist))), 0.0)
         return {
             "mtf50": seen.mtf50,
             "mtf10": seen.mtf10,

@@ -123,8 +123,13 @@ class Photograph(Scene):
     def run(self, prepared: Any) -> dict[str, Array]:
         white, basis = prepared
         linear, _ = _linear_photograph(self.file, *self.size())
-        weights = (np.maximum(basis, 0.0) * white[:, None])[:, :, None, None]
-        cube = weights[:, 0] * linear[0]  # not a matrix product: its rounding would depend on the number of bands
-        cube += weights[:, 1] * linear[1]
-        cube += weights[:, 2] * linear[2]
+        cube = np.zeros((len(white), *linear.shape[1:]))
+        lit = white > 0  # the other bands have no light
+        weights = (np.maximum(basis, 0.0) * white[:, None])[lit][:, :, None, None]
+        own = cube if lit.all() else np.empty((lit.sum(), *linear.shape[1:]))
+        np.multiply(weights[:, 0], linear[0], out=own)  # no matrix product: its rounding depends on the number of bands
+        own += weights[:, 1] * linear[1]
+        own += weights[:, 2] * linear[2]
+        if own is not cube:
+            cube[lit] = own
         return {"radiance": cube, "white_radiance": white}

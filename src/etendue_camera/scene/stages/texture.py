@@ -54,6 +54,7 @@ class DeadLeaves(Scene):
         fidelity=True,
         reference="32",
         settings=(1, 2, 4, 8, 16, 32),
+        costs=(0.4, 0.5, 1.0, 3.0, 15.0, 60.0),
         doc="oversampling of the cells on which leaves are drawn",
     )
 

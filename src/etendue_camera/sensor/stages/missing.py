@@ -68,7 +68,14 @@ def of_the_light(
     lost = scene_rings.largest_in_rings(missing * passed(width, rings))
     if content is None:
         return PART * float(lost.sum(axis=1).max())
-    return peaks.relative_sums(lost, np.array(weights), _left(before, edges, rings, width), content, light)
+    return peaks.relative_sums(lost, _full(weights, before, content, light, width), content, light)
+
+
+@lru_cache(96)
+def _full(weights: Weights, before: tuple[Transfer, ...], content: Content, light: Grid, width: float) -> FloatArray:
+    """Return the least that the largest signal of every channel can be, (channel,)."""
+    left = _left(before, light.bands().edges, content.edges, width)
+    return peaks.largest_of_sums(np.array(weights), left, content, light)
 
 
 def _highest(light: Grid, kept: float) -> float:

@@ -44,7 +44,8 @@ function header(doc) {
   return el('header', {},
     el('div', { class: 'top' }, el('p', { class: 'kind' }, `${doc.live ? 'etendue · live view' : 'etendue · report'}${doc.archive === doc.name ? '' : ` · ${doc.archive}`}`), themeSwitch()),
     el('div', { class: 'top' }, el('h1', {}, doc.title || doc.name), state), doc.description ? el('p', { class: 'about' }, doc.description) : null,
-    el('p', { class: 'facts', title: `started ${doc.provenance.began.replace('T', ' ').replace('Z', ' UTC')}` }, `${about} ${plural(doc.stages.length, 'stage')}, ${plural(cells, 'cell')} (one stage at one set of values), ${seconds(spent)} of computing time.`));
+    el('p', { class: 'facts', title: `started ${doc.provenance.began.replace('T', ' ').replace('Z', ' UTC')}` }, `${about} ${plural(doc.stages.length, 'stage')}, ${plural(cells, 'cell')} (one stage at one set of values), ${seconds(spent)} of computing time.`),
+    standInsLine(doc.provenance.stated));
 }
 
 function themeSwitch() {
@@ -122,6 +123,28 @@ function addedPart(one) {
   return section(`added-${one.name}`, one.title, '', card(one.why ? el('p', { class: 'broken' }, one.why) : one.blocks.map(block), el('p', { class: 'note' }, `Section provided by ${one.origin}.`)));
 }
 
+// A line on values of presets that no source gives; null if there are none.
+function standInsLine(stated) {
+  const counts = Object.entries(stated || {}).map(([word, titles]) => [word, Object.values(titles).map((values) => Object.values(values).filter((one) => one.source.startsWith('typical')).length)]);
+  const parts = counts.filter(([, own]) => Math.max(...own) > 0).map(([word, own]) => {
+    const [low, high] = [Math.min(...own), Math.max(...own)];
+    return `${low === high ? high : `${low} to ${high}`} values of ${own.length > 1 ? 'each' : 'the'} ${word}`;
+  });
+  return parts.length ? el('p', { class: 'facts' }, `No source gives ${parts.join(' and ')}: typical ones stand in, so a difference may be one of stand-ins. Provenance lists them.`) : null;
+}
+
+// ---- where the values of presets come from
+
+function statedPart(stated) {
+  const all = Object.entries(stated || {}).flatMap(([word, titles]) => Object.entries(titles).map(([title, values]) => [`${word} ${title}`, Object.entries(values)]));
+  if (!all.length) return null;
+  const standsIn = ([, one]) => one.source.startsWith('typical');
+  const count = (values) => `${values.length - values.filter(standsIn).length} of ${values.length} values have a source`;
+  const row = ([name, one]) => el('div', {}, el('dt', {}, name), el('dd', {}, standsIn([name, one]) ? 'stand-in: no source gives it' : [one.source, one.licence].filter(Boolean).join(', '), one.note ? `; ${one.note}` : ''));
+  return card(el('h3', {}, 'Where values come from'), ...all.map(([title, values]) =>
+    el('details', {}, el('summary', {}, `${title}: ${count(values)}`), el('dl', { class: 'facts-list' }, values.map(row)))));
+}
+
 // ---- provenance
 
 function provenance(doc) {
@@ -136,6 +159,7 @@ function provenance(doc) {
   ];
   return section('provenance', 'Provenance', 'Everything here was simulated; the commands below reproduce it.',
     card(el('h3', {}, 'Reproduce it'), again),
+    statedPart(p.stated),
     card(el('dl', { class: 'facts-list' },
       [['archive', doc.archive], ['pipeline', doc.name], ['started', p.began], ['runs', String(p.runs)], ['options', versions(p.options)], ['changed on the command line', versions(p.overrides) || 'none'], ['platform', versions(p.platform)], ['libraries', versions(p.libraries)], ['stages from', p.distributions.join(', ')], ['page made by', doc.made_by]].map(([a, b]) => el('div', {}, el('dt', {}, a), el('dd', {}, b)))),
       el('details', {}, el('summary', {}, 'The pipeline file'), el('pre', {}, p.text))));

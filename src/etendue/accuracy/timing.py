@@ -1,0 +1,58 @@
+"""Seconds of repeated runs, by stage: cold, with every table made anew, and warm, with the tables of the run before.
+
+In:  seconds of every run.
+Out: the least and the median of them, of some stages or of all.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+COLD, WARM = "cold", "warm"
+RunSeconds = Mapping[str, float]  # of one run, by stage
+Samples = Mapping[str, tuple[float, ...]]  # by stage, the seconds of every run
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Thread time by stage. The sum over stages of the least is what a run takes on a quiet machine; that of the
+    medians is what it takes on this one.
+
+    ``by``: which of the two ways is compared, cold or warm.
+    """
+
+    cold: Samples = field(default_factory=dict)
+    warm: Samples = field(default_factory=dict)
+    runs: int = 0  # of this trial, each way; samples of equal work in other trials count too
+    by: str = WARM
+
+    def least(self, how: str = "", stages: Collection[str] | None = None) -> float:
+        return self._sum(min, how, stages)
+
+    def median(self, how: str = "", stages: Collection[str] | None = None) -> float:
+        return self._sum(statistics.median, how, stages)
+
+    def by_stage(self) -> dict[str, float]:
+        """Return the least seconds of every stage."""
+        return {name: min(own) for name, own in (self.cold if self.by == COLD else self.warm).items()}
+
+    def and_(self, other: Timing) -> Timing:
+        """Return the samples of both."""
+        cold, warm = (
+            {name: (*own.get(name, ()), *more.get(name, ())) for name in {**own, **more}}
+            for own, more in ((self.cold, other.cold), (self.warm, other.warm))
+        )
+        return replace(self, cold=cold, warm=warm, runs=self.runs + other.runs)
+
+    def _sum(self, of: Callable[[Sequence[float]], float], how: str, stages: Collection[str] | None) -> float:
+        samples = self.cold if (how or self.by) == COLD else self.warm
+        return math.fsum(of(own) for name, own in samples.items() if own and (stages is None or name in stages))
+
+
+def samples_of(runs: Sequence[RunSeconds]) -> dict[str, tuple[float, ...]]:
+    """Return the seconds of several runs by stage."""
+    names = dict.fromkeys(name for run in runs for name in run)
+    return {name: tuple(run[name] for run in runs if name in run) for name in names}

@@ -1,0 +1,43 @@
+"""Values of presets that no source gives: they are typical ones, and everything that shows a result says so.
+
+In:  a pipeline, and the shared quantities that its stages use.
+Out: by preset, the quantities with such a value that nothing in the pipeline overrides by another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+from etendue.pipeline.file import PipelineFile
+from etendue.pipeline.presets import preset_at
+
+
+def standing_in(pipeline: PipelineFile, used: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Return stand-ins by kind and title of every preset that is looked up by name or comes from a file.
+
+    Packaged presets are not among them: their list of sources is printed by the command that lists them.
+    """
+    found: dict[str, tuple[str, ...]] = {}
+    for kind in pipeline.table.kinds():
+        axis = pipeline.sweep.get(kind.preset)
+        entries = axis if isinstance(axis, list | tuple) else [pipeline.named.get(kind.preset, "")]
+        for entry in entries:
+            own = entry if isinstance(entry, Mapping) else {kind.preset: entry}
+            if not own.get(kind.preset):
+                continue
+            one = preset_at(str(own[kind.preset]), kind, pipeline.folder)
+            given = {**pipeline.shared, **own, **dict.fromkeys(pipeline.sweep)}
+            names = tuple(
+                name
+                for name, value in one.shared.items()
+                if value.stands_in and name in used and given.get(name, value.value) == value.value
+            )
+            if names and one.file:
+                found[f"{kind.preset} {one.title}"] = names
+    return found
+
+
+def stand_ins_text(found: Mapping[str, Collection[str]]) -> str:
+    """Return how many there are, for a caption; '' if there are none."""
+    most = max(map(len, found.values()), default=0)
+    return f"{'up to ' * (len(found) > 1)}{most} stand-ins without a source" if most else ""

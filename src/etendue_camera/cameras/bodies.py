@@ -1,0 +1,194 @@
+"""Bodies by name: measured sensitivities, tunings, published values, crop factor and mount; stand-ins for the rest.
+
+In:  the name of a body as typed.
+Out: ``Named``: every quantity of a sensor, each with its source; the same quantities for every body.
+"""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from collections.abc import Mapping
+from decimal import Decimal
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from etendue import plain_files
+from etendue.errors import RequestError
+from etendue_camera.cameras import camconst
+from etendue_camera.cameras.databases import Index, given_files, installed_files, lens_index
+from etendue_camera.cameras.documents import Named, Value, kept
+from etendue_camera.cameras.lensfun import LICENCE, Camera
+from etendue_camera.cameras.names import meant, plain
+from etendue_camera.cameras.tuned import values_of_tuning
+
+DATA = Path(__file__).parents[1] / "data"
+LISTED = "etendue cameras"
+FROM_LIBRARY = "https://github.com/AcademySoftwareFoundation/rawtoaces-data"
+TYPICAL = "typical"
+
+
+@cache
+def packaged() -> dict[str, dict[str, str]]:
+    """Return the rows of ``bodies.csv`` by the name of the body."""
+    return {row["body"]: row for row in _rows("bodies.csv")}
+
+
+@cache
+def sensitivities() -> dict[str, dict[str, str]]:
+    """Return the rows of ``sensitivities.csv`` by the name of the camera."""
+    return {row["camera"]: row for row in _rows("sensitivities.csv")}
+
+
+def _rows(name: str) -> list[dict[str, str]]:
+    text = (DATA / "cameras" / name).read_text(encoding="utf-8")
+    return list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
+
+
+@cache
+def formats() -> dict[str, dict[str, Any]]:
+    """Return what stands in for values that no source gives, by the format of the sensor."""
+    text = (DATA / "cameras" / "formats.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text, parse_float=Decimal)
+
+
+def cameras() -> dict[str, Camera]:
+    """Return the cameras of the lens database by name; empty without it."""
+    index = _index()
+    return {one.name(): one for one in index.cameras} if index else {}
+
+
+def _index() -> Index | None:
+    try:
+        return lens_index()
+    except ValueError as error:
+        raise RequestError(f"the lens database: {error}") from None
+
+
+def body_names() -> list[str]:
+    """Return all bodies: packaged ones first, then those of the lens database."""
+    own = list(packaged())
+    known = {plain(name) for name in own}
+    return own + [name for name in cameras() if plain(name) not in known]
+
+
+def found_body(text: str) -> Named:
+    """Return the body that a text means.
+
+    Raises
+    ------
+    RequestError
+        If none or several are meant.
+    """
+    try:
+        name = meant(text, packaged(), "body", LISTED)
+    except RequestError:
+        others = {other: name for name, one in cameras().items() for other in (name, *one.also)}
+        name = meant(text, [*packaged(), *others], "body", LISTED)
+        name = others.get(name, name)
+    return body(name)
+
+
+def body(name: str) -> Named:
+    """Return a body by its full name."""
+    row = packaged().get(name, {})
+    listed = next((one for own, one in cameras().items() if plain(own) == plain(name)), None)
+    form = row.get("format") or _format_of(listed.crop_factor if listed else 1.0)
+    given = stand_ins(form)
+    facts = {"format": Value(form, TYPICAL, "as makers name it; it chooses the stand-ins")}
+    if row.get("tuning"):
+        tuned, more = values_of_tuning(row["tuning"], given)
+        given |= tuned
+        facts |= more
+    if row.get("sensor"):
+        given |= _published(row["sensor"])
+    if row.get("pattern"):
+        given["pattern"] = Value(row["pattern"], TYPICAL, "the colour filters that the maker names")
+    if row.get("sensitivity"):
+        given |= _measured(row["sensitivity"])
+    if listed:
+        source = "lensfun database (https://lensfun.github.io)"
+        given["crop_factor"] = Value(listed.crop_factor, source, licence=LICENCE)
+        given["mount"] = Value(listed.mount, source, licence=LICENCE)
+    given |= _levels(name, given)
+    lacking = [key for key, one in given.items() if one.source.startswith(TYPICAL)]
+    return Named(
+        name,
+        "body",
+        f"{form}; {len(given) - len(lacking)} of {len(given)} values have a source, {len(lacking)} are stand-ins",
+        given,
+        facts,
+    )
+
+
+def _format_of(crop: float) -> str:
+    """Return the format whose crop factor is nearest in ratio."""
+    known = {name: float(one["crop"]) for name, one in formats().items() if name not in ("all", "machine vision")}
+    return min(known, key=lambda name: abs(known[name] / crop - 1 if known[name] > crop else crop / known[name] - 1))
+
+
+def stand_ins(form: str) -> dict[str, Value]:
+    """Return the stand-ins of a format, in the order of the document."""
+    own = formats()[form]
+    note = f"of {form} sensors"
+    words = {**{key: value for key, value in own.items() if key != "crop"}, **formats()["all"]}
+    given = {key: Value(value, TYPICAL, note) for key, value in words.items()}
+    given["sensitivity"] = Value(words["sensitivity"], TYPICAL, "a stand-in: the measured curves of another camera")
+    given["crop_factor"] = Value(own["crop"], TYPICAL, f"of {form} sensors; the lens database has those of bodies")
+    given["mount"] = Value("", TYPICAL, "unknown without the lens database: no lens is refused")
+    return given
+
+
+def _measured(camera: str) -> dict[str, Value]:
+    row = sensitivities()[camera]
+    note = f"measured by {row['creator']}"
+    return {
+        "sensitivity": Value(camera, FROM_LIBRARY, note, row["licence"]),
+        "sensitivity_kind": Value("system_qe", FROM_LIBRARY, "measured with the whole camera", row["licence"]),
+        "sensitivity_per": Value(
+            row["per"], FROM_LIBRARY, "agrees with makers' DNG matrices so, and not per photon", row["licence"]
+        ),
+    }
+
+
+def _levels(name: str, given: Mapping[str, Value]) -> dict[str, Value]:
+    """Return the black level of the user's copy of camconst.json, if another source does not give it."""
+    own = next((one for known, one in levels().items() if plain(known) == plain(name)), None)
+    if own is None or own.black is None or not given["black_level"].source.startswith(TYPICAL):
+        return {}
+    white = own.white or 0.0
+    bits = int(white).bit_length()
+    found = {"black_level": Value(own.black, camconst.SOURCE, "", camconst.LICENCE)}
+    if 10 <= bits <= 16 and given["bits"].source.startswith(TYPICAL):
+        found["bits"] = Value(bits, camconst.SOURCE, f"white level {white:g}", camconst.LICENCE)
+    return found
+
+
+@cache
+def levels() -> dict[str, camconst.Constants]:
+    """Return the user's copy of RawTherapee's camera constants; empty without one."""
+    places = [*given_files(".json", "camconst.json"), *installed_files("/usr/share/rawtherapee/camconst.json")]
+    path = next((one for one in places if one.is_file()), None)
+    if path is None:
+        return {}
+    try:
+        return camconst.constants(plain_files.content(path, 8 << 20), path.name)
+    except (OSError, ValueError) as error:
+        raise RequestError(str(error)) from None
+
+
+def _published(sensor: str) -> dict[str, Value]:
+    """Return the values of a packaged sensor, but its curves."""
+    text = (DATA / "sensors" / f"{sensor}.toml").read_text(encoding="utf-8")
+    document: Mapping[str, Any] = tomllib.loads(text, parse_float=Decimal)
+    return {
+        key: Value(one["value"], one["source"], one.get("note", ""))
+        for key, one in document["camera"].items()
+        if not key.startswith("sensitivity")
+    }
+
+
+def found(text: str) -> Path:
+    """Return the file of the body that a text means: what ``[camera] body`` names."""
+    return kept(found_body(text).toml(), ".toml")
