@@ -224,40 +224,43 @@ def continuous_in_parameters(bench: Bench) -> None:
     if stated(bench, inputs) > VAGUE:
         untried(f"no parameter was walked along: a jump could not be told from the stated error, {VAGUE:g} or more")
         return
-    points, worth, rank = DEAR if dear else OFTEN
     for name, (parameter, kind, _) in parameters_of(bench.kind).items():
-        span = span_of(parameter, kind, getattr(bench.stage, name))
-        if span is None:
-            continue
-        if dear and not math.isfinite(getattr(bench.stage, name)):
-            untried(f"{name} was not walked along: its ordinary value is {getattr(bench.stage, name):g}")
-            continue
-        low, high = nearer(span, getattr(bench.stage, name)) if dear else span
-        ways = [np.linspace(low, high, points)]
-        if low > 0 and high > 20 * low:
-            ways = [*([] if dear else ways), np.geomspace(low, high, points)]
+        span, own = span_of(parameter, kind, getattr(bench.stage, name)), getattr(bench.stage, name)
+        if span is not None and dear and not math.isfinite(own):
+            untried(f"{name} was not walked along: its ordinary value is {own:g}")
+        elif span is not None:
+            continuous_in(bench, name, nearer(span, own) if dear else span, inputs, dear)
 
-        def at(value: float, name: str = name) -> Bench:
-            stage = dataclasses.replace(bench.stage, **{name: float(value)})
-            return Bench(stage, bench.given_grids or bench.input_grids(SMALL), bench.scales)
 
-        def walk(places: Array, at: Callable[[float], Bench] = at) -> Sequence[Results | None]:
-            return [at_value(at, float(t), inputs) for t in places]
+def continuous_in(bench: Bench, name: str, span: tuple[float, float], inputs: Arrays, dear: bool) -> None:
+    """One number over a range; of stages that take long, fewer values."""
+    points, worth, rank = DEAR if dear else OFTEN
+    (low, high), apart = span, parameters_of(bench.kind)[name][0].apart
+    ways = [np.linspace(low, high, points)]
+    if low > 0 and high > 20 * low:
+        ways = [*([] if dear else ways), np.geomspace(low, high, points)]
 
-        def error(value: float, at: Callable[[float], Bench] = at) -> float:
-            try:
-                return stated(at(value), inputs)
-            except ValueError:  # refused
-                return 0.0
+    def at(value: float) -> Bench:
+        stage = dataclasses.replace(bench.stage, **{name: float(value)})
+        return Bench(stage, bench.given_grids or bench.input_grids(SMALL), bench.scales)
 
-        for values in ways:
-            beside = np.unique(values[~np.isin(values, parameter.apart)])
-            least = min(error(float(values[0])), error(float(values[-1]))) + LEAST
-            for variable, (off, first, last) in jumps_along(walk, beside, by_place(bench), least, worth, rank).items():
-                judge(bench, variable, off, error(first) + error(last) + LEAST, f"{name} = {first:.9g}")
-        for value in NICE[: 1 if dear else None]:
-            if low < value < high and value not in parameter.apart:
-                beside_a_whole_number(bench, walk, value, name, error)
+    def walk(places: Array) -> Sequence[Results | None]:
+        return [at_value(at, float(t), inputs) for t in places]
+
+    def error(value: float) -> float:
+        try:
+            return stated(at(value), inputs)
+        except ValueError:  # refused
+            return 0.0
+
+    for values in ways:
+        beside = np.unique(values[~np.isin(values, apart)])
+        least = min(error(float(values[0])), error(float(values[-1]))) + LEAST
+        for variable, (off, first, last) in jumps_along(walk, beside, by_place(bench), least, worth, rank).items():
+            judge(bench, variable, off, error(first) + error(last) + LEAST, f"{name} = {first:.9g}")
+    for value in NICE[: 1 if dear else None]:
+        if low < value < high and value not in apart:
+            beside_a_whole_number(bench, walk, value, name, error)
 
 
 def cheaper(bench: Bench) -> Bench:

@@ -33,16 +33,10 @@ def codes_in_the_middle(bench: Bench) -> None:
         return
     port = framed[0]
     for low, high in SPANS:
-        inputs = bench.arrays("uniform", FRAME)
         shares = np.random.default_rng(5).permutation(np.linspace(low, high, FRAME[0] * FRAME[1])).reshape(FRAME)
-        inputs[port] = np.broadcast_to(shares * bench.scale(port), inputs[port].shape).copy()
-        try:
-            trial = bench.run(inputs, frame=FRAME)
-        except ValueError:
-            return
-        if not trial.done or trial.arrays[main].shape[-2:] != FRAME:
+        codes = codes_of(bench, port, main, shares)
+        if codes is None:
             continue
-        codes = np.asarray(trial.arrays[main], dtype=float).reshape(-1, *FRAME)[-1]
         inside = (codes > codes.min()) & (codes < codes.max())
         levels = np.unique(codes[inside])
         if levels.size < FEW:
@@ -52,6 +46,21 @@ def codes_in_the_middle(bench: Bench) -> None:
         whole = bench.writes[main].dtype != "float" and bench.writes[main].unit != "1"
         if whole and bench.one_array and bench.reads[port].dims == ("y", "x"):
             check_place(bench, port, main, shares[inside], codes[inside], inside)
+
+
+def codes_of(bench: Bench, port: str, main: str, shares: Array) -> Array | None:
+    """Return the last plane that comes of an input, given in full scales; None if the stage refuses it or has another
+    frame.
+    """
+    inputs = bench.arrays("uniform", FRAME)
+    inputs[port] = np.broadcast_to(shares * bench.scale(port), inputs[port].shape).copy()
+    try:
+        trial = bench.run(inputs, frame=FRAME)
+    except ValueError:
+        return None
+    if not trial.done or trial.arrays[main].shape[-2:] != FRAME:
+        return None
+    return np.asarray(trial.arrays[main], dtype=float).reshape(-1, *FRAME)[-1]
 
 
 def check_width(bench: Bench, main: str, codes: Array, levels: Array) -> None:

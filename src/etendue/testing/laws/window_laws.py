@@ -21,7 +21,7 @@ from etendue.contract.arrays.variables import Declaration
 from etendue.contract.capabilities import draws_anew, halo_of, is_transfer
 from etendue.contract.values import quantities
 from etendue.plugins import discovery
-from etendue.testing.bench import Bench, Frame
+from etendue.testing.bench import Bench, BenchTrial, Frame
 from etendue.testing.measured import hold, ratio_of, untried, within
 from etendue.types.arrays import Array
 
@@ -60,19 +60,22 @@ class WindowLaws:
                 found = _Window(bench, first, whole).run(cut, frame=frame)
                 where = f"a window from row {first[0]}, column {first[1]} on"
                 hold(found.done or found.refused_in_words, f"{bench.name} failed on {where}: {found.last_line}")
-                for variable, declaration in bench.writes.items() if found.done else ():
-                    if has_rows(declaration.dims):
-                        expected = _cut(full.arrays[variable], declaration, first, frame)
-                        off = _off(found.arrays[variable], expected, halo if what == "a picture" else None)
-                        within(
-                            off,
-                            EVEN if what == "even colours" else SAME,
-                            f"{bench.name}: {variable} of {where}, of {what}, is {off:.2g} of full scale from that "
-                            f"of the whole; "
-                            "masks and patterns must begin where the whole does: ask for y and x in run, y[0] and x[0] "
-                            "are the window's first "
-                            "row and column",
-                        )
+                if found.done:
+                    self._stands_there(found, full, first, frame, halo if what == "a picture" else None)
+
+    def _stands_there(self, found: BenchTrial, full: BenchTrial, first: Frame, frame: Frame, halo: int | None) -> None:
+        """Compare a window with the same place of the whole; without ``halo``, of even colours."""
+        bench, what = self.bench, "even colours" if halo is None else "a picture"
+        for variable, declaration in bench.writes.items():
+            if has_rows(declaration.dims):
+                off = _off(found.arrays[variable], _cut(full.arrays[variable], declaration, first, frame), halo)
+                within(
+                    off,
+                    EVEN if halo is None else SAME,
+                    f"{bench.name}: {variable} of a window from row {first[0]}, column {first[1]} on, of {what}, is "
+                    f"{off:.2g} of full scale from that of the whole; masks and patterns must begin where the whole "
+                    "does: ask for y and x in run, y[0] and x[0] are the window's first row and column",
+                )
 
 
 def _off(found: Array, expected: Array, halo: int | None) -> float:
