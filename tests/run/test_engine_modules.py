@@ -86,7 +86,11 @@ TABLES = (
     "variables",
     "shown",
 )  # which manifests read: what they say stands in keys
-OF_MANIFESTS = {f"etendue_camera/data/{name}.toml" for name in TABLES}
+# names only: the file of each packaged sensitivity is in the keys of who takes it
+OF_MANIFESTS = {
+    *(f"etendue_camera/data/{name}.toml" for name in TABLES),
+    "etendue_camera/data/cameras/sensitivities.csv",
+}
 ONE, SHOT = '[[stages]]\nuse = "exposure"\n', '\n[[stages]]\nuse = "shot_noise"\n'
 STREAMED = BARE.replace('[[stages]]\nuse = "light_budget"\n', "")
 CELLS = BARE.replace('use = "composite"', 'use = "slanted_edge"\nlight = "cells"')
