@@ -39,7 +39,7 @@ def index() -> Index:
     except ValueError as error:
         raise RequestError(f"the lens database: {error}") from None
     if found is None:
-        raise RequestError(f"lenses are read from your copy of the lensfun database, and there is none: {INSTALL}")
+        raise RequestError(f"more lenses are read from your copy of the lensfun database, and there is none: {INSTALL}")
     return found
 
 
@@ -48,8 +48,11 @@ def full_lens_name(text: str) -> str:
     packaged = module_lenses()
     try:
         return meant(text, packaged, "lens", LISTED)
-    except RequestError:
-        own = index()
+    except RequestError as error:
+        try:
+            own = index()
+        except RequestError as none:
+            raise RequestError(f"{error}; {none}") from None
     refused = {name: why for name, why in own.refused if name not in own.lenses}
     name = meant(text, [*packaged, *own.lenses, *refused], "lens", LISTED)
     if name in refused:

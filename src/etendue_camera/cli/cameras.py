@@ -16,7 +16,7 @@ from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.result_files import write_whole
 from etendue.types.documents import Document
 from etendue_camera.cameras import bodies, dng, files, lenses
-from etendue_camera.cameras.databases import INSTALL, lens_folder
+from etendue_camera.cameras.databases import INSTALL, lens_folder, lens_index
 from etendue_camera.cameras.documents import Named, Value
 from etendue_camera.cameras.names import matching
 
@@ -62,7 +62,7 @@ def _named(name: str, only_lenses: bool) -> Named:
     try:
         return lenses.lens(lenses.full_lens_name(name))[0]
     except RequestError as error:
-        raise RequestError("; and as a lens: ".join([*faults, str(error)])) from None
+        raise RequestError(faults[0] if faults and lens_index() is None else "; ".join([*faults, str(error)])) from None
 
 
 def document_of(one: Named) -> Document:

@@ -49,7 +49,8 @@ def check(frames: FrameSet, model: SensorModel, site: Site = MONO, seed: int = 0
         clear = own.top < curve.top or own.share_at(curve.top) < 1e-3  # no pixel is at the top code
         seen = not curve.hidden or (own.variance[0] > SEEN and own.histogram[0] < 1e-3 * own.histogram.sum())
         after = own.time - curve.dark[0].time if fit.leak else 0.0
-        predicted = float(fit.mean(light, after=after)) if clear else math.nan
+        predicted = min(float(fit.mean(light, after=after)), sensor.ceiling()) if clear else math.nan
+        clear = clear and predicted < sensor.ceiling()
         fits = math.isnan(predicted) or abs(predicted / float(curve.signal[0, i]) - 1) < 0.01
         shown = own.light if fits else sensor.light_of(float(curve.signal[0, i]))
         simulated = _simulated(sensor, own.time, shown, min(own.frames, 16))

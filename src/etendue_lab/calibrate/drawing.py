@@ -37,6 +37,7 @@ def photon_transfer(checks: list[Document], name: str, notice: str = "") -> Plot
             (predicted[order] + band)[inside],
             color="0.2",
             alpha=0.2,
+            label="95 % of a measured variance" if not number else None,
         )
         residual = 100 * (measured / predicted - 1)
         lower.errorbar(
@@ -48,11 +49,12 @@ def photon_transfer(checks: list[Document], name: str, notice: str = "") -> Plot
         ]
     lower.axhline(0, color="0.2", lw=1)
     for level in (-3, 3):
-        lower.axhline(level, color="0.6", lw=0.8, ls=":")
+        lower.axhline(level, color="0.6", lw=0.8, ls=":", label="limit" if level > 0 else None)
     lower.set_ylim(-5, 5)
     upper.set_ylabel("temporal variance, DN$^2$")
     lower.set_ylabel("measured - predicted, %")
-    lower.set_xlabel("signal above the dark, DN")
+    lower.set_xlabel("signal above the dark, DN (judged from 2 to 90 % of saturation)")
+    lower.legend(frameon=False, fontsize=8, loc="upper right")
     upper.set_title(f"Photon transfer of {name}", fontsize=10, loc="left")
     upper.legend(frameon=False, fontsize=8)
     if notice:

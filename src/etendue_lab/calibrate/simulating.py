@@ -49,6 +49,13 @@ class SimulatedSensor:
     def value(self, name: str) -> float:
         return self.model.values[name].value if name in self.model.values else 0.0
 
+    def ceiling(self) -> float:
+        """Return the signal of a full well, DN above the dark; infinite if it is not known."""
+        fit, well = self.model.response, self.value("full_well")
+        if not well:
+            return math.inf
+        return float(response.bent(np.array(well), max(fit.bend, 0.0), fit.order, fit.full / fit.gain)) * fit.gain
+
     def light_of(self, signal: float) -> float:
         """Return the light whose mean is a signal, DN above the dark."""
         fit = self.model.response

@@ -57,14 +57,16 @@ def print_calibration(document: Document) -> None:
 def _print_check(console: Any, check: Document) -> None:
     columns = (
         ("light", "right", "light", _short),
+        ("judged", "left", lambda row: "yes" if row["judged"] else "no"),
         ("frames", "right", "frames"),
         ("signal", "right", "signal", _short),
         ("predicted", "right", "signal_predicted", _short),
         ("variance", "right", "variance", _short),
         ("predicted", "right", "variance_predicted", _short),
-        ("spatial", "right", "spatial", _short),
-        ("simulated", "right", "spatial_predicted", _short),
-        ("histogram", "right", "histogram_distance", _short),
+        ("spatial variance", "right", "spatial", _short),
+        ("spatial, simulated", "right", "spatial_predicted", _short),
+        ("histogram distance", "right", "histogram_distance", _short),
+        ("by chance", "right", "histogram_expected", _short),
     )
     title = f"check of channel {check['channel']}: DN and DN^2, unscaled"
     _print_whole(console, title, columns, check["levels"], keys=3)
@@ -131,6 +133,8 @@ def calibrate_command(
     document, text = calibrated(frames, window, pattern, geometry, check)
     if output is not None:
         write_whole(output.parent, {output.name: text.encode()})
+        if pitch is None:
+            document["notes"].append("pixel_pitch is assumed in it: give --pitch UM; charges hold whatever it is")
         document["notes"].append(f'[camera] sensor = "./{output.name}" uses {output}')
     if figure is not None:
         from etendue_lab.calibrate.drawing import photon_transfer

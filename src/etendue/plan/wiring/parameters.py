@@ -56,7 +56,9 @@ def resolve_file(text: str, folder: Path, folders: bool = False) -> Path:
         if not path.is_file() and not (folders and path.is_dir()):
             hint = nearest(path.name, [p.name for p in path.parent.iterdir()]) if path.parent.is_dir() else ""
             if "did you" not in hint:
-                hint = "" if text.startswith("package:") else "; relative paths start at the pipeline's folder"
+                hint = (
+                    "" if text.startswith("package:") else f"; relative paths start at the pipeline's folder, {folder}"
+                )
             raise Unfit(f"no such file: {as_written(text)}{hint}")
         if not path.is_dir():
             plain_files.check_plain(path)

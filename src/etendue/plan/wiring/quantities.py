@@ -129,9 +129,8 @@ def _values_of(
         other = quantities.declared(name).scales if name in quantities.names() else ""
         if other in declared.keys() & pipeline.shared.keys():
             request.warnings.append(
-                f"{place(name)} = {as_written(stated[name])} comes from the {by[name]} {pipeline.named[by[name]]}, "
-                f"but {other} is "
-                f"given here: every column of the former is scaled to the latter; give {name} too"
+                f"{place(name)} = {as_written(stated[name])} comes from the {by[name]} {pipeline.named[by[name]]} and "
+                f"is applied to {other}, which is given here; give {name} too if yours is another"
             )
     for name, one in declared.items():
         if name not in given:
