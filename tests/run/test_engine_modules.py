@@ -20,6 +20,7 @@ from etendue.compute import rows as strips
 from etendue.compute.jobs import make_jobs
 from etendue.contract.capabilities import is_transfer
 from etendue.contract.registry import Registry
+from etendue.contract.stage import files_of
 from etendue.plan import cost
 from etendue.plan.identity import code
 from etendue.plan.identity.engine import ENGINE, HELD, MOVES, TRANSFER_KERNELS
@@ -138,7 +139,8 @@ def unlisted(plan, found):
     }
     opened = {path.removeprefix(PACKAGES) for path in found["opened"] if path.startswith(PACKAGES)}
     files = {name for name in opened if not name.endswith((".py", ".pyc", "/")) and os.path.isfile(PACKAGES + name)}
-    return modules | {name for name in files if name not in behind and name not in OF_MANIFESTS}
+    handed_in = {path.removeprefix(PACKAGES) for cell in plan.cells.values() for path in files_of(cell.stage).values()}
+    return modules | {name for name in files - handed_in if name not in behind and name not in OF_MANIFESTS}
 
 
 def _only_words(name):

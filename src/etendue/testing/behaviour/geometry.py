@@ -9,6 +9,7 @@ One that is told may vary over the frame, but not with the border of what it is 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -16,14 +17,17 @@ import numpy as np
 
 from etendue.archive.read.differing import apart, full_scale
 from etendue.compute.rows import has_rows
-from etendue.contract.arrays import dims
+from etendue.contract.arrays import colouring, dims, variables
+from etendue.contract.arrays.colouring import Pattern
 from etendue.contract.arrays.grid import Coordinate, Line
 from etendue.contract.arrays.variables import Declaration
 from etendue.contract.capabilities import is_random, is_transfer
 from etendue.contract.stage import Stage, arguments_of
+from etendue.contract.values import quantities
+from etendue.plugins import discovery
 from etendue.testing.bench import Arrays, Bench, BenchTrial, Frame
 from etendue.testing.checks import bound_of
-from etendue.testing.measured import ratio_of, within
+from etendue.testing.measured import ratio_of, untried, within
 from etendue.types.arrays import Array
 
 OWN = 1e-9  # of full scale: roundings of transforms, for a stage that states no error
@@ -36,6 +40,19 @@ LARGE: Frame = (10_000, 10_000)
 FAR: Frame = (9_984, 9_972)
 PERIOD = 12  # a multiple of the periods of all masks
 MARGIN = 8  # pixels from the border within which filling may show
+
+
+PLAIN = Pattern(
+    ("ab", "bc"), {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "c": (0.0, 0.0, 1.0)}
+)  # used if no distribution declares any
+
+
+def pattern_of(bench: Bench) -> Pattern:
+    """Return the pattern that a variable of the stage declares, else that of any variable, else a plain one."""
+    own = (d.variable for d in (*bench.reads.values(), *bench.writes.values()))
+    every = itertools.chain(own, discovery.installed().names("variables"))
+    name = next((found for one in every if (found := variables.variable(one).pattern)), "")
+    return colouring.pattern(str(getattr(bench.stage, name, quantities.declared(name).default))) if name else PLAIN
 
 
 def told_where(bench: Bench) -> bool:
@@ -125,6 +142,9 @@ def mirror_images(bench: Bench) -> None:
     borders are treated alike.
     """
     if not frames(bench, same=False) or is_transfer(bench.kind) or bench.kind.handed:
+        return
+    if max(pattern_of(bench).period) > 2:
+        untried("mirror images were not tried: those of a mask that repeats after more than two pixels are other masks")
         return
     frame = ODD if frames(bench) else EVEN
     for what in ("ordinary", "decades", "point"):

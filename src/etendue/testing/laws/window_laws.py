@@ -14,13 +14,12 @@ import numpy as np
 
 from etendue.archive.read.differing import apart, full_scale
 from etendue.compute.rows import has_rows
-from etendue.contract.arrays import colouring, dims, variables
+from etendue.contract.arrays import dims
 from etendue.contract.arrays.colouring import Pattern
 from etendue.contract.arrays.grid import Coordinate, Line
 from etendue.contract.arrays.variables import Declaration
 from etendue.contract.capabilities import draws_anew, halo_of, is_transfer
-from etendue.contract.values import quantities
-from etendue.plugins import discovery
+from etendue.testing.behaviour.geometry import pattern_of
 from etendue.testing.bench import Bench, BenchTrial, Frame
 from etendue.testing.measured import hold, ratio_of, untried, within
 from etendue.types.arrays import Array
@@ -28,9 +27,6 @@ from etendue.types.arrays import Array
 FIRST: tuple[Frame, ...] = ((1, 0), (0, 1), (1, 1))  # first pixels of the windows
 FARTHEST = 40  # pixels of reach up to which windows and strips are tried; frames grow with its square
 AT_LEAST = 12  # pixels of a window in each direction
-PLAIN = Pattern(
-    ("ab", "bc"), {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "c": (0.0, 0.0, 1.0)}
-)  # used if no distribution declares any
 COLOURS = (0.8, 0.35, 0.1, 0.6, 0.2, 0.5)  # values of the channels of a mask
 EVEN = 0.02  # of full scale: a method must not change uniform colours, and another channel differs by ten times as much
 SAME = 1e-9  # of full scale: the same arithmetic on the same values
@@ -46,7 +42,7 @@ class WindowLaws:
         bench = self.bench
         if bench.given_grids or is_transfer(bench.kind) or draws_anew(bench.kind) or not _pixel_by_pixel(bench):
             return
-        pattern, halo = _pattern(bench), halo_of(bench.stage)
+        pattern, halo = pattern_of(bench), halo_of(bench.stage)
         if (halo or 0) > FARTHEST:
             untried(f"it reaches {halo} pixels: windows are tried up to {FARTHEST}")
             return
@@ -116,14 +112,6 @@ def _pixel_by_pixel(bench: Bench) -> bool:
     written = [grids[variable] for variable, d in bench.writes.items() if has_rows(d.dims)]
     places = {(grid.line("y"), grid.line("x")) for grid in (*read, *written)}
     return bool(read and written) and len(places) == 1
-
-
-def _pattern(bench: Bench) -> Pattern:
-    """Return the pattern that a variable of the stage declares, else that of any variable, else a plain one."""
-    own = (d.variable for d in (*bench.reads.values(), *bench.writes.values()))
-    every = itertools.chain(own, discovery.installed().names("variables"))
-    name = next((found for one in every if (found := variables.variable(one).pattern)), "")
-    return colouring.pattern(str(getattr(bench.stage, name, quantities.declared(name).default))) if name else PLAIN
 
 
 def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -> Array:
