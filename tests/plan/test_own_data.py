@@ -46,4 +46,14 @@ def test_a_table_that_looks_absolute_is_told_to_be_scaled(tmp_path, camera, colu
 @pytest.mark.parametrize(("more", "said"), [("", True), ("\npeak_qe = [0.4, 0.4, 0.4]", False)])
 def test_the_peaks_of_a_named_sensor_are_told_where_only_the_curves_are_given(tmp_path, more, said):
     found = warnings(tmp_path, f'sensor = "sony-imx174"{more}', (1.0, 1.0, 1.0))
-    assert any("comes from the sensor sony-imx174" in one for one in found) == said
+    told = [one for one in found if "comes from the sensor sony-imx174" in one]
+    assert any("peak_qe" in one for one in told) == said
+
+
+def test_so_is_what_a_sensor_says_of_its_own_curves(tmp_path):
+    """Per photon or per energy, with filters or without: an own table may be another."""
+    given = 'body = "Sony ILCE-7RM2"\npeak_qe = [0.4, 0.4, 0.4]'
+    told = [one for one in warnings(tmp_path, given, (1.0, 1.0, 1.0)) if "sensitivity_per = 'energy' comes from" in one]
+    assert len(told) == 1
+    own = f'{given}\nsensitivity_per = "photon"'
+    assert not any("sensitivity_per" in one for one in warnings(tmp_path, own, (1.0, 1.0, 1.0)))
