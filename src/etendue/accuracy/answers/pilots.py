@@ -149,6 +149,8 @@ def _attempt(
             found = evaluations.all_of(*way.which)
         except TooDear as error:
             dear.append((way, error))
+            if evaluations.scarce:
+                break  # the others cost more, and so does planning them
         else:
             if found is not None:
                 return Compared(found, way.factor), 0.0
@@ -183,7 +185,7 @@ def _refine_all(
             continue
         pair: Compared | None = None
         seconds = 0.0
-        for base in _bases(name):
+        for base in _bases(name) if _accepted(evaluations, name) else ():
             if pair is None:
                 pair, seconds = _attempt(evaluations, missing, name, rest, _refined(name, base))
         dear += seconds
@@ -192,6 +194,16 @@ def _refine_all(
         elif pair.made:
             compare(parts, missing, pair.made, name, rest, pair.factor)
     return dear
+
+
+def _accepted(evaluations: Evaluations, name: str) -> bool:
+    """Return whether the stages accept a finer discretisation, all else as planned: one plan instead of six that are
+    refused. True where no time is left to ask.
+    """
+    try:
+        return evaluations.plan({name: 2}) is not None
+    except TooDear:
+        return True
 
 
 def _take(parts: Parts, missing: Texts, one: StageVariable, name: str, known: KnownParts) -> bool:
