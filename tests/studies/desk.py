@@ -57,3 +57,16 @@ def measurement(seed=0, levels=16, stack=8, **own):
         "dark_stack": take(times[half], 0, stack),
         "dark_stack_time_s": times[half],
     }
+
+
+SIGMAS = 2.2  # half intervals of 95 %: 4.3 standard errors, one in 50,000
+
+
+def beyond(model, true):
+    """The parameters that lie further from the truth than 4.3 standard errors."""
+    far = {}
+    for name, value in true.items():
+        one = model.values[name]
+        if not one.value - SIGMAS * (one.value - one.low) <= value <= one.value + SIGMAS * (one.high - one.value):
+            far[name] = (one, value)
+    return far

@@ -20,25 +20,14 @@ from etendue_lab.calibrate.drawing import photon_transfer
 from etendue_lab.emva.study import of_pipeline
 from etendue_lab.frames.patterns import Pattern
 from etendue_lab.frames.reading import open_frames
-from tests.studies.desk import TRUE, measurement
+from tests.studies.desk import SIGMAS, TRUE, beyond, measurement
 
-SIGMAS = 2.2  # half intervals of 95 %: 4.3 standard errors, one in 50,000
 NAMES = ("gain", "quantum_efficiency", "read_noise", "dsnu", "prnu", "dark_current", "black_level")
 
 
 def calibrated(folder, **own):
     np.savez(folder / "frames.npz", **measurement(**own))
     return calibrate(open_frames(folder / "frames.npz"))
-
-
-def beyond(model, true):
-    """The parameters that lie further from the truth than 4.3 standard errors."""
-    far = {}
-    for name, value in true.items():
-        one = model.values[name]
-        if not one.value - SIGMAS * (one.value - one.low) <= value <= one.value + SIGMAS * (one.high - one.value):
-            far[name] = (one, value)
-    return far
 
 
 @pytest.mark.parametrize("seed", range(3))

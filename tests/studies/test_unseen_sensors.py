@@ -8,24 +8,12 @@ from etendue_lab.calibrate import checking, pattern_fit
 from etendue_lab.calibrate.calibration import calibrate
 from etendue_lab.frames.patterns import Pattern, dark_patterns
 from etendue_lab.frames.reading import open_frames
-from tests.studies.desk import TOP, TRUE, measurement, sensor
-
-SIGMAS = 2.2  # half intervals of 95 %: 4.3 standard errors, one in 50,000
+from tests.studies.desk import SIGMAS, TOP, TRUE, beyond, measurement, sensor
 
 
 def opened(folder, arrays):
     np.savez(folder / "frames.npz", **arrays)
     return open_frames(folder / "frames.npz")
-
-
-def beyond(model, true):
-    """The parameters that lie further from the truth than 4.3 standard errors."""
-    far = {}
-    for name, value in true.items():
-        one = model.values[name]
-        if not one.value - SIGMAS * (one.value - one.low) <= value <= one.value + SIGMAS * (one.high - one.value):
-            far[name] = (one, value)
-    return far
 
 
 @pytest.mark.parametrize("seed", range(3))
