@@ -18,6 +18,7 @@ import struct
 import subprocess
 import sys
 import threading
+from pathlib import Path
 from typing import IO
 
 from etendue.testing.bench import Arrays, Bench, digests
@@ -34,19 +35,23 @@ def digests_alone(bench: Bench, inputs: list[Arrays]) -> Answer | None:
         return None
     words = (bench.stage, bench.given_grids, bench.scales, bench.coordinates, inputs)
     try:
-        question = pickle.dumps((list(sys.path), pickle.dumps(words)))
+        question = pickle.dumps(([*sys.path, *_home(bench.kind.__module__)], pickle.dumps(words)))
     except Exception:  # what cannot be sent is reported by another law
         return None
     with _lock:
-        for _ in range(2):  # a server that was ended from outside is noticed by its silence only
-            try:
-                answer: Answer | None = pickle.loads(_ask(question))
-            except (EOFError, OSError):
-                answer = None
-            if answer is not None and None not in answer:
-                return answer
+        try:
+            answer: Answer | None = pickle.loads(_ask(question))
+        except (EOFError, OSError):
             _server.clear()
+            return None
     return answer
+
+
+def _home(module: str) -> list[str]:
+    """Return the folder that a module's top package lies in: pytest may import it from none of the path."""
+    top = sys.modules.get(module.partition(".")[0])
+    places = list(getattr(top, "__path__", [])) or [file for file in [getattr(top, "__file__", None)] if file]
+    return [str(Path(place).parent) for place in places]
 
 
 def _ask(question: bytes) -> bytes:
