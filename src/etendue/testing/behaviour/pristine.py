@@ -49,9 +49,9 @@ def digests_alone(bench: Bench, inputs: list[Arrays]) -> Answer | None:
 
 def _home(module: str) -> list[str]:
     """Return the folder that a module's top package lies in: pytest may import it from none of the path."""
-    top = sys.modules.get(module.partition(".")[0])
-    places = list(getattr(top, "__path__", [])) or [file for file in [getattr(top, "__file__", None)] if file]
-    return [str(Path(place).parent) for place in places]
+    spec = sys.modules[module.partition(".")[0]].__spec__
+    places = [] if spec is None else [*(spec.submodule_search_locations or ()), *([spec.origin] if spec.origin else ())]
+    return [str(Path(places[0]).parent)] if places else []
 
 
 def _ask(question: bytes) -> bytes:
