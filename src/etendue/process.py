@@ -15,7 +15,7 @@ import re
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ContextDecorator, contextmanager
 from typing import Any, Generic, TypeVar
 
 from etendue.telling import here
@@ -23,8 +23,10 @@ from etendue.telling import here
 _Found = TypeVar("_Found")
 
 
-class SharedChange:
-    """A change that several users need at once. Use it as a context manager, nested and in any number of threads."""
+class SharedChange(ContextDecorator):
+    """A change that several users need at once. Use it as a context manager or a decorator, nested and in any number of
+    threads.
+    """
 
     def __init__(self, change: Callable[[], AbstractContextManager[Any]]) -> None:
         self.change, self.lock, self.count = change, threading.RLock(), 0

@@ -8,6 +8,7 @@ Consumers that do not know about it can call ``numpy.asarray``, which holds the 
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -29,6 +30,8 @@ from etendue.contract.stage import arguments_of, reads_of
 from etendue.errors import PluginError, refused_by_the_machine
 from etendue.telling import foreign
 from etendue.types.arrays import Array, FloatArray
+
+SMALL_BAND = 1 << 14  # pixels that are computed sooner than a thread is started: 0.2 ms
 
 
 class BandArray(ABC):
@@ -253,7 +256,10 @@ elsewhere = _Elsewhere()
 
 
 def in_order(light: Array | BandArray) -> Iterator[Array]:
-    """Yield every band; the next one is computed in a thread while this one is used."""
+    """Yield every band; the next one is computed in a thread while this one is used, if it takes long enough."""
+    if isinstance(light, np.ndarray) or math.prod(light.shape[1:]) <= SMALL_BAND:
+        yield from (light[band] for band in range(light.shape[0]))
+        return
 
     def made(band: int) -> tuple[Array, float]:
         began = time.thread_time()

@@ -54,7 +54,7 @@ def check_illuminant(name: str, lowest: float, highest: float) -> None:
         return
     if name == "E":
         return
-    if not spectrum(name):
+    if name not in tables("illuminant") and not spectrum(name):  # the names of other distributions are read last
         require_name(name, [*tables("illuminant"), *brought()], "illuminant", COMPUTED_ILLUMINANTS)
     first, last = range_of(name)
     require.that(

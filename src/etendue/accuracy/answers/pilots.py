@@ -34,6 +34,7 @@ from etendue.contract.registry import Registry
 from etendue.plan.model import Plan, StageVariable
 from etendue.plan.reports import Reports
 from etendue.plan.shown import answers, shown_place
+from etendue.run.memory import SELDOM_COLLECTING
 
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
@@ -43,6 +44,7 @@ FIRST_ORDER = 2.0
 SAFETY: Mapping[str, float] = {"spacing": FIRST_ORDER, "bins": FIRST_ORDER, "margin": 1.5}
 COARSENED = 1.5  # of the ways that cost less, where 1 is expected
 THRIFT = 8.0  # what the dearest ways cost together, times the seconds of the point as planned
+CHEAP = 4.0  # budget, times the seconds of the point as planned, at which that point serves for the bins too
 ELSEWHERE = 2.0  # factor for points of a sweep that were not measured
 PLACES = 4  # points of a sweep that are measured, as far as the budget allows
 DRAWS = 4  # of the noise
@@ -68,6 +70,7 @@ class Compared(NamedTuple):
     factor: float
 
 
+@SELDOM_COLLECTING
 def state_errors(
     plan: Plan,
     registry: Registry,
@@ -185,9 +188,9 @@ def _refine_all(
             continue
         pair: Compared | None = None
         seconds = 0.0
-        for base in _bases(name) if _accepted(evaluations, name) else ():
+        for ways in _ways(evaluations, name) if _accepted(evaluations, name) else ():
             if pair is None:
-                pair, seconds = _attempt(evaluations, missing, name, rest, _refined(name, base))
+                pair, seconds = _attempt(evaluations, missing, name, rest, ways)
         dear += seconds
         if pair is None:
             fixed[name] = f"the stages accept no finer one{f' ({point.refusal})' if point.refusal else ''}"
@@ -198,8 +201,10 @@ def _refine_all(
 
 def _accepted(evaluations: Evaluations, name: str) -> bool:
     """Return whether the stages accept a finer discretisation, all else as planned: one plan instead of six that are
-    refused. True where no time is left to ask.
+    refused. True where no time is left to ask, or where it is short and no file limits the stages.
     """
+    if evaluations.scarce and not evaluations.point.reads_files(name):
+        return True
     try:
         return evaluations.plan({name: 2}) is not None
     except TooDear:
@@ -231,6 +236,15 @@ def _bases(name: str) -> tuple[Factors, Factors]:
     return (COARSE if name == "bins" else FEW_BANDS), {}
 
 
+def _ways(evaluations: Evaluations, name: str) -> list[list[Way]]:
+    """Return the evaluations that tell the error of a discretisation, for one choice of the other ones after another."""
+    ways = [_refined(name, base) for base in _bases(name)]
+    if name == "bins" and evaluations.scarce and evaluations.left > CHEAP * evaluations.planned_seconds:
+        # The tables of the point as planned exist, and the noise is drawn from it: half the cost of a coarse grid.
+        ways[0].append(Way((({name: -2}, ""), PLANNED), COARSENED))
+    return ways
+
+
 def _refined(name: str, base: Factors) -> list[Way]:
     """Return the evaluations that tell the error of a discretisation; ``base``: the other ones.
 
@@ -250,12 +264,12 @@ def _omitted(evaluations: Evaluations) -> list[Way]:
     """Return the evaluations that tell the error of what is left out or coarser: as planned and of the reference, or of
     settings one step towards it, or both with few bands. The first alone if all have the same cells.
     """
-    own = evaluations.point.base
+    base, how = (FEW_BANDS, NEARER) if evaluations.scarce else ({}, EXACT)
     try:
-        exact = evaluations.plan({}, EXACT)
+        own, exact = evaluations.plan(base), evaluations.plan(base, how)
     except TooDear:
-        exact = None
-    if exact and own.precision == exact.precision and _same(own, exact):
+        own = exact = None
+    if own and exact and own.precision == exact.precision and _same(own, exact):
         return [Way((PLANNED,))]
     return [
         Way((PLANNED, ({}, EXACT))),

@@ -19,7 +19,7 @@ from etendue.contract.capabilities import Sampled, Source
 from etendue.contract.discretised import Discretised
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
-from etendue.contract.stage import looks_at_stages
+from etendue.contract.stage import files_of, looks_at_stages
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.derived import wanting
 from etendue.plan.ancestry import behind, in_front
@@ -82,6 +82,10 @@ class Point:
         """Return the wanted variables that a discretisation can change."""
         stages = {stage for stage, own, why in self._discretisations() if own == name and not why}
         return [one for one in self.wanted if stages & in_front(plan, [one[0]])]
+
+    def reads_files(self, name: str) -> bool:
+        """Return whether one of the stages with this discretisation reads a file."""
+        return any(files_of(self.stages[stage]) for stage, own, why in self._discretisations() if own == name)
 
     def _discretisations(self) -> Iterator[tuple[str, str, str]]:
         for stage, one in self.stages.items():

@@ -137,8 +137,8 @@ class _Expansion:
             text = beyond(total, "cells", self.pipeline.most_cells, f"{largest.name} alone has {product}")
             ways = f", request less under 'wanted', or set most_cells = {total}" if total < 1e9 else ""
             raise RequestError([Fault("sweep", f"{text}; shorten an axis{ways}")], self.pipeline.file)
-        free = available_memory()
-        if total > MOST_CELLS and free and BYTES_OF_A_CELL * total > free:
+        free = available_memory() if total > MOST_CELLS else 0
+        if free and BYTES_OF_A_CELL * total > free:
             longest = max(self.axes.values(), key=lambda axis: len(axis.values))
             need = (
                 f"a plan of {number(total)} cells takes about {human_bytes(BYTES_OF_A_CELL * total)}, "
