@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from etendue.accuracy.answers.comparing import KnownParts, compare
 from etendue.accuracy.answers.error import Part, is_number
 from etendue.accuracy.answers.evaluations import Evaluations, Rates, Shown, TooDear
-from etendue.accuracy.answers.pilots import ELSEWHERE, PLACES, KnownParts, compare, refined_pair
+from etendue.accuracy.answers.one_at_a_time import refined_pair
+from etendue.accuracy.answers.pilots import ELSEWHERE, PLACES
 from etendue.accuracy.answers.refinement import Point
 from etendue.accuracy.differences import scale_of
 from etendue.accuracy.measuring import shown_names

@@ -12,9 +12,10 @@ from pathlib import Path
 
 from etendue import cache
 from etendue.accuracy.answers.cached import KIND, answer_key, cached
+from etendue.accuracy.answers.comparing import KnownParts
 from etendue.accuracy.answers.error import AnswerErrors, answers_of
 from etendue.accuracy.answers.evaluations import Shown
-from etendue.accuracy.answers.pilots import KnownParts, state_errors
+from etendue.accuracy.answers.pilots import state_errors
 from etendue.accuracy.answers.refinement import NOTHING
 from etendue.archive.records.remembered import ANSWER, documents, remember
 from etendue.contract.registry import Registry

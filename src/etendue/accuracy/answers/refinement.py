@@ -87,6 +87,12 @@ class Point:
         """Return whether one of the stages with this discretisation reads a file."""
         return any(files_of(self.stages[stage]) for stage, own, why in self._discretisations() if own == name)
 
+    def why_no_finer(self) -> str:
+        return f"the stages accept no finer one{f' ({self.refusal})' if self.refusal else ''}"
+
+    def why_no_reference(self) -> str:
+        return f"the reference is refused{f' ({self.refusal})' if self.refusal else ''}"
+
     def _discretisations(self) -> Iterator[tuple[str, str, str]]:
         for stage, one in self.stages.items():
             yield from ((stage, name, why) for name, why in one.discretisations().items())

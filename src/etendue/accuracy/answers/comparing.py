@@ -1,0 +1,132 @@
+"""Compare evaluations of a point that differ in one discretisation or in several.
+
+In:  evaluations that are made as far as the budget lasts, and variables.
+Out: what each variable's value changes by, as a part of its error; or why that is not known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+from etendue.accuracy.answers.error import Part, part_between
+from etendue.accuracy.answers.evaluations import Evaluated, Evaluations, TooDear, Which
+from etendue.accuracy.answers.regridding import on_grid
+from etendue.plan.model import Plan, StageVariable
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
+
+# A refinement by two of first order leaves as much again as it changes. A margin twice as large leaves little.
+FIRST_ORDER = 2.0
+SAFETY: Mapping[str, float] = {"spacing": FIRST_ORDER, "bins": FIRST_ORDER, "margin": 1.5}
+COARSENED = 1.5  # of the ways that cost less, where 1 is expected
+FEW_BANDS, COARSE = {"bins": -8}, {"spacing": -2}
+
+Parts = dict[StageVariable, dict[str, Part]]
+KnownParts = Mapping[str, Mapping[str, Part | str]]  # by discretisation and name of the variable; texts: why unknown
+Texts = dict[StageVariable, dict[str, str]]
+
+
+class Way(NamedTuple):
+    """Evaluations that tell an error, and the factor from what they differ by to that error."""
+
+    which: tuple[Which, ...]
+    factor: float = 1.0
+
+
+class Compared(NamedTuple):
+    """The evaluations of a way."""
+
+    made: list[Evaluated]
+    factor: float
+
+
+def accepted(evaluations: Evaluations, name: str) -> bool:
+    """Return whether the stages accept a finer discretisation, all else as planned: one plan instead of six that are
+    refused. True where no time is left to ask, or where it is short and no file limits the stages.
+    """
+    if evaluations.scarce and not evaluations.point.reads_files(name):
+        return True
+    try:
+        return evaluations.plan({name: 2}) is not None
+    except TooDear:
+        return True
+
+
+def not_affected(parts: Parts, affected: Collection[StageVariable], name: str) -> None:
+    """Add an error of 0 to the variables that a discretisation cannot change."""
+    for one, own in parts.items():
+        if one not in affected:
+            own[name] = Part(0.0, 0.0, "not affected")
+
+
+def computed_alike(own: Plan, other: Plan) -> bool:
+    """Return whether all cells are computed alike in two plans of a point."""
+    return own.precision == other.precision and all(
+        cell.left_out is None and cell.stage == other.cells[ref].stage for ref, cell in own.cells.items()
+    )
+
+
+def attempt(
+    evaluations: Evaluations, missing: Texts, name: str, wanted: Iterable[StageVariable], ways: list[Way]
+) -> tuple[Compared | None, float]:
+    """Return the evaluations of the first way that fits into the budget; if none fits, those of as many variables as
+    do, wanted and cheap ones first. Note what is missing; return also the seconds of all, if those are too many.
+
+    None: the stages refuse every way. No evaluations: nothing fits.
+    """
+    dear: list[tuple[Way, TooDear]] = []
+    for way in ways:
+        try:
+            found = evaluations.all_of(*way.which)
+        except TooDear as error:
+            dear.append((way, error))
+        else:
+            if found is not None:
+                return Compared(found, way.factor), 0.0
+    if not dear:
+        return None, 0.0
+    way, least = min(dear, key=lambda one: one[1].seconds)
+    made, some = list[Evaluated](), frozenset[StageVariable]()
+    try:
+        some = evaluations.affordable(*way.which)
+        made = (evaluations.all_of(*way.which, asked=some) or []) if some else []
+    except TooDear:
+        some = frozenset()
+    for one in wanted:
+        if one not in some:
+            missing[one][name] = str(least)
+    return Compared(made, way.factor), least.seconds
+
+
+def compare(
+    parts: Parts,
+    missing: Texts,
+    pair: list[Evaluated],
+    name: str,
+    wanted: Iterable[StageVariable],
+    factor: float | None = None,
+) -> None:
+    """Add what two evaluations of some variables differ by, times ``factor``; None: that of one refinement."""
+    (plan, values), (other, reference) = pair
+    for stage, variable in wanted:
+        one = stage, variable
+        if name in missing[one]:
+            continue
+        if one not in values or one not in reference:
+            missing[one][name] = f"{stage} fails without noise, or when refined"
+            continue
+        cell = other.of(stage)[0]
+        declared, grid = other.node(stage).writes[variable], plan.of(stage)[0].grids[variable]
+        finer: Array | None = reference[one]
+        if grid != cell.grids[variable]:
+            finer = on_grid(reference[one], declared.dims, cell.grids[variable], grid)
+        if finer is None:
+            missing[one][name] = "the variable is on the grid that is refined"
+            continue
+        found = part_between(values[one], finer, declared, cell.stage)
+        if isinstance(found, str):
+            missing[one][name] = found
+        else:
+            parts[one][name] = found * (SAFETY.get(name, FIRST_ORDER) if factor is None else factor)

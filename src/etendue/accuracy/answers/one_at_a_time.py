@@ -1,0 +1,134 @@
+"""The error of each discretisation and of what is left out, one after the other.
+
+In:  evaluations of a point, with a budget that allows about ten of them.
+Out: the parts of the errors of the wanted variables.
+
+A discretisation is refined by two where everything else is coarse: what it changes hardly depends on the others, and
+this costs a fraction of the point itself.
+"""
+
+from __future__ import annotations
+
+from etendue.accuracy.answers.comparing import (
+    COARSE,
+    COARSENED,
+    FEW_BANDS,
+    FIRST_ORDER,
+    SAFETY,
+    Compared,
+    KnownParts,
+    Parts,
+    Texts,
+    Way,
+    accepted,
+    attempt,
+    compare,
+    computed_alike,
+    not_affected,
+)
+from etendue.accuracy.answers.error import OMISSIONS
+from etendue.accuracy.answers.evaluations import PLANNED, Evaluated, Evaluations, TooDear
+from etendue.accuracy.answers.refinement import EXACT, NEARER, Factors
+from etendue.plan.model import Plan, StageVariable
+
+
+def measure_omissions(evaluations: Evaluations, parts: Parts, missing: Texts) -> float:
+    """Add what is left out or coarser changes; return the seconds of what was too costly."""
+    wanted = evaluations.point.wanted
+    pair, seconds = attempt(evaluations, missing, OMISSIONS, wanted, _omitted(evaluations))
+    if pair is None:
+        for own in missing.values():
+            own[OMISSIONS] = evaluations.point.why_no_reference()
+    elif pair.made:
+        compare(parts, missing, [pair.made[0], pair.made[-1]], OMISSIONS, wanted, pair.factor)
+    return seconds
+
+
+def measure_each(
+    plan: Plan,
+    evaluations: Evaluations,
+    names: list[str],
+    parts: Parts,
+    missing: Texts,
+    fixed: dict[str, str],
+    known: KnownParts,
+) -> float:
+    """Add what one refinement of each discretisation changes; return the seconds of what was too costly."""
+    point, dear = evaluations.point, 0.0
+    order = [*SAFETY, *names]
+    for name in sorted(names, key=order.index):
+        affected = point.affected(plan, name)
+        not_affected(parts, affected, name)
+        rest = [one for one in affected if not _take(parts, missing, one, name, known)]
+        if not rest:
+            continue
+        pair: Compared | None = None
+        seconds = 0.0
+        for base in _bases(name) if accepted(evaluations, name) else ():
+            if pair is None:
+                pair, seconds = attempt(evaluations, missing, name, rest, _refined(name, base))
+        dear += seconds
+        if pair is None:
+            fixed[name] = point.why_no_finer()
+        elif pair.made:
+            compare(parts, missing, pair.made, name, rest, pair.factor)
+    return dear
+
+
+def _take(parts: Parts, missing: Texts, one: StageVariable, name: str, known: KnownParts) -> bool:
+    """Add what is known of a discretisation for a variable; return whether anything is."""
+    stage, variable = one
+    own = known.get(name, {})
+    found = own.get(variable, own.get(f"{stage}.{variable}"))
+    if isinstance(found, str):
+        missing[one][name] = found
+    elif found is not None:
+        parts[one][name] = found
+    return found is not None
+
+
+def refined_pair(evaluations: Evaluations, name: str) -> list[Evaluated] | None:
+    """Return two evaluations of all variables that differ by one refinement."""
+    for base in _bases(name):
+        if pair := evaluations.all_of((base, ""), ({**base, name: 2}, "")):
+            return pair
+    return None
+
+
+def _bases(name: str) -> tuple[Factors, Factors]:
+    """Return the other discretisations of the evaluations that refine one: coarse if the stages accept that."""
+    return (COARSE if name == "bins" else FEW_BANDS), {}
+
+
+def _refined(name: str, base: Factors) -> list[Way]:
+    """Return the evaluations that tell the error of a discretisation; ``base``: the other ones.
+
+    One refinement, or, for less time, one coarsening: for the first order or a higher one, the error is at most what
+    that changes. A margin is widened on a coarser grid.
+    """
+    ways = [Way(((base, ""), ({**base, name: 2}, "")), SAFETY.get(name, FIRST_ORDER))]
+    if name in ("spacing", "bins"):
+        ways.append(Way((({**base, name: -2}, ""), (base, "")), COARSENED))
+    if name == "margin" and base:
+        coarse = {**base, **COARSE}
+        ways.append(Way(((coarse, ""), ({**coarse, name: 2}, "")), FIRST_ORDER))
+    return ways
+
+
+def _omitted(evaluations: Evaluations) -> list[Way]:
+    """Return the evaluations that tell the error of what is left out or coarser: as planned and of the reference, or of
+    settings one step towards it, or both with few bands. The first alone if all have the same cells.
+    """
+    own = evaluations.point.base
+    try:
+        exact = evaluations.plan({}, EXACT)
+    except TooDear:
+        exact = None
+    if exact and computed_alike(own, exact):
+        return [Way((PLANNED,))]
+    return [
+        Way((PLANNED, ({}, EXACT))),
+        Way((PLANNED, ({}, NEARER)), FIRST_ORDER),
+        Way(((FEW_BANDS, ""), (FEW_BANDS, EXACT)), COARSENED),
+        Way(((FEW_BANDS, ""), (FEW_BANDS, NEARER)), COARSENED * FIRST_ORDER),
+    ]

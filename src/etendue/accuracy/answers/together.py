@@ -1,0 +1,160 @@
+"""The error of several discretisations at once, for budgets that do not allow one after the other.
+
+In:  evaluations of a point.
+Out: the parts of the errors of the wanted variables: of bins and spacing together, and of margin and omissions
+     together; each apart where the budget lasts for one evaluation more.
+
+Evaluations form chains, each of which changes one thing in each step. The two ends tell the error of all steps, and an
+evaluation between them tells which step it comes from.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from etendue.accuracy.answers.comparing import (
+    COARSE,
+    COARSENED,
+    FEW_BANDS,
+    FIRST_ORDER,
+    Parts,
+    Texts,
+    Way,
+    accepted,
+    attempt,
+    compare,
+    computed_alike,
+    not_affected,
+)
+from etendue.accuracy.answers.error import OMISSIONS, Part
+from etendue.accuracy.answers.evaluations import PLANNED, Evaluations, TooDear, Which
+from etendue.accuracy.answers.refinement import NEARER, Factors
+from etendue.plan.model import Plan, StageVariable
+
+GRIDS = ("spacing", "bins")  # first order or higher: the error is at most what one coarsening changes
+OPPOSED = 4 / 3  # factor for steps measured together, which may partly cancel
+BASES: tuple[Factors, ...] = ({**FEW_BANDS, **COARSE}, FEW_BANDS, COARSE, {})
+
+
+class Chain(NamedTuple):
+    """Evaluations, each of which refines one thing of the evaluation before it."""
+
+    names: tuple[str, ...]  # of these things
+    which: tuple[Which, ...]  # one more
+    factor: float  # from what a step changes to its error
+
+    def label(self, affected: Mapping[str, list[StageVariable]], one: StageVariable) -> str:
+        """Return the names of the steps that can change a variable."""
+        return " and ".join(sorted(name for name in self.names if one in affected[name]))
+
+
+class Together:
+    """Measures the parts of the errors at a point.
+
+    Parameters
+    ----------
+    plan : of the whole pipeline
+    evaluations : of the point
+    parts, missing : by variable, to which parts and texts are added
+    """
+
+    def __init__(self, plan: Plan, evaluations: Evaluations, parts: Parts, missing: Texts) -> None:
+        self.evaluations, self.parts, self.missing = evaluations, parts, missing
+        point = evaluations.point
+        self.affected = {name: point.affected(plan, name) for name in point.names()} | {OMISSIONS: [*point.wanted]}
+        self.dear = 0.0  # seconds of what was too costly
+        self.measured: list[Chain] = []
+
+    def measure(self) -> list[str]:
+        """Add the parts that fit into the budget; return the discretisations that the stages do not let change in this
+        way, which must be measured one at a time.
+        """
+        names = [name for name in self.evaluations.point.names() if accepted(self.evaluations, name)]
+        try:
+            chains = [self._grids(names), self._rest(names)]
+        except TooDear as error:
+            self._lack(names, error)
+            return [name for name in self.affected if name not in (*names, OMISSIONS)]
+        done = {name for chain in chains for name in chain.names}
+        for chain in chains:
+            for name in chain.names:
+                not_affected(self.parts, self.affected[name], name)
+            if chain.names:
+                self._ends(chain)
+        return [name for name in self.affected if name not in done and name != OMISSIONS]
+
+    def split(self) -> None:
+        """Measure the steps of chains apart, as far as the budget allows."""
+        for chain in self.measured:
+            try:
+                made = self.evaluations.all_of(*chain.which)
+            except TooDear:
+                continue
+            if made is None:
+                continue
+            apart: Parts = {one: {} for one in self.parts}
+            lacking: Texts = {one: {} for one in self.parts}
+            for name, pair in zip(chain.names, itertools.pairwise(made), strict=True):
+                compare(apart, lacking, [*pair], name, self.affected[name], chain.factor)
+            for one, own in apart.items():
+                label = chain.label(self.affected, one)
+                if label in self.parts[one] and not lacking[one]:
+                    del self.parts[one][label]
+                    self.parts[one].update(own)
+
+    def _grids(self, names: list[str]) -> Chain:
+        """Return the chain from coarser bins and spacing to those of the pipeline."""
+        own = [name for name in GRIDS if name in names]
+        for chosen in (own, *([name] for name in own[::-1])):
+            coarse = dict.fromkeys(chosen, -2)
+            if chosen and self.evaluations.plan(coarse) is not None:
+                steps = [({name: -2 for name in chosen[at:]}, "") for at in range(1, len(chosen))]
+                return Chain(tuple(chosen), ((coarse, ""), *steps, PLANNED), COARSENED)
+        return Chain((), (), COARSENED)
+
+    def _rest(self, names: list[str]) -> Chain:
+        """Return the chain from few bands to a wider margin and to knobs one step finer, nothing left out."""
+        evaluations = self.evaluations
+        base = next(one for one in BASES if evaluations.plan(one) is not None)
+        found, chosen = list[str](), base
+        for name in (name for name in names if name not in GRIDS):
+            if evaluations.plan({**chosen, name: 2}) is not None:
+                found.append(name)
+                chosen = {**chosen, name: 2}
+        steps: list[Which] = [({**base, **{name: 2 for name in found[:at]}}, "") for at in range(len(found) + 1)]
+        own, nearer = evaluations.plan(chosen), evaluations.plan(chosen, NEARER)
+        if nearer is None:
+            for text in self.missing.values():
+                text[OMISSIONS] = evaluations.point.why_no_reference()
+        elif own is not None and computed_alike(own, nearer):
+            for parts in self.parts.values():
+                parts[OMISSIONS] = Part(0.0, 0.0)
+        else:
+            found, steps = [*found, OMISSIONS], [*steps, (chosen, NEARER)]
+        return Chain(tuple(found), tuple(steps), COARSENED * FIRST_ORDER)
+
+    def _ends(self, chain: Chain) -> None:
+        """Compare the ends of a chain."""
+        opposed = OPPOSED if len(chain.names) > 1 else 1.0
+        wanted = [one for one in self.parts if chain.label(self.affected, one)]
+        unmet: Texts = {one: {} for one in self.parts}
+        way = Way((chain.which[0], chain.which[-1]), chain.factor * opposed)
+        pair, seconds = attempt(self.evaluations, unmet, "", wanted, [way])
+        self.dear += seconds
+        for one in wanted:
+            label = chain.label(self.affected, one)
+            if unmet[one]:
+                self.missing[one][label] = unmet[one][""]
+            elif pair is not None and pair.made:
+                compare(self.parts, self.missing, pair.made, label, [one], pair.factor)
+        if len(chain.names) > 1 and not any(unmet.values()):
+            self.measured.append(chain)
+
+    def _lack(self, names: list[str], error: TooDear) -> None:
+        """Note that not even the plans fit into the budget."""
+        self.dear += error.seconds
+        for name in (*names, OMISSIONS):
+            for one in self.affected[name]:
+                self.missing[one][name] = str(error)
