@@ -120,6 +120,12 @@ def _copies(size: int) -> str:
     return f"; their copies take {human_bytes(size)}" if size else ""
 
 
+def _at_most(at_stage: float, at_wanted: float) -> str:
+    """Return a bound, at the stage and, where later stages let it grow, at what is wanted."""
+    grown = f", {at_wanted:.2g} at what is wanted" if f"{at_wanted:.2g}" != f"{at_stage:.2g}" else ""
+    return f"at most {at_stage:.2g} of full scale at this stage{grown}"
+
+
 def _shown(value: Hashable) -> Hashable:
     return "inf" if isinstance(value, float) and math.isinf(value) else value
 
@@ -128,7 +134,7 @@ def told(name: str, left: Document | None, knobs: list[Document] | None) -> list
     """Return the same as sentences."""
     said = []
     if left:
-        wrong = "exactly" if left["bound"] == 0 else f"error at most {left['bound']:.2g}"
+        wrong = "exactly" if left["bound"] == 0 else f"error {_at_most(left['at_stage'], left['bound'])}"
         said.append(
             f"left out  {name} in {left['cells']} of {left['of']} cells, {wrong}: "
             f"{left['why']}{_saving(left['seconds_saved'])}{_copies(left['copies'])}"
@@ -137,10 +143,10 @@ def told(name: str, left: Document | None, knobs: list[Document] | None) -> list
     for one in knobs or ():
         by_knob.setdefault(one["knob"], []).append(one)
     for knob, own in by_knob.items():
-        worst, saved = max(one["bound"] for one in own), _sum([one["seconds_saved"] for one in own])
+        worst = _at_most(max(one["at_stage"] for one in own), max(one["bound"] for one in own))
+        saved = _sum([one["seconds_saved"] for one in own])
         values = ", ".join(f"{one['value']} ({one['cells']})" if len(own) > 1 else f"{one['value']}" for one in own)
         said.append(
-            f"coarser   {name}.{knob} = {values} instead of {own[0]['reference']}, the best: "
-            f"at most {worst:.2g} of full scale at this stage{_saving(saved)}"
+            f"coarser   {name}.{knob} = {values} instead of {own[0]['reference']}, the best: {worst}{_saving(saved)}"
         )
     return said

@@ -42,18 +42,6 @@ class Compared(NamedTuple):
     factor: float
 
 
-def accepted(evaluations: Evaluations, name: str) -> bool:
-    """Return whether the stages accept a finer discretisation, all else as planned: one plan instead of six that are
-    refused. True where no time is left to ask, or where it is short and no file limits the stages.
-    """
-    if evaluations.scarce and not evaluations.point.reads_files(name):
-        return True
-    try:
-        return evaluations.plan({name: 2}) is not None
-    except TooDear:
-        return True
-
-
 def not_affected(parts: Parts, affected: Collection[StageVariable], name: str) -> None:
     """Add an error of 0 to the variables that a discretisation cannot change."""
     for one, own in parts.items():

@@ -96,7 +96,6 @@ class Evaluations:
     def __init__(self, point: Point, rates: Rates, until: float, shown: Shown = None) -> None:
         self.point, self.rates, self.until, self.shown = point, rates, until, shown
         self.planning = PLANNING
-        self.scarce = False  # whether the budget is small for this point
         self._plans: dict[tuple[object, ...], Plan | None] = {}
         self._values: dict[tuple[object, ...], Evaluated] = {}
         self._before_noise: Mapping[CellRef, Mapping[str, Array]] = {}

@@ -20,7 +20,6 @@ from etendue.accuracy.answers.comparing import (
     Parts,
     Texts,
     Way,
-    accepted,
     attempt,
     compare,
     computed_alike,
@@ -47,7 +46,6 @@ def measure_omissions(evaluations: Evaluations, parts: Parts, missing: Texts) ->
 def measure_each(
     plan: Plan,
     evaluations: Evaluations,
-    names: list[str],
     parts: Parts,
     missing: Texts,
     fixed: dict[str, str],
@@ -55,8 +53,8 @@ def measure_each(
 ) -> float:
     """Add what one refinement of each discretisation changes; return the seconds of what was too costly."""
     point, dear = evaluations.point, 0.0
-    order = [*SAFETY, *names]
-    for name in sorted(names, key=order.index):
+    order = [*SAFETY, *point.names()]
+    for name in sorted(point.names(), key=order.index):
         affected = point.affected(plan, name)
         not_affected(parts, affected, name)
         rest = [one for one in affected if not _take(parts, missing, one, name, known)]
@@ -64,15 +62,25 @@ def measure_each(
             continue
         pair: Compared | None = None
         seconds = 0.0
-        for base in _bases(name) if accepted(evaluations, name) else ():
+        for base in _bases(name) if _accepted(evaluations, name) else ():
             if pair is None:
                 pair, seconds = attempt(evaluations, missing, name, rest, _refined(name, base))
         dear += seconds
         if pair is None:
-            fixed[name] = point.why_no_finer()
+            fixed[name] = point.why_no_other("finer")
         elif pair.made:
             compare(parts, missing, pair.made, name, rest, pair.factor)
     return dear
+
+
+def _accepted(evaluations: Evaluations, name: str) -> bool:
+    """Return whether the stages accept a finer discretisation, all else as planned: one plan instead of six that are
+    refused. True where no time is left to ask.
+    """
+    try:
+        return evaluations.plan({name: 2}) is not None
+    except TooDear:
+        return True
 
 
 def _take(parts: Parts, missing: Texts, one: StageVariable, name: str, known: KnownParts) -> bool:

@@ -77,11 +77,14 @@ def _at_point(plan: Plan, evaluations: Evaluations, known: KnownParts) -> tuple[
     parts: Parts = {one: {} for one in point.wanted}
     missing: Texts = {one: {} for one in point.wanted}
     fixed = dict(point.fixed())
-    evaluations.scarce = not known and evaluations.left < THRIFT * (evaluations.planned_seconds + PLANNING)
-    together = Together(plan, evaluations, parts, missing) if evaluations.scarce else None
-    names = together.measure() if together else point.names()
-    dear = measure_each(plan, evaluations, names, parts, missing, fixed, known)
-    dear += together.dear if together else measure_omissions(evaluations, parts, missing)
+    scarce = not known and evaluations.left < THRIFT * (evaluations.planned_seconds + PLANNING)
+    together = Together(plan, evaluations, parts, missing, fixed) if scarce else None
+    if together:
+        together.measure()
+        dear = together.dear
+    else:
+        dear = measure_each(plan, evaluations, parts, missing, fixed, known)
+        dear += measure_omissions(evaluations, parts, missing)
     noise, more = _noise(evaluations, parts, missing)
     if together:
         together.split()

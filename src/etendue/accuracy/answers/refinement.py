@@ -19,7 +19,7 @@ from etendue.contract.capabilities import Sampled, Source
 from etendue.contract.discretised import Discretised
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
-from etendue.contract.stage import files_of, looks_at_stages
+from etendue.contract.stage import looks_at_stages
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.derived import wanting
 from etendue.plan.ancestry import behind, in_front
@@ -83,12 +83,8 @@ class Point:
         stages = {stage for stage, own, why in self._discretisations() if own == name and not why}
         return [one for one in self.wanted if stages & in_front(plan, [one[0]])]
 
-    def reads_files(self, name: str) -> bool:
-        """Return whether one of the stages with this discretisation reads a file."""
-        return any(files_of(self.stages[stage]) for stage, own, why in self._discretisations() if own == name)
-
-    def why_no_finer(self) -> str:
-        return f"the stages accept no finer one{f' ({self.refusal})' if self.refusal else ''}"
+    def why_no_other(self, other: str = "other") -> str:
+        return f"the stages accept no {other} one{f' ({self.refusal})' if self.refusal else ''}"
 
     def why_no_reference(self) -> str:
         return f"the reference is refused{f' ({self.refusal})' if self.refusal else ''}"

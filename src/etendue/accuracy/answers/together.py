@@ -11,7 +11,7 @@ evaluation between them tells which step it comes from.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from etendue.accuracy.answers.comparing import (
@@ -22,7 +22,6 @@ from etendue.accuracy.answers.comparing import (
     Parts,
     Texts,
     Way,
-    accepted,
     attempt,
     compare,
     computed_alike,
@@ -58,32 +57,31 @@ class Together:
     plan : of the whole pipeline
     evaluations : of the point
     parts, missing : by variable, to which parts and texts are added
+    fixed : to which the discretisations are added that the stages do not let change
     """
 
-    def __init__(self, plan: Plan, evaluations: Evaluations, parts: Parts, missing: Texts) -> None:
-        self.evaluations, self.parts, self.missing = evaluations, parts, missing
+    def __init__(
+        self, plan: Plan, evaluations: Evaluations, parts: Parts, missing: Texts, fixed: dict[str, str]
+    ) -> None:
+        self.evaluations, self.parts, self.missing, self.fixed = evaluations, parts, missing, fixed
         point = evaluations.point
         self.affected = {name: point.affected(plan, name) for name in point.names()} | {OMISSIONS: [*point.wanted]}
         self.dear = 0.0  # seconds of what was too costly
         self.measured: list[Chain] = []
 
-    def measure(self) -> list[str]:
-        """Add the parts that fit into the budget; return the discretisations that the stages do not let change in this
-        way, which must be measured one at a time.
-        """
-        names = [name for name in self.evaluations.point.names() if accepted(self.evaluations, name)]
+    def measure(self) -> None:
+        """Add the parts that fit into the budget."""
+        names = self.evaluations.point.names()
         try:
             chains = [self._grids(names), self._rest(names)]
         except TooDear as error:
             self._lack(names, error)
-            return [name for name in self.affected if name not in (*names, OMISSIONS)]
-        done = {name for chain in chains for name in chain.names}
+            return
         for chain in chains:
             for name in chain.names:
                 not_affected(self.parts, self.affected[name], name)
             if chain.names:
                 self._ends(chain)
-        return [name for name in self.affected if name not in done and name != OMISSIONS]
 
     def split(self) -> None:
         """Measure the steps of chains apart, as far as the budget allows."""
@@ -111,18 +109,26 @@ class Together:
             coarse = dict.fromkeys(chosen, -2)
             if chosen and self.evaluations.plan(coarse) is not None:
                 steps = [({name: -2 for name in chosen[at:]}, "") for at in range(1, len(chosen))]
+                self._fix(name for name in own if name not in chosen)
                 return Chain(tuple(chosen), ((coarse, ""), *steps, PLANNED), COARSENED)
+        self._fix(own)
         return Chain((), (), COARSENED)
+
+    def _fix(self, names: Iterable[str]) -> None:
+        self.fixed.update(dict.fromkeys(names, self.evaluations.point.why_no_other()))
 
     def _rest(self, names: list[str]) -> Chain:
         """Return the chain from few bands to a wider margin and to knobs one step finer, nothing left out."""
         evaluations = self.evaluations
-        base = next(one for one in BASES if evaluations.plan(one) is not None)
+        bases = (one for one in BASES if not self.fixed.keys() & one.keys())
+        base = next(one for one in bases if evaluations.plan(one) is not None)
         found, chosen = list[str](), base
         for name in (name for name in names if name not in GRIDS):
             if evaluations.plan({**chosen, name: 2}) is not None:
                 found.append(name)
                 chosen = {**chosen, name: 2}
+            else:
+                self._fix([name])
         steps: list[Which] = [({**base, **{name: 2 for name in found[:at]}}, "") for at in range(len(found) + 1)]
         own, nearer = evaluations.plan(chosen), evaluations.plan(chosen, NEARER)
         if nearer is None:
