@@ -129,3 +129,9 @@ def test_the_parameter_that_is_proposed_is_none_that_is_inherited(like):
     one = beginning(installed_stages(), "begun", None, like)
     (name,) = re.findall(r"#     (\w+): float = param", files(one)["src/etendue_begun/stages.py"])
     assert name not in parameters_of(one.kind) and not hasattr(one.kind, name)
+
+
+def test_a_name_with_its_suffix_gives_the_same_file(tmp_path):
+    for name, folder in (("mine", "short"), ("mine.toml", "long")):
+        assert CliRunner().invoke(main, ["new", name, "-o", str(tmp_path / folder)]).exit_code == 0
+    assert (tmp_path / "short" / "mine.toml").read_bytes() == (tmp_path / "long" / "mine.toml").read_bytes()

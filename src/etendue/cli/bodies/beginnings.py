@@ -17,7 +17,7 @@ from etendue.telling import human_bytes
 
 
 def new(name: str, template: str, chosen: str, output: Path | None) -> None:
-    of = beginning.template(template)
+    of, name = beginning.template(template), name.removesuffix(".toml")
     text = beginning.text_of(name, chosen, None, of)
     place = (output or Path()) / f"{name}.toml"
     refuse_existing(place)

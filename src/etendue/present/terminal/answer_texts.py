@@ -149,7 +149,8 @@ def _missing(document: DocumentView) -> list[str]:
     for one in document["errors"].values():
         for name, why in one["open"].items():
             if "costs about" in why:
-                costly[name], whose[one["variable"]] = None, None
+                costly |= dict.fromkeys(name.split(" and "))
+                whose[one["variable"]] = None
             else:
                 others.setdefault(f"{name}: {why}", []).append(one["variable"])
     seconds = human_seconds(number(document["dear"]))
