@@ -269,3 +269,13 @@ def test_what_a_run_finds_is_not_known_to_variance_and_stands_in_the_way_of_no_k
     assert stage_calls.variance_of(stage, 10.0) is None
     chosen, (one,) = choose(stage, ("terms",), 1e-2, lambda s: s.error(None, None, "float64"))
     assert (chosen.terms, one.value, one.reference) == (1, 1, 8)
+
+
+def test_a_shared_quantity_may_not_have_the_name_of_a_preset():
+    """Else what a pipeline writes for it would be looked up among the presets."""
+
+    @dataclass(frozen=True, kw_only=True)
+    class Glass(Filter):
+        lens: str = param("plain", shared=True)
+
+    assert "stages.filter: takes a shared quantity 'lens', which names a preset" in faults(Lamp, Glass)

@@ -33,7 +33,9 @@ class RealLens(Stage):
     libraries: ClassVar[tuple[str, ...]] = ("optiland",)
     negative: ClassVar[str] = "keep"
 
-    lens: str = param("ReverseTelephoto", shared=True, doc="sample lens of optiland; ignored if prescription is given")
+    sample_lens: str = param(
+        "ReverseTelephoto", shared=True, doc="sample lens of optiland; ignored if prescription is given"
+    )
     prescription: str = param(
         "", shared=True, file=True, doc="Zemax file .zmx or surface table .csv; '': the sample lens"
     )
@@ -62,7 +64,7 @@ class RealLens(Stage):
 
     def opened(self) -> Lens:
         return open_lens(
-            self.lens,
+            self.sample_lens,
             self.prescription,
             self.focal_length,
             self.f_number,

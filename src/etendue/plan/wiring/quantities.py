@@ -87,11 +87,15 @@ def to_be_found(name: str, parameter: Parameter, ends: tuple[float | None, float
 
 def _declared_by(request: Request, entries: Entries) -> dict[str, Declared]:
     declared: dict[str, Declared] = {}
+    named = {kind.preset for kind in request.pipeline.table.kinds()}
     for alternatives in entries.values():
         for one in alternatives:
             for name, (parameter, kind, default) in parameters_of(one.kind).items():
                 if not parameter.shared:
                     continue
+                if name in named:
+                    text = f"takes a shared quantity {name!r}, which names a preset: its author must rename it"
+                    request.fault(f"stages.{one.use}", text)
                 first = declared.setdefault(name, Declared(parameter, kind, default, one.use))
                 if first.parameter.units != parameter.units:
                     request.fault(
