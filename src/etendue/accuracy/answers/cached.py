@@ -16,7 +16,7 @@ from etendue.present.terminal.answer_texts import is_sound
 from etendue.types.documents import Document
 
 KIND = "answer"
-FORM = 4  # version of the stored documents and of how errors are measured: increase it to discard earlier ones
+FORM = 5  # version of the stored documents and of how errors are measured: increase it to discard earlier ones
 
 
 def cached(plan: Plan) -> Document | None:

@@ -33,6 +33,7 @@ PLANNED: Which = ({}, "")
 PLANNING = 0.01  # seconds of a plan of one point, until one was made
 ENGINE = 2e-4  # seconds that the engine adds for a cell
 FIXED = 0.015  # most of an excess over the predicted seconds of a cell that does not grow with it
+ONCE = 1.0  # seconds that imports and tables of one stage may take in a run, at most
 LEAST = 0.3  # smallest factor that is believed: a cell may have found its tables made
 
 
@@ -53,7 +54,7 @@ class Rates:
     Parameters
     ----------
     plan, reports : of a run. Its seconds contain what a stage does only once in a process, imports and tables: they
-        count only where they are below those predicted.
+        count only where they are below those predicted, or above them by more than ``ONCE``.
     """
 
     def __init__(self, plan: Plan, reports: Reports | None) -> None:
@@ -62,7 +63,8 @@ class Rates:
             report = None if reports is None else reports.get(ref)
             if report is not None:
                 predicted = cell_seconds(plan.node(ref[0]), plan.cells[ref], plan.precision)
-                self.learn(plan, replace(report, seconds=min(report.seconds, predicted)))
+                believed = min(report.seconds, max(predicted, report.seconds - ONCE))
+                self.learn(plan, replace(report, seconds=believed))
 
     def learn(self, plan: Plan, report: CellReport) -> None:
         ref = report.stage, report.index

@@ -34,6 +34,7 @@ from etendue.plan.model import Plan, StageVariable
 
 GRIDS = ("spacing", "bins")  # first order or higher: the error is at most what one coarsening changes
 OPPOSED = 4 / 3  # factor for steps measured together, which may partly cancel
+SMALL = 0.1  # seconds of the point as planned below which making tables costs more than computing light
 BASES: tuple[Factors, ...] = ({**FEW_BANDS, **COARSE}, FEW_BANDS, COARSE, {})
 
 
@@ -73,7 +74,8 @@ class Together:
         """Add the parts that fit into the budget."""
         names = self.evaluations.point.names()
         try:
-            chains = [self._grids(names), self._rest(names)]
+            grids = self._grids(names)
+            chains = [grids, self._rest(names, grids)]
         except TooDear as error:
             self._lack(names, error)
             return
@@ -117,10 +119,13 @@ class Together:
     def _fix(self, names: Iterable[str]) -> None:
         self.fixed.update(dict.fromkeys(names, self.evaluations.point.why_no_other()))
 
-    def _rest(self, names: list[str]) -> Chain:
-        """Return the chain from few bands to a wider margin and to knobs one step finer, nothing left out."""
+    def _rest(self, names: list[str], grids: Chain) -> Chain:
+        """Return the chain to a wider margin and to knobs one step finer, nothing left out: from few bands or, where
+        light costs little, from the coarser grids, which are evaluated anyway.
+        """
         evaluations = self.evaluations
-        bases = (one for one in BASES if not self.fixed.keys() & one.keys())
+        coarse = [grids.which[0][0]] if grids.which and evaluations.planned_seconds < SMALL else []
+        bases = (one for one in (*coarse, *BASES) if not self.fixed.keys() & one.keys())
         base = next(one for one in bases if evaluations.plan(one) is not None)
         found, chosen = list[str](), base
         for name in (name for name in names if name not in GRIDS):
