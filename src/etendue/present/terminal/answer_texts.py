@@ -15,6 +15,7 @@ from etendue.types.documents import DocumentView
 MATTERS = 0.02  # of the total: smaller parts are not listed
 LONGEST = 300  # characters of a text in a stored document
 NOISE = "noise"  # in ``open``: that of one draw
+OMITTED = "omissions"  # the only part that is no discretisation
 TEXTS, NUMBERS = ("stage", "variable", "unit"), ("rms", "max")
 
 
@@ -89,7 +90,9 @@ def says_enough(error: DocumentView, complete: bool = False) -> bool:
     """
     unknown = unknown_parts(error)
     if unknown and not complete:
-        return any(part["basis"] == "refined" and part["rms"] for part in error["parts"].values())
+        return any(
+            name != OMITTED and part["basis"] == "refined" and part["rms"] for name, part in error["parts"].items()
+        )
     return bool(error["parts"]) and not unknown
 
 
@@ -155,7 +158,7 @@ def _missing(document: DocumentView) -> list[str]:
                 others.setdefault(f"{name}: {why}", []).append(one["variable"])
     seconds = human_seconds(number(document["dear"]))
     of = f", of {_few(list(whose))}" if len(whose) < len(document["errors"]) else ""
-    said = [f"not measured: {' and '.join(costly)}{of}; --measure does, in about {seconds}"] if costly else []
+    said = [f"not measured: {', '.join(costly)}{of}; --measure does, in about {seconds}"] if costly else []
     return said + [f"not measured: {text} ({_few(names)})" for text, names in others.items()]
 
 

@@ -48,8 +48,9 @@ def print_answers(document: DocumentView | None) -> None:
         )
     if len(errors) > SHOWN:
         out.print(f"{len(errors) - SHOWN} more variables: --json")
-    if len(known) > len(errors):
-        out.print(f"no numerical error: {len(known) - len(errors)} variables")
+    exact = [name for name, one in known if number(one["rms"]) == 0]
+    if exact:
+        out.print(f"no numerical error: {exact[0] if len(exact) == 1 else f'{len(exact)} variables'}")
     for text in notes(document):
         out.print(escape(text))
 
