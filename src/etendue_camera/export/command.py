@@ -1,7 +1,7 @@
 """Implementation of ``etendue export``: select cells and files, and write each file completely or not at all.
 
 In:  the folder of an archive, the request.
-Out: files; what was written and what could not be.
+Out: files; the list of files written, and of pictures that could not be written.
 """
 
 from __future__ import annotations
