@@ -23,7 +23,7 @@ PERCENT = ("dark_nonuniformity", "light_excess", "prnu", "prnu_total", "quantum_
 
 
 def print_calibration(document: Document) -> None:
-    """Print parameters with intervals, what would be needed for others, and the check."""
+    """Print parameters with intervals, the frames that missing parameters need, and the check."""
     console = _out()
     console.print(
         f"{escape(document['measurement'])}: {document['frames']} frames of {document['columns']} x {document['rows']} "
