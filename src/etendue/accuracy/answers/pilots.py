@@ -1,10 +1,10 @@
-"""Measure the error of the answer after a run: a few evaluations of one point, within a budget of seconds.
+"""Measure the error of the answer after a run, by a few evaluations of one point within a budget of seconds.
 
 In:  the plan and the reports of a run.
 Out: an ``AnswerError`` for every wanted variable.
 
-A discretisation is refined by two where everything else is coarse: what it changes hardly depends on the others, and
-this costs a fraction of the point itself.
+A discretisation is refined by a factor of two while all others are coarse. The change hardly depends on the others, and
+the evaluation costs a fraction of the seconds of the point itself.
 """
 
 from __future__ import annotations
@@ -38,31 +38,33 @@ from etendue.plan.shown import answers, shown_place
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
-# A refinement by two of first order leaves as much again as it changes. A margin twice as large leaves little.
+# With first-order convergence, the error that remains after a refinement by two equals its change, so the total is
+# twice the change. For a margin, less remains.
 FIRST_ORDER = 2.0
 SAFETY: Mapping[str, float] = {"spacing": FIRST_ORDER, "bins": FIRST_ORDER, "margin": 1.5}
-COARSENED = 1.5  # of the ways that cost less, where 1 is expected
-THRIFT = 8.0  # what the dearest ways cost together, times the seconds of the point as planned
+COARSENED = 1.5  # factor on the change in cheaper ways, where 1 is expected
+THRIFT = 8.0  # total cost of the most expensive ways, in units of the cost of the point as planned
 ELSEWHERE = 2.0  # factor for points of a sweep that were not measured
 PLACES = 4  # points of a sweep that are measured, as far as the budget allows
-DRAWS = 4  # of the noise
+DRAWS = 4  # number of draws of the noise
 INTERVAL = 3.182  # Student's t for 95 % and three degrees of freedom
 FEW_BANDS, COARSE = {"bins": -8}, {"spacing": -2}
 
 Parts = dict[StageVariable, dict[str, Part]]
-KnownParts = Mapping[str, Mapping[str, Part | str]]  # by discretisation and name of the variable; texts: why unknown
+# By discretisation and name of the variable; a text is the reason why the part is unknown.
+KnownParts = Mapping[str, Mapping[str, Part | str]]
 Texts = dict[StageVariable, dict[str, str]]
 
 
 class Way(NamedTuple):
-    """Evaluations that tell an error, and the factor from what they differ by to that error."""
+    """Evaluations whose difference, multiplied by ``factor``, is an error."""
 
     which: tuple[Which, ...]
     factor: float = 1.0
 
 
 class Compared(NamedTuple):
-    """The evaluations of a way."""
+    """The evaluations of a `Way`, and its factor."""
 
     made: list[Evaluated]
     factor: float
@@ -81,11 +83,9 @@ def state_errors(
 
     Parameters
     ----------
-    plan, reports : of the run; without reports, seconds are those that plans predict
-    budget : seconds at most
-    shown : returns the progress to show of a plan
-    places : largest number of points of a sweep
-    known : parts that need not be measured, of the worst of these points
+    plan, reports : of the run; without reports, the predicted seconds of plans are used budget : seconds at most shown
+    : returns the progress to show of a plan places : largest number of points of a sweep known : parts that need not be
+    measured: the largest over these points
     """
     began, at, wanted = time.process_time(), shown_place(plan), answers(plan)
     rates, dear, longest = Rates(plan, reports), 0.0, 0.0
@@ -108,7 +108,7 @@ def state_errors(
 
 
 def _at_point(plan: Plan, evaluations: Evaluations, known: KnownParts) -> tuple[dict[str, AnswerError], float]:
-    """Return the errors at one point, and the seconds of what was too costly."""
+    """Return the errors at one point, and the predicted seconds of evaluations that exceeded the budget."""
     point = evaluations.point
     parts: Parts = {one: {} for one in point.wanted}
     missing: Texts = {one: {} for one in point.wanted}
@@ -137,11 +137,12 @@ def _at_point(plan: Plan, evaluations: Evaluations, known: KnownParts) -> tuple[
 def _attempt(
     evaluations: Evaluations, missing: Texts, name: str, wanted: Iterable[StageVariable], ways: list[Way]
 ) -> tuple[Compared | None, float]:
-    """Return the evaluations of the first way that fits into the budget, or of the last one if the budget is small for
-    this pipeline; if none fits, those of as many variables as do, wanted and cheap ones first. Note what is missing;
-    return also the seconds of all, if those are too many.
+    """Return the evaluations of the first way that fits into the budget, and 0. If the budget is small for this
+    pipeline, start with the last way, which is the cheapest. If no way fits, return the evaluations of as many
+    variables as possible (wanted and cheap ones first) and the seconds that all would take, and record the others in
+    ``missing``.
 
-    None: the stages refuse every way. No evaluations: nothing fits.
+    The result is None if the stages refuse every way, and contains no evaluations if none fits.
     """
     dear: list[tuple[Way, TooDear]] = []
     for way in ways[::-1] if evaluations.scarce else ways:
@@ -150,7 +151,7 @@ def _attempt(
         except TooDear as error:
             dear.append((way, error))
             if evaluations.scarce:
-                break  # the others cost more, and so does planning them
+                break  # the other ways cost more, and planning them takes time too
         else:
             if found is not None:
                 return Compared(found, way.factor), 0.0
@@ -172,7 +173,9 @@ def _attempt(
 def _refine_all(
     plan: Plan, evaluations: Evaluations, parts: Parts, missing: Texts, fixed: dict[str, str], known: KnownParts
 ) -> float:
-    """Add what one refinement of each discretisation changes; return the seconds of what was too costly."""
+    """Add the change by one refinement of each discretisation to ``parts``; return the predicted seconds of evaluations
+    that exceeded the budget.
+    """
     point, dear = evaluations.point, 0.0
     order = [*SAFETY, *point.names()]
     for name in sorted(point.names(), key=order.index):
@@ -197,8 +200,8 @@ def _refine_all(
 
 
 def _accepted(evaluations: Evaluations, name: str) -> bool:
-    """Return whether the stages accept a finer discretisation, all else as planned: one plan instead of six that are
-    refused. True where no time is left to ask.
+    """Return whether the stages accept a finer discretisation with everything else as planned. This takes one plan;
+    without it, a refusal would be found only after six plans. Return True if no time is left for the plan.
     """
     try:
         return evaluations.plan({name: 2}) is not None
@@ -207,7 +210,7 @@ def _accepted(evaluations: Evaluations, name: str) -> bool:
 
 
 def _take(parts: Parts, missing: Texts, one: StageVariable, name: str, known: KnownParts) -> bool:
-    """Add what is known of a discretisation for a variable; return whether anything is."""
+    """Add the known part of a discretisation for a variable; return whether there is one."""
     stage, variable = one
     own = known.get(name, {})
     found = own.get(variable, own.get(f"{stage}.{variable}"))
@@ -227,15 +230,17 @@ def refined_pair(evaluations: Evaluations, name: str) -> list[Evaluated] | None:
 
 
 def _bases(name: str) -> tuple[Factors, Factors]:
-    """Return the other discretisations of the evaluations that refine one: coarse if the stages accept that."""
+    """Return the factors of the other discretisations while one is refined: first coarse ones, then, if the stages
+    refuse these, as planned.
+    """
     return (COARSE if name == "bins" else FEW_BANDS), {}
 
 
 def _refined(name: str, base: Factors) -> list[Way]:
-    """Return the evaluations that tell the error of a discretisation; ``base``: the other ones.
+    """Return the evaluations from which the error of a discretisation follows; ``base``: factors of the others.
 
-    One refinement, or, for less time, one coarsening: for the first order or a higher one, the error is at most what
-    that changes. A margin is widened on a coarser grid.
+    The first way is one refinement. A cheaper one is one coarsening: for convergence of first or higher order, the
+    error is at most the change that it causes. A margin can also be widened on a coarser grid.
     """
     ways = [Way(((base, ""), ({**base, name: 2}, "")), SAFETY.get(name, FIRST_ORDER))]
     if name in ("spacing", "bins"):
@@ -247,8 +252,9 @@ def _refined(name: str, base: Factors) -> list[Way]:
 
 
 def _omitted(evaluations: Evaluations) -> list[Way]:
-    """Return the evaluations that tell the error of what is left out or coarser: as planned and of the reference, or of
-    settings one step towards it, or both with few bands. The first alone if all have the same cells.
+    """Return the evaluations from which the error of omissions and coarser settings follows. One evaluation is as
+    planned; the other is of the reference or of settings one step towards it, both perhaps with few bands. If plan and
+    reference have the same cells, only the first is returned.
     """
     own = evaluations.point.base
     try:
@@ -271,11 +277,11 @@ def _same(own: Plan, exact: Plan) -> bool:
 
 
 def _noise(evaluations: Evaluations, parts: Parts, missing: Texts) -> tuple[dict[StageVariable, float], float]:
-    """Return the 95 % interval about one draw of the noise, half its width, of the numbers that depend on noise; and
-    the seconds of what was too costly.
+    """Return the half width of the 95 % interval about one draw of the noise, for numbers that depend on noise; and the
+    predicted seconds of evaluations that exceeded the budget.
 
-    The error of a number that noise moves far more than it scatters, such as the noise itself, is not that of the
-    noise-free path: it counts as not measured.
+    Some numbers, such as the noise itself, are shifted by noise far more than they scatter. The errors of the
+    noise-free path do not apply to them, so these errors count as not measured.
     """
     noisy = evaluations.point.noisy
     if not noisy:
@@ -303,7 +309,9 @@ def compare(
     wanted: Iterable[StageVariable],
     factor: float | None = None,
 ) -> None:
-    """Add what two evaluations of some variables differ by, times ``factor``; None: that of one refinement."""
+    """Add the difference between two evaluations of some variables, multiplied by ``factor`` (None: the factor of one
+    refinement), to ``parts``.
+    """
     (plan, values), (other, reference) = pair
     for stage, variable in wanted:
         one = stage, variable
