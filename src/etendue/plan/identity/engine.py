@@ -27,14 +27,14 @@ ENGINE = (
     "etendue.contract.arrays.grid",
     "etendue.contract.stage",
     "etendue.contract.arrays.variables",  # dims and dtype of what is written
-    "etendue.plan.stage_calls",  # remakes a stage with the values that a run has found
+    "etendue.plan.stage_calls",  # builds a stage again with the values that a run has found
     "etendue.plan.expansion.seed_words",  # the key of random numbers
     "etendue.transfer.products",  # products of transfer functions
 )
 
 # What the engine computes for transfer functions: part of the digests of those, and of no other stages.
 TRANSFER_KERNELS = (
-    "etendue.contract.values.units",  # the unit in which they get the centres of bands
+    "etendue.contract.values.units",  # the unit in which transfer functions receive the centres of bands
     "etendue.transfer.cell_pixels",
     "etendue.transfer.cells",
     "etendue.transfer.expansion",

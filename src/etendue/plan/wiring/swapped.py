@@ -1,7 +1,7 @@
 """Fit the table of a stage that an override has swapped: parameters that only the replaced stage takes are left out.
 
 In:  a pipeline with its overrides, the registry.
-Out: the pipeline whose entries contain only what their stages take, and a note for each that lost something.
+Out: the pipeline whose entries contain only parameters of their stages, and a note for each entry that lost some.
 """
 
 from __future__ import annotations
