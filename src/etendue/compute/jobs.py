@@ -92,6 +92,8 @@ class Jobs(Mapping[CellRef, Job]):
         for ref, cell in plan.cells.items():
             if self.nodes[cell.node].segment and (found := _direct(plan, self.nodes, cell)) is not None:
                 self.direct[ref] = found
+        # In reverse, every reader comes before the cells it reads: what is read of a cell is complete when it is
+        # visited.
         for ref in reversed(list(plan.cells)):
             self._include(ref, plan.cells[ref])
 
@@ -121,7 +123,7 @@ class Jobs(Mapping[CellRef, Job]):
         """Note what a cell that is left out passes on: arrays that somebody needs, and the transform of its segment."""
         node = self.nodes[ref[0]]
         wanted = self._wanted(cell, node, computed, read)
-        if computed and any(node.writes[v].optional for v in wanted):  # which only running the stage gives
+        if computed and any(node.writes[v].optional for v in wanted):  # only the stage itself computes these
             self._note_inputs(cell, False, None)
             for word in cell.open_words:
                 self._reads(word.ref, word.variable)
@@ -146,13 +148,15 @@ class Jobs(Mapping[CellRef, Job]):
         return tuple(dict.fromkeys((*read, *self.kept[node.name], *given)))
 
     def _passed(self, node: Node, wanted: tuple[str, ...], computed: bool) -> tuple[str, ...]:
-        """Return those that a cell that is left out has from another cell, and not from the store."""
+        """Return the variables that a left-out cell takes from another cell rather than from the store."""
         if not computed:
             return tuple(v for v in wanted if (node.name, v) in self.plan.same_as)
         return tuple(v for v in wanted if not node.writes[v].optional)
 
     def _source(self, cell: Cell, variable: str, computed: bool) -> CellRef:
-        """Return the cell whose array a cell that is left out passes on: its input; if it is stored, what is stored."""
+        """Return the cell whose array a left-out cell passes on: its input or, if the cell is finished, the cell whose
+        array is stored.
+        """
         source = source_of(cell, variable) if computed else self.plan.stored(cell.ref, variable)
         assert source is not None
         return source
@@ -216,7 +220,7 @@ class Jobs(Mapping[CellRef, Job]):
         if ref in self.direct:
             (source, variable), before = self.direct[ref]
             inputs = ((inputs[0][0], source, variable), *inputs[1:])
-            # this keeps all: a segment holds only transfer stages
+            # this removes nothing, because a segment contains only transfer stages
             stages = tuple(c.stage for c in before if isinstance(c.stage, Transfer))
             segment = Segment(None, stages, _found_of(before), transform, plan.cells[source].key)
         elif node.segment:
@@ -264,8 +268,9 @@ class Jobs(Mapping[CellRef, Job]):
         return replace(job, inputs=inputs, looking=None, waiting=None)
 
     def _passing(self, cell: Cell, inputs: Found, passes: tuple[str, ...], computed: bool, begins: bool) -> Found:
-        """Return what a cell that is left out waits for: what it passes on, else only that its input has not failed.
-        ``begins``: it passes on the input of a segment, whose transform others need.
+        """Return the inputs of the job of a left-out cell: the arrays that it passes on or, if there are none, the
+        input cell, so that its failure is known. ``begins``: it passes on the input of a segment, whose transform
+        others need.
         """
         first = [one for one in inputs if source_of(cell, one[2]) == one[1] and one[2] in cell.grids]
         light = first[:1] if begins else []
@@ -347,7 +352,7 @@ def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], 
 
 
 def _found_of(cells: tuple[Cell, ...]) -> tuple[Found, ...]:
-    """Return what each of some cells awaits; () if none awaits anything."""
+    """Return the values that each of some cells awaits; () if none awaits any."""
     every = tuple(cell.found for cell in cells)
     return every if any(every) else ()
 

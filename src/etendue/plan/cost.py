@@ -57,6 +57,7 @@ def cell_bytes(node: Node, cell: Cell, precision: str, variables: Iterable[str] 
 
 def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
     """Return the expected seconds of one cell on one thread."""
+    # A cell that is left out still takes the engine's time to pass its input on and to report it.
     if cell.left_out:
         return 2e-5
     rate = cell.stage.nanoseconds

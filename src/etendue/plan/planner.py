@@ -85,6 +85,7 @@ def make_plan(
     # Order: the graph before cells (a file with faults must not be expanded), cells before warnings (most warnings need
     # the facts of a cell).
     leave_out_allowed = leave_out_allowed and pipeline.leave_out
+    # Swapped stages come before automatic values, because these are chosen by the stages that are finally used.
     pipeline, swapped = fitted_to_overrides(pipeline, registry)
     pipeline, chosen = settled(pipeline, registry)
     try:
@@ -95,6 +96,7 @@ def make_plan(
         cells, precision, looked = expand(graph, pipeline, choice, told)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), error.file) from None
+    # Stages that others only look at are not run, so they have no arrays to keep.
     kept = frozenset(one for one in resolve_keep(graph.nodes, graph.keep) if one[0] not in graph.seen_only)
     try:
         sampled = notes_on_the_scene(graph.nodes, cells, {axis.dim: axis for axis in graph.axes})
@@ -130,6 +132,7 @@ def _warnings(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], tolerance: f
         _beyond_tolerance(cells, tolerance),
         _grown(cells, tolerance),
     )
+    # A dict removes duplicates and, unlike a set, keeps the order of the warnings the same in every process.
     texts = dict.fromkeys(itertools.chain(*notes))
     among: dict[Stage, list[str]] = {}  # by stage, since one stage serves many cells
     for cell in cells.values():

@@ -1,5 +1,5 @@
-"""Restore what a damaged archive holds twice (records, inputs found elsewhere, axis values) and mark the rest to be
-recomputed.
+"""Restore the parts of a damaged archive of which there is a second copy (records, inputs found elsewhere, axis
+values), and mark the rest to be recomputed.
 
 In:  the folder of an archive, the damage found in it, and places where its inputs may be found.
 Out: an archive that a run of its own pipeline can complete; a list of what was done, in words.
@@ -102,7 +102,7 @@ def _records(folder: Path, kept: Mapping[str, str], damaged: Iterable[str]) -> I
 
 
 def _unkept(folder: Path, kept: Mapping[str, str], manifest: Manifest | None) -> Iterator[tuple[str, str]]:
-    """Yield intact records that the journal does not hold."""
+    """Yield intact records of which the journal has no copy."""
     for file in provenance.record_paths(folder):
         path = f"runs/{file.name}"
         if path not in kept and manifest and manifest.files.get(path) == digest_of(file):
@@ -112,8 +112,8 @@ def _unkept(folder: Path, kept: Mapping[str, str], manifest: Manifest | None) ->
 def _blocks(
     folder: Path, axes: Mapping[str, Mapping[str, list[AxisValue]]], stored: Stored
 ) -> dict[str, dict[str, Document]]:
-    """Return how variables are cut into shards, from their metadata, where that is intact and the journal does not
-    say it.
+    """Return how variables are split into shards, from their metadata if that is intact, for variables missing in the
+    journal.
     """
     found: dict[str, dict[str, Document]] = {}
     for node in sorted(stored.nodes):

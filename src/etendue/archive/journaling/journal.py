@@ -114,6 +114,7 @@ class Journal:
         self.handle = disk.append_to(self.root, NAME)
         data = (self.root / NAME).read_bytes()
         whole = data.rfind(b"\n") + 1
+        # Otherwise the next line would be appended to the incomplete one, and both would fail their checksum.
         if whole != len(data):
             os.ftruncate(self.handle, whole)
 
@@ -125,6 +126,7 @@ class Journal:
             try:
                 disk.write_all(self.handle, data)
             except OSError:
+                # A full disk may leave half a line, to which the next line would be appended.
                 os.ftruncate(self.handle, before)
                 raise
             if self.durable:
@@ -299,6 +301,8 @@ def _take_own(found: Read, line: bytes) -> bool:
     except msgspec.DecodeError:
         return False
     said = found.said
+    # A path that leads out of the archive makes the line invalid. Paths seen before were checked already: there are few
+    # paths, but as many lines as cells.
     if any(text not in said.files.number and leads_out(text) for file in one.files for text in (file[0], file[2])):
         return False
     found.outdated.discard(one.cell)

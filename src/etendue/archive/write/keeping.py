@@ -1,4 +1,4 @@
-"""What an archive holds that a run would not keep: finished results are removed only on request.
+"""Finished results in an archive that a run would not keep. They are removed only on request.
 
 In:  a plan over all stored axis values, the archive, and its journal.
 Out: the variables that stay because they are still valid, and what would be lost.
@@ -20,8 +20,8 @@ from etendue.plan.resume import is_of_names, with_stored_values
 
 
 def with_stored(asked: Plan, store: ArchiveWriter, prune: bool) -> tuple[Plan, list[str], int]:
-    """Return the plan extended by what an archive holds, the stages kept for that reason alone, and the number of cells
-    given up.
+    """Return the plan extended by the stored variables of an archive, the stages that are kept only for this reason,
+    and the number of cells given up.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def _with_optional(node: Node, stored: set[tuple[str, str]]) -> Node:
 
 
 def pruned(plan: Plan, entries: Mapping[str, Entry]) -> RemovedCells:
-    """Return what is removed if only what the run keeps is to stay."""
+    """Return the cells that are removed if only the results of this run stay."""
     names = set(Names(plan).values())
     gone = RemovedCells()
     for name, entry in entries.items():

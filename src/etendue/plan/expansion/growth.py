@@ -85,6 +85,7 @@ def factors_of(cells: dict[CellRef, Cell], shares: bool, steps: Steps | None = N
     steps = steps or Steps(cells)
     direct: dict[CellRef, float] = {}
     beside: dict[CellRef, float] = {}
+    # A cell comes after the cells it reads. In reverse, the factor of a cell is complete before it is passed on.
     for ref, cell in reversed(cells.items()):
         kind, known = steps.kind(cell), direct.get(ref)
         steers = known is not None and not kind.plane
