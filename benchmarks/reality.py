@@ -35,7 +35,7 @@ SETS: dict[str, dict[str, Any]] = {
         },
     },
     "emva_003": {
-        "title": "A simulated sensor with published parameters, 12 bits, light varied at one exposure time",
+        "title": "A simulated sensor, 12 bits, light varied at one exposure time",
         "notice": "frames: EMVA 1288 datasets, University of Heidelberg (HCI), 2011",
         "reference": {
             "gain": 0.09791,

@@ -160,9 +160,9 @@ def relative(factors: Array, left: Array, content: Content, grid: Grid) -> Chang
     Returns
     -------
     Change
-        For 'max', of the pixel that changes most. For 'rms', over the samples of the frame and over the sensor's
-        pixels. If light lies in few spots, the rms over the pixels may exceed that over the frame; the excess is
-        fitted, and never exceeds the bound of the largest pixel.
+        For 'max', of the sample that changes most. For 'rms', over the samples of the frame and over the pixels that
+        sample it later. If light lies in few spots, the rms over the pixels may exceed that over the frame; the excess
+        is fitted, and never exceeds the bound of the largest change.
     """
     edges, factors = arrays_of(content).edges, np.asarray(factors)
     widths = later_widths(edges)

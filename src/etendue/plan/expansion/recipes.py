@@ -114,7 +114,7 @@ class Recipes:
             "expected": averaged,
             "along": {name: q.along for name, q in quantities_of(type(stage)).items() if q.along},
         }
-        # Fixed patterns depend on the sensor serial, which is a parameter and so in the key already.
+        # Fixed patterns depend on a serial number, which is a parameter and so in the key already.
         draws = draws_anew(type(stage)) and not averaged
         if draws:
             fields["seed"], fields["name"] = self.pipeline_seed, node.name
