@@ -254,8 +254,8 @@ class Mirror(Behind):
         self.objects.put(TABLE, json.dumps({"objects": known}).encode())
 
     def _stand_in(self) -> None:
-        """Replace uploaded shards that the uploaded journal names by stand-ins, to free local disk space. Runs in the
-        thread that makes shards.
+        """Free local disk space: replace each shard that is uploaded, and named in the uploaded journal, by a small
+        placeholder file. Runs in the thread that makes shards.
         """
         with self.lock:
             known, self.said = self.said, []

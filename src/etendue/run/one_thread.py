@@ -115,7 +115,9 @@ def _counts() -> tuple[int, int] | None:
         return 1  # every library has the same counts
 
     kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(_Library), ctypes.c_size_t, ctypes.c_void_p)
-    try:  # with the interpreter held, so that no thread that loads a library meanwhile waits for it
+    # Keeps the interpreter lock: otherwise another thread that loads a library could wait for that lock while it blocks
+    # this call.
+    try:
         ctypes.PyDLL(None).dl_iterate_phdr(kind(first), None)
     except (OSError, AttributeError):
         return None

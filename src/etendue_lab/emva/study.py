@@ -168,8 +168,8 @@ def _windowed(pipeline: PipelineFile, registry: Registry, pixels: int) -> Pipeli
 def _asking(
     pipeline: PipelineFile, registry: Registry, shares: tuple[float, ...], reflectances: tuple[float, ...]
 ) -> PipelineFile:
-    """Insert a series of exposures, as multiples of the camera's own, before the exposure; sweep over light and
-    dark.
+    """Insert a stage that makes a series of frames before the exposure; their exposure times are multiples of the
+    camera's exposure time. Sweep over a bright and a dark scene.
     """
     use = next(registry.fitting(lambda kind: kind.role == "bracketing" and "brackets" in parameters_of(kind)), "")
     if not use:

@@ -174,7 +174,9 @@ def expected_seconds(document: Document) -> str:
 
 
 def _without_time(stage: Document) -> str:
-    """Return what is said in place of a time: what was computed before, or what nobody needs the values of."""
+    """Return the word shown instead of a time: ``reused`` for earlier results, ``not needed`` if no wanted variable
+    needs the stage.
+    """
     return "reused" if stage["cells"] else "not needed"
 
 
