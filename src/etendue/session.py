@@ -253,7 +253,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress, 
 
 
 def _remember(plan: Plan, reports: Reports, archive: bool) -> None:
-    """Remember what the stages of a run took, for the times of later plans on this machine."""
+    """Save the run times of the stages, from which later plans on this machine estimate times."""
     written = (0, 0.0)
     if archive:
         from etendue.archive.sharding.chunks import SPENT

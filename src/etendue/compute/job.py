@@ -36,7 +36,7 @@ class Segment:
 
     previous: CellRef | None = None
     joined: tuple[Transfer, ...] | None = None  # set if it reads the segment's input itself
-    found: tuple[Found, ...] = ()  # what each of these awaits; () if none does
+    found: tuple[Found, ...] = ()  # values found during the run, for each of these; () if there are none
     transform: bool = False  # others continue from its transform
     source: str = ""  # key of the segment's input, if that is read itself
 
@@ -50,7 +50,7 @@ class Looking:
     ] = ()  # port, 'transfer', 'datasheet' or variable, (stage, cell)
     sheets: tuple[Sheet, ...] = ()
     transfers: tuple[Transfer, ...] = ()
-    found: tuple[Found, ...] = ()  # what each of these awaits; () if none does
+    found: tuple[Found, ...] = ()  # values found during the run, for each of these; () if there are none
     bands: tuple[float, ...] = ()
     channel_weights: Summed | None = None
     chains: tuple[

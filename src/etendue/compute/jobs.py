@@ -92,8 +92,8 @@ class Jobs(Mapping[CellRef, Job]):
         for ref, cell in plan.cells.items():
             if self.nodes[cell.node].segment and (found := _direct(plan, self.nodes, cell)) is not None:
                 self.direct[ref] = found
-        # In reverse, every reader comes before the cells it reads: what is read of a cell is complete when it is
-        # visited.
+        # In reverse order, all readers of a cell are visited before the cell itself, so that the set of its variables
+        # that are read is complete when it is visited.
         for ref in reversed(list(plan.cells)):
             self._include(ref, plan.cells[ref])
 
@@ -120,7 +120,9 @@ class Jobs(Mapping[CellRef, Job]):
             self._note_found(other)
 
     def _note_passed(self, ref: CellRef, cell: Cell, computed: bool, read: tuple[str, ...], transform: bool) -> None:
-        """Note what a cell that is left out passes on: arrays that somebody needs, and the transform of its segment."""
+        """Record what a cell that is left out passes on from its input: arrays that other cells need, and the transform
+        of its segment.
+        """
         node = self.nodes[ref[0]]
         wanted = self._wanted(cell, node, computed, read)
         if computed and any(node.writes[v].optional for v in wanted):  # only the stage itself computes these
@@ -162,7 +164,9 @@ class Jobs(Mapping[CellRef, Job]):
         return source
 
     def _note_inputs(self, cell: Cell, joined: bool, direct: Direct | None) -> None:
-        """Note what a cell reads through its ports; ``joined``: it continues from the transform of the stage before."""
+        """Record the variables that a cell reads through its ports; ``joined``: it continues from the transform of the
+        stage before.
+        """
         for place, (_, source, variable) in enumerate(cell.inputs):
             if direct is not None and place == 0:
                 self._reads(*direct[0])
@@ -213,7 +217,7 @@ class Jobs(Mapping[CellRef, Job]):
         store = self.kept[node.name] if computed else ()
         give = tuple(node.writes) if ref in self.show else store if self.deliver_all else ()
         read, transform = self.read[number], bool(self.transforms[number])
-        # In what a cell reads, the values that other cells find come last.
+        # Among the inputs of a cell, the values that other cells find during the run come last.
         awaited = cell.found if node.name in self.finding else ()
         inputs = cell.inputs[: len(cell.inputs) - len(awaited)]
         segment = None
@@ -256,7 +260,7 @@ class Jobs(Mapping[CellRef, Job]):
         return job if cell.left_out is None else self._left_out(job, cell, node)
 
     def _left_out(self, job: Job, cell: Cell, node: Node) -> Job:
-        """Return the job of a cell that is left out: it passes on what others need of its input."""
+        """Return the job of a cell that is left out: it passes on the variables of its input that other cells need."""
         computed, transform = cell.ref in self.todo, job.transform
         wanted = self._wanted(cell, node, computed, self.read[self.number(cell.ref)])
         passes = self._passed(node, wanted, computed)
@@ -319,7 +323,9 @@ class Jobs(Mapping[CellRef, Job]):
         return known
 
     def _looking(self, cell: Cell) -> Looking:
-        """Return what a cell looks at; the object of the previous cell if both look at the same."""
+        """Return the stages, cells and grids that a cell looks at; the object of the previous cell if it looks at the
+        same ones.
+        """
         known = self.looked.get(cell.node)
         if known is None or known[0] != cell.looks_at:
             known = self.looked[cell.node] = cell.looks_at, _looking(self.plan, self.nodes, cell)

@@ -115,8 +115,8 @@ def _counts() -> tuple[int, int] | None:
         return 1  # every library has the same counts
 
     kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(_Library), ctypes.c_size_t, ctypes.c_void_p)
-    # PyDLL keeps the interpreter lock during the call. Otherwise the callback could wait for that lock, with the loader's
-    # lock held, while another thread holds the interpreter lock, loads a library and waits for the loader's lock.
+    # PyDLL keeps the interpreter lock during the call. Otherwise the callback could wait for that lock, with the lock
+    # of the loader held, while another thread holds the interpreter lock, loads a library and waits for the loader.
     try:
         ctypes.PyDLL(None).dl_iterate_phdr(kind(first), None)
     except (OSError, AttributeError):

@@ -33,7 +33,8 @@ RECORD = ".json"
 
 
 def prepare(found: Verified, sources: Iterable[Path]) -> list[str]:
-    """Restore everything that needs no computing, mark lost cells in the journal, and return what was done.
+    """Restore everything that needs no computing, mark lost cells in the journal, and return a description of each
+    step.
 
     Raises
     ------
@@ -71,7 +72,7 @@ def prepare(found: Verified, sources: Iterable[Path]) -> list[str]:
 
 
 def _inputs(folder: Path, damaged: Iterable[str], sources: Iterable[Path]) -> Iterator[str]:
-    """Copy inputs that are found elsewhere, matched by digest; yield what was done."""
+    """Copy inputs that are found elsewhere, matched by digest; yield a description of each step."""
     wanted = {Path(path).name[:DIGITS]: path for path in damaged}
     for file in _files(sources) if wanted else ():
         path = wanted.pop(digest_now(file), None)
@@ -91,7 +92,7 @@ def _files(sources: Iterable[Path]) -> Iterator[Path]:
 
 
 def _records(folder: Path, kept: Mapping[str, str], damaged: Iterable[str]) -> Iterator[str]:
-    """Rewrite records of runs and their pipelines from the journal; yield what was done."""
+    """Rewrite records of runs and their pipelines from the journal; yield a description of each step."""
     for path in damaged:
         text = kept.get(f"{path.rpartition('.')[0]}{RECORD}")
         if text is None:

@@ -127,7 +127,7 @@ class ArchiveWriter:
             raise ArchiveError(other_stages(self.folder, old, new, plan.pipeline.wanted, self.record))
 
     def use(self, plan: Plan) -> None:
-        """Lay the plan out over what the archive holds.
+        """Determine the layout of the plan, given the groups and arrays in the archive.
 
         Raises
         ------
@@ -267,7 +267,7 @@ class ArchiveWriter:
         self.blocks.put(self.blocks.unsettled())
 
     def begin_run(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> None:
-        """Record in the journal what a run is asked for, and how much of it must be computed."""
+        """Record in the journal the cells that a run has to deliver, and the number of those that it must compute."""
         if self.journal.begins(planned, todo):
             self.change()
             self.journal.begin_run(planned, todo)

@@ -305,11 +305,11 @@ class _Expansion:
         return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
 
 
-# -- where a cell finds what it reads ----------------------------------------------------------------------------------
+# -- where the inputs of a cell come from ------------------------------------------------------------------------------
 
 
 class Reading(NamedTuple):
-    """Where an alternative of a node finds what it reads and looks at."""
+    """Where the inputs of an alternative of a node, and the stages it looks at, come from."""
 
     inputs: tuple[tuple[str, str, str, PositionMap], ...]  # port or shared quantity, node, variable, where
     looks_at: tuple[tuple[str, tuple[tuple[str, PositionMap], ...]], ...]

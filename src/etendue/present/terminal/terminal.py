@@ -257,7 +257,7 @@ def together(reasons: Mapping[str, str]) -> dict[str, list[str]]:
 
 
 def replay(plan: Plan, ref: CellRef) -> str:
-    """Return the command that computes one cell and what it needs, alone. Axes that do not reach it take their first
+    """Return the command that computes only one cell and its inputs. Axes that do not reach it take their first
     value.
     """
     labels = plan.labels(ref)
