@@ -74,7 +74,7 @@ def convergence(
 
 
 def _why_not(settings: Sequence[Any], errors: Sequence[float | None], least: float) -> str:
-    """Return why fewer than three settings show an order."""
+    """Return the reason why the settings give no order of convergence; '' if no setting is a size."""
     numbers = [e or 0.0 for s, e in zip(settings, errors, strict=True) if _is_size(s)]
     above = sum(e > least for e in numbers)
     if not numbers:

@@ -82,7 +82,7 @@ class SettingCurve:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is run, and who is informed."""
+    """The budget of a search, and the function that is informed of its progress."""
 
     cells: int  # places of the sweep
     repeat: int  # cold and warm runs of each trial
@@ -124,8 +124,8 @@ class Trials:
         self.floor = 0.0
 
     def _reference_beside(self, base: Measurement) -> ReferencePipeline:
-        """Return the reference with the knobs that are tried. Its uncertainty comes from the other knobs that end in a
-        finite setting.
+        """Return the reference with the knobs that are tried. Its uncertainty comes from the other knobs whose
+        reference setting is finite.
         """
         tried = {one.key for one in self.knobs}
         others = [k for k in base.reference.knobs if k.key not in tried]
@@ -259,7 +259,9 @@ class Trials:
         return replace(trial, error=errors.get(worst), variable=worst)
 
     def curve(self, knob: PipelineKnob, reference: SettingTrial) -> SettingCurve:
-        """Return the curve of a knob, from the reference towards cheaper settings while the picture is recognisable."""
+        """Return the curve of a knob. Settings are tried from the reference towards cheaper ones, until the error
+        exceeds ``COARSEST``.
+        """
         if knob.discretisation:
             return self.sampling_curve(knob)
         trials = [reference]

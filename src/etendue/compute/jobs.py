@@ -110,7 +110,7 @@ class Jobs(Mapping[CellRef, Job]):
         if not (computed or transform):
             return  # stored: its result is only read back
         if node.is_transfer and not (self.kept[node.name] or read or transform or ref in self.show):
-            return  # light that nobody reads: later cells start from the segment's input
+            return  # no cell reads this light: later cells start from the segment's input
         direct = self.direct.get(ref)
         self._note_inputs(cell, len(node.segment) > 1, direct)
         for word in cell.open_words:

@@ -1,7 +1,7 @@
 """Ensure that arrays cannot be changed by others, and that stages leave the process as they found it.
 
 In:  an array returned by a stage.
-Out: the same values, contiguous, in memory that nobody else references; read-only views of it for readers.
+Out: the same values, contiguous, in memory to which no other code has a reference; read-only views of it for readers.
 
 In numpy, code that holds an array that owns its memory can make it writeable again; a view of a read-only array cannot
 be made writeable. So readers are given views. An array that a stage still references, or returns as a view, is copied:

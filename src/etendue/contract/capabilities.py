@@ -1,4 +1,4 @@
-"""What a stage can do beyond ``run``, as typed base classes that ``issubclass`` tests for.
+"""Capabilities of stages in addition to ``run``, as typed base classes, tested with ``issubclass``.
 
 In:  a class of stages.
 Out: whether it is a source, a transfer function, computed by band, may be left out, looks at other stages.
@@ -65,8 +65,10 @@ class Transfer(Stage):
 
     @abstractmethod
     def transfer(self, *given: Any, **named: Any) -> Array:
-        """Return the transfer function at separable frequencies ``(fy, fx, centres of the bands)``, in cycles/um and in
-        the unit in which the dim of the bands is asked; ``prepared`` is given too if ``prepare`` returns something."""
+        """Return the transfer function at separable frequencies ``(fy, fx, centres of the bands)``, in cycles/um, and
+        centres in the unit that the dim of the bands declares as ``asked_in``. If ``prepare`` returns something, it is
+        passed as ``prepared``.
+        """
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -301,7 +301,7 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is computed and in which order, and what is left out and why."""
+    """A plan: the cells to compute, in order, and the cells that are left out, with reasons."""
 
     pipeline: PipelineFile
     axes: tuple[Axis, ...]

@@ -223,7 +223,7 @@ def _refuse_unsaid(shelf: Shelf, frame: ArchivedFrame) -> None:
 
 
 def raw_frame(shelf: Shelf, frame: ArchivedFrame) -> dng.RawFrame:
-    """Return all that a DNG states about a cell."""
+    """Return the digital numbers of a cell and the metadata that a DNG contains."""
     speed = shelf.parameter(frame, "iso", 0.0)  # the ISO that was set, or else that of the gain
     speed = speed or shelf.parameter(frame, "base_iso", 0.0) * shelf.parameter(frame, "analogue_gain", 1.0)
     time = shelf.beside(frame, "integration_time")  # from metering if there is any; 0.008 in any precision

@@ -47,7 +47,7 @@ _CALL = 3.5e5  # call overhead of one tile (40 us), in the unit N log2 N of a tr
 
 @dataclass(frozen=True)
 class BlurChoice:
-    """How a field-dependent blur is computed.
+    """The chosen method for a field-dependent blur.
 
     Attributes
     ----------

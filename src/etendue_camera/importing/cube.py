@@ -131,8 +131,8 @@ def wavelengths_of(text: str) -> Any:
 
 
 def in_order(cube: Cube, axes: str) -> Cube:
-    """Return the cube with axes (wavelength, y, x); ``axes``: their order in the file, such as ``yxw``, or '' if the
-    reader knows it.
+    """Return the cube with axes (wavelength, y, x); ``axes``: their order in the file, such as ``yxw``; '' if the
+    reader has already put them in this order.
 
     Raises
     ------

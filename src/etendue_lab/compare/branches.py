@@ -266,8 +266,8 @@ def _changes(node: Node, variable: str) -> bool:
 
 
 def _restores(node: Node) -> bool:
-    """Return whether a stage only improves camera values. Such a stage is compared with a reference that never needed
-    the improvement.
+    """Return whether a stage only improves camera values. The reference of such a stage is free of the defects that it
+    corrects.
     """
     reads = {d.variable for d in reads_of(node.kind).values() if not d.variable.startswith("*.")}
     return reads == {CAMERA} and CAMERA in node.writes and node.kind.role in RESTORING

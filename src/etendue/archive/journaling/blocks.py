@@ -130,7 +130,7 @@ class Blocks:
         return {(path, slot): own[slot] for path, slot, own in there if own is not None and slot in own}
 
     def expect(self, chunks: Slots, held: Iterable[WrittenChunk] = ()) -> None:
-        """Register chunks that will be computed, except held ones."""
+        """Register chunks that will be computed, except those in ``held``, which are stored already."""
         there = {(one.path, one.slot) for one in held}
         for path, slot, slots in chunks:
             if (path, slot) not in there:

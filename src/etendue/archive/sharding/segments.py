@@ -190,7 +190,7 @@ class Parts:
                     self.unsettled.get(root, {}).pop(part.name, None)
 
     def flush(self, root: str) -> None:
-        """Make what was appended readable by anyone who opens the file."""
+        """Flush appended chunks, so that other processes can read them from the file."""
         with self.lock:
             parts = list(self.unsettled.get(root, {}).values())
         for part in parts:

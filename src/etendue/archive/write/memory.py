@@ -216,7 +216,9 @@ class _Coordinates:
         return xarray.Coordinates(variables, indexes)
 
     def _index(self, name: str, values: Array) -> tuple[PandasIndex, xarray.Variable]:
-        """Return an index of its own, and a variable without attributes that shows it."""
+        """Return a new index of a coordinate, and a variable without attributes that holds it. Indexes with the same
+        numbers share one array.
+        """
         given = {name: xarray.Variable((name,), values)}
         if values.dtype.kind not in "fiu":  # pandas stores text in its own array types
             index = PandasIndex.from_variables(given, options={})

@@ -1,4 +1,4 @@
-"""What is known of a variable before it is computed.
+"""Facts: properties of a variable that are known before it is computed.
 
 Facts decide what may be left out and which precision a scene needs. An unknown fact is ``None``, and nothing is
 concluded from it.
@@ -147,7 +147,7 @@ class Content:
 
 @dataclass(frozen=True)
 class Facts:
-    """What is known of the noise-free values of one variable.
+    """Known properties of the noise-free values of one variable.
 
     Attributes
     ----------

@@ -121,7 +121,7 @@ def disagree(name: str) -> str:
 
 @dataclass(frozen=True)
 class Declaration:
-    """What a port carries.
+    """The declaration of the variable that a port reads or writes.
 
     ``dims`` are those that a stage works on; the engine maps it over any dims before them. ``dtype`` is ``float`` (the
     plan's precision) or an unsigned integer type. ``nan`` allows undefined values. An ``optional`` variable is computed

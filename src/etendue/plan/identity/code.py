@@ -129,7 +129,7 @@ def _text_of(kind: type[Stage]) -> str:
 
 @dataclass(frozen=True)
 class _Step:
-    """What one imported name contributes, and the names it imports in turn."""
+    """The contribution of one imported name to a digest, and the names that it imports."""
 
     sources: Mapping[str, str] = field(default_factory=dict)
     libraries: frozenset[str] = frozenset()

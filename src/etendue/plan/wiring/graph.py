@@ -40,7 +40,7 @@ class Graph:
     wanted: tuple[tuple[str, str], ...]
     keep: tuple[str, ...] | None
     warnings: tuple[str, ...]
-    seen_only: frozenset[str] = frozenset()  # nodes whose stages others look at, but whose values nobody needs
+    seen_only: frozenset[str] = frozenset()  # nodes whose stages other nodes look at, but whose values no node needs
 
 
 def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:

@@ -68,8 +68,8 @@ def _is_number(value: Any) -> bool:
 
 
 def unknown_parts(error: DocumentView) -> list[str]:
-    """Return the parts of an error that were not measured. The interval of the noise is beside the error, no part of
-    it.
+    """Return the parts of an error that were not measured. The interval of the noise is given separately and is not a
+    part of the error.
     """
     return [name for name in error["open"] if name != NOISE]
 

@@ -96,12 +96,12 @@ def half_contrast(
 
 
 def gains(otf: Otf, mtf50: Callable[[Any], float], nyquist: float, highest: float) -> FloatArray:
-    """Return the ratio of MTF50 without each factor to MTF50 with it, (factor,); for sampling, MTF50 over Nyquist where
-    above it.
+    """Return the ratio of MTF50 without each factor to MTF50 with it, (factor,). For sampling, it is MTF50 over the
+    Nyquist frequency, if that is above 1.
 
     The rendering of the chart is not part of the camera and is excluded. Where contrast without a factor does not fall
-    to one half up to ``highest``, that frequency is used for MTF50, as a lower bound. NaN where the whole camera's does
-    not.
+    to one half up to ``highest``, that frequency is used for MTF50, as a lower bound. NaN where the contrast of the
+    whole camera does not fall to one half.
     """
     whole = mtf50(otf)
     if math.isnan(whole):
