@@ -265,7 +265,7 @@ def _patterns(
         result.values["dsnu"] = _root(own.variance(confidence), 1 / gain, relative, "electron")
         if own.frames < 8:
             result.notes.append(
-                f"{own.frames} dark frames: patterns that move between frames are not told from DSNU; 16 or more tell"
+                f"DSNU includes patterns that move between frames: {own.frames} dark frames do not separate them, 16 do"
             )
     if light is None:
         result.lacks("prnu", "", "levels between 5 and 70 % of saturation")
