@@ -134,7 +134,7 @@ def calibrate_command(
     if output is not None:
         write_whole(output.parent, {output.name: text.encode()})
         if pitch is None:
-            document["notes"].append("the pixel pitch in the file is assumed: give --pitch UM; charges do not depend on it")
+            document["notes"].append("its pixel pitch is assumed: give --pitch UM; charges do not depend on it")
         document["notes"].append(f'[camera] sensor = "./{output.name}" uses {output}')
     if figure is not None:
         from etendue_lab.calibrate.drawing import photon_transfer
