@@ -76,7 +76,7 @@ def diffraction_section() -> list[Row]:
         2.5: "the lens in section 2.1",
         2.8: "the lens in section 2.5",
         8.0: "printed: 10.833",
-        11.0: "what is printed as its f-number",
+        11.0: "11 is printed as its f-number",
     }
     rows = [
         (f"d at f/{n:g}, 555 nm", f"{diffraction.airy_diameter(GREEN, n):.4f} um", remark)
@@ -95,7 +95,7 @@ def falloff() -> list[Row]:
         more = radiometry.aplanatic_factor(n) / radiometry.flat_disc_factor(n) - 1
         rows.append((f"aplanatic over eq. 5, f/{n:g}", f"{100 * more:+.1f} %", "1 + 1/(4 N_w^2)"))
     rows.append(
-        ("eq. 5 with m = +1, any N", f"{math.pi / (1 + 4 * (2.8 * (1 - 1)) ** 2):.4f} L", "pi L: no aperture left")
+        ("eq. 5 with m = +1, any N", f"{math.pi / (1 + 4 * (2.8 * (1 - 1)) ** 2):.4f} L", "pi L: N has no effect")
     )
     edge = math.tan(math.radians(30))
     rows.append(("cos^4 at 30 degrees", f"{radiometry.cos4(edge):.4f}", "= 9/16"))
@@ -105,7 +105,7 @@ def falloff() -> list[Row]:
     rows.append(
         ("corner of 256 x 256 pixels", f"{math.degrees(math.atan(corner)):.2f} degrees", "off the axis, f = 6.93 mm")
     )
-    rows.append(("cos^4 there", f"{radiometry.cos4(corner):.4f}", "the honest window"))
+    rows.append(("cos^4 there", f"{radiometry.cos4(corner):.4f}", "for the true field size"))
     return rows
 
 
@@ -201,7 +201,7 @@ def dynamic_range() -> list[Row]:
     return [
         ("dark charge", f"{current * seconds / ELEMENTARY_CHARGE:.1f} electron", "1 fA for 10 ms"),
         ("DR, q^2 under the root", f"{right:.2f} dB", f"{right / (20 * math.log10(2)):.1f} stops"),
-        ("DR, q as printed", f"{printed:.2f} dB", "no unit fits"),
+        ("DR, q as printed", f"{printed:.2f} dB", "wrong in any unit"),
     ]
 
 

@@ -23,7 +23,7 @@ WRITTEN, PAGE, PICTURES = ROOT / "benchmarks" / "reality.json", ROOT / "docs" / 
 BASLER = "frames: EMVA 1288 datasets, Basler AG, CC BY-SA 3.0; this picture: CC BY-SA 3.0"
 SETS: dict[str, dict[str, Any]] = {
     "emva_001": {
-        "title": "A CCD, 12 bits, times at constant light",
+        "title": "A CCD, 12 bits, exposure times varied at constant light",
         "notice": BASLER,
         "reference": {
             "gain": 0.28042,
@@ -35,7 +35,7 @@ SETS: dict[str, dict[str, Any]] = {
         },
     },
     "emva_003": {
-        "title": "A simulated sensor with printed parameters, 12 bits, light at one time",
+        "title": "A simulated sensor, 12 bits, light varied at one exposure time",
         "notice": "frames: EMVA 1288 datasets, University of Heidelberg (HCI), 2011",
         "reference": {
             "gain": 0.09791,
@@ -75,13 +75,13 @@ def page(found: dict[str, Any]) -> str:
     named = json.loads(NAMED.read_text())
     parts = [
         "# Predicted beside measured\n",
-        "Real frames, and the frames of a camera that was fitted to them. Nothing is scaled: the prediction has the",
-        "unit of the measurement, and where the camera is wrong the table says by how much.",
-        "`python benchmarks/reality.py --data DIR` measures the frames (central 256 x 256 pixels of two sets of the",
-        "public repository EMVA1288/datasets); without `--data` it draws this page from `benchmarks/reality.json`.",
-        "How a sensor file is made from frames of your own: [desk](desk.md). Rows of cameras and lenses that exist are",
-        "of `python benchmarks/real_cameras.py --camconst FILE --lensfun FOLDER --points 500`; what these files are:",
-        "[cameras](cameras.md).\n",
+        "This page compares real frames with the frames of a simulated camera that was fitted to them. Nothing is",
+        "rescaled: predictions have the unit of the measurement, and the tables state the differences.",
+        "`python benchmarks/reality.py --data DIR` measures the frames (the central 256 x 256 pixels of two sets of",
+        "the public repository EMVA1288/datasets); without `--data` it draws this page from `benchmarks/reality.json`.",
+        "[desk](desk.md) describes how to make a sensor file from your own frames. The rows on real cameras and lenses",
+        "come from `python benchmarks/real_cameras.py --camconst FILE --lensfun FOLDER --points 500`;",
+        "[cameras](cameras.md) describes these files.\n",
         *_summary(found, named),
     ]
     for name, about in SETS.items():
@@ -110,17 +110,19 @@ def _summary(found: dict[str, Any], named: dict[str, Any]) -> list[str]:
         if own["measured"]:
             off = 100 * (own["tuning"] / own["measured"] - 1)
             text = f"{own['tuning']:.0f} of {own['measured']:.0f} electrons ({off:+.1f} %)"
-            rows.append(("full scale", f"{name} by its tuning, beside raw frames measured elsewhere", text))
+            rows.append(("full scale", f"{name} by its tuning, compared with raw frames measured elsewhere", text))
     whites, falls, tables = named["whites"], named["falls"], named["lensfun"]
     long, wide = falls["normal_and_long"], falls["wide"]
     rows += [
-        ("whites", f"D65 by measured sensitivities beside makers' DNG matrices, {len(whites['bodies'])} bodies",
+        ("whites", f"D65 by measured sensitivities, compared with makers' DNG matrices, {len(whites['bodies'])} bodies",
          f"{whites['rms']:.3f} stop rms, {whites['largest']:.2f} at most"),
-        ("falls", f"corner at f/11, cos4 law beside {long['lenses']} long lenses", f"{long['rms']:.2f} stop rms"),
-        ("falls", f"the same of {wide['lenses']} wide ones, mostly retrofocus", f"{wide['rms']:.2f} stop rms"),
-        ("distortion", f"heights of {tables['points']} random lenses and settings beside lensfun {tables['lensfun']}",
+        ("fall-off", f"corner at f/11, cos4 law compared with {long['lenses']} long lenses",
+         f"{long['rms']:.2f} stop rms"),
+        ("fall-off", f"the same for {wide['lenses']} wide lenses, mostly retrofocus", f"{wide['rms']:.2f} stop rms"),
+        ("distortion",
+         f"heights for {tables['points']} random lenses and settings, compared with lensfun {tables['lensfun']}",
          f"{max(tables['distortion']['largest'], tables['colours']['largest']):.1e} of the field at most"),
-        ("falls", "their fall-off beside lensfun", f"{100 * tables['fall_off']['largest']:.2g} % at most"),
+        ("fall-off", "their fall-off, compared with lensfun", f"{100 * tables['fall_off']['largest']:.2g} % at most"),
     ]  # fmt: skip
     return ["| kind | what | difference |", "|---|---|---|", *(f"| {' | '.join(row)} |" for row in rows), ""]
 
@@ -129,8 +131,8 @@ def _named(named: dict[str, Any]) -> list[str]:
     """Return the section on cameras and lenses that exist."""
     parts = [
         "## Cameras and lenses by name\n",
-        "Whites: red and blue over green under D65, in stops; the measured sensitivity less the maker's matrix.",
-        "The body's own curves were not fitted to anything.\n",
+        "Whites: red and blue over green under D65, in stops. Values are those of the measured sensitivity minus",
+        "those of the maker's matrix. The sensitivity curves were not fitted to anything.\n",
         "| body | red | blue |", "|---|---|---|",
         *(f"| {name} | {red:+.3f} | {blue:+.3f} |" for name, (red, blue) in named["whites"]["bodies"].items()),
         f"\nTogether {named['whites']['rms']:.3f} stop rms.\n",
@@ -140,17 +142,20 @@ def _named(named: dict[str, Any]) -> list[str]:
     for name, own in named["full_scale"].items():
         measured = "" if own["measured"] is None else f"{own['measured']:.0f}"
         note = own["source"] or (
-            "its slope stands in many files and looks like a default: not used" if own["default"] else ""
+            "not used: many files contain this slope, which seems to be a default" if own["default"] else ""
         )
         parts.append(f"| {name} | {own['tuning']:.0f} | {measured} | {note} |")
     parts += [
-        "\nFalls to the corner of the calibrated sensor at f/11, in stops: where no calibration gives one, it is",
-        "the cos4 law, which is right for long lenses and too dark for wide ones, whose exit pupils lie far away.\n",
+        "\nFall-off at the corner of the calibrated sensor at f/11, in stops. Without a calibration the cos4 law is",
+        "used, which is right for long lenses and too dark for wide ones, whose exit pupils lie far from the sensor.\n",
         "| lens | mm | measured | cos4 |", "|---|---|---|---|",
     ]  # fmt: skip
     for name, (focal, measured, law) in sorted(named["falls"]["examples"].items(), key=lambda one: one[1][0]):
         parts.append(f"| {name} | {focal:g} | {measured:.2f} | {law:.2f} |")
-    return [*parts, "\nThese calibrations: lensfun database, CC BY-SA 3.0; so is this table.\n"]
+    return [
+        *parts,
+        "\nThe calibrations are from the lensfun database, CC BY-SA 3.0; this table has the same licence.\n",
+    ]
 
 
 def _set(name: str, about: dict[str, Any], own: dict[str, Any]) -> list[str]:
@@ -159,7 +164,7 @@ def _set(name: str, about: dict[str, Any], own: dict[str, Any]) -> list[str]:
         f"Set `{name}`; {about['notice']}.\n",
         f"![Photon transfer](pictures/{name}.png)\n",
     ]
-    parts += ["EMVA 1288 (linear), beside the reference program `emva1288` 1.0.2 on the same crops:\n",
+    parts += ["EMVA 1288 (linear), compared with the reference program `emva1288` 1.0.2 on the same crops:\n",
               "| metric | etendue | 95 % interval | reference program |", "|---|---|---|---|"]  # fmt: skip
     for row in own["emva"]:
         if row["value"] is None:
@@ -172,7 +177,7 @@ def _set(name: str, about: dict[str, Any], own: dict[str, Any]) -> list[str]:
         )
     channel = own["calibration"]["channels"][0]
     truth = about.get("truth", {})
-    parts += ["\nThe fitted camera:\n", f"| parameter | value | 95 % interval |{' printed |' * bool(truth)}",
+    parts += ["\nThe fitted camera:\n", f"| parameter | value | 95 % interval |{' published |' * bool(truth)}",
               f"|---|---|---|{'---|' * bool(truth)}"]  # fmt: skip
     for row in channel["parameters"]:
         name = f"{row['name'].replace('_', ' ')}, {row['unit'] or '1'}"
@@ -188,7 +193,7 @@ def _set(name: str, about: dict[str, Any], own: dict[str, Any]) -> list[str]:
     inside = sum(abs(row["spatial_predicted"] - row["spatial"]) <= 1.96 * row["spatial_error"] for row in judged)
     alike = sum(row["histogram_distance"] <= row["histogram_expected"] for row in judged)
     parts += [
-        f"\nPredicted against measured, {check['judged']} levels of 2 to 90 % of saturation:\n",
+        f"\nPredicted and measured values of {check['judged']} levels from 2 to 90 % of saturation:\n",
         "| what | difference | limit |", "|---|---|---|",
         f"| temporal variance, rms | {100 * check['variance_rms']:.2f} %, of which sampling "
         f"{100 * check['variance_sampling']:.2f} % | 1.2 % |",
@@ -198,24 +203,25 @@ def _set(name: str, about: dict[str, Any], own: dict[str, Any]) -> list[str]:
         f"| spatial variance at the stack | {100 * check['spatial_at_stack']:+.1f} % | 5 % + 3 standard errors of "
         f"{100 * check['spatial_error_at_stack']:.1f} % |",
         f"| spatial variance within its interval | {inside} of {len(judged)} levels | |",
-        f"| histogram within the distance of chance | {alike} of {len(judged)} levels | |",
+        f"| histogram within the distance expected by chance | {alike} of {len(judged)} levels | |",
     ]  # fmt: skip
     words = {"variance_worst": "the variance of a level", "variance_rms": "the variance", "mean_worst": "the mean"}
     wrong = [
-        f"{words[key]}, {100 * check[key]:.2f} %{'' if not check['within'][key] else ', by less than its own sampling'}"
+        f"{words[key]}, {100 * check[key]:.2f} %"
+        f"{'' if not check['within'][key] else ', by less than its sampling error'}"
         for key in words
         if check[key] > check["limits"][key]
     ]
     if wrong:
-        parts.append(f"\nBeyond its limit: {'; '.join(wrong)}.")
+        parts.append(f"\nOutside its limit: {'; '.join(wrong)}.")
     if off := check["labels_off"]:
         parts.append(
-            f"\n{off} level has a mean that does not fit the light of its label; it is predicted at its measured mean."
+            f"\n{off} level has a mean that does not agree with its label; it is predicted at its measured mean."
         )
     rows = [f"{one:.2f}" for one in _median_lines(judged)]
     parts.append(
-        f"\nPower of row means over that of white noise, median of levels: {rows[0]} measured, {rows[1]} predicted; of "
-        f"column means {rows[2]} and {rows[3]}.\n"
+        f"\nPower of row means over that of white noise, median of levels: {rows[0]} measured, {rows[1]} predicted; "
+        f"for column means {rows[2]} and {rows[3]}.\n"
     )
     return parts
 

@@ -257,7 +257,7 @@ def main() -> None:
     words.add_argument("--count", type=int, default=20)
     words.add_argument("--seed", type=int, default=0)
     words.add_argument("--kind", action="append", default=[], choices=list(KINDS))
-    words.add_argument("--first", type=int, default=len(KINDS), help="only the first so many kinds")
+    words.add_argument("--first", type=int, default=len(KINDS), help="only the first N kinds")
     asked = words.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     print(

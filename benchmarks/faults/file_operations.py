@@ -121,7 +121,7 @@ def measured(place: Path, kinds: list[str], every: int, most: int, seed: int) ->
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--every", type=int, default=1, help="try every n-th operation")
-    parser.add_argument("--most", type=int, default=1_000_000, help="try only the first so many operations")
+    parser.add_argument("--most", type=int, default=1_000_000, help="try only the first N operations")
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()

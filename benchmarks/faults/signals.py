@@ -134,7 +134,7 @@ def main() -> None:
     parser.add_argument("--scheduler", default="threads")
     parser.add_argument("--pipeline", type=Path, default=PIPELINE)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--again", type=int, default=0, help="so many more signals, 10 ms apart")
+    parser.add_argument("--again", type=int, default=0, help="number of further signals, 10 ms apart")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         found = measure(given.pipeline, given.kills, given.scheduler, given.seed, given.again, Path(place))

@@ -1,4 +1,4 @@
-"""Share process-wide state among threads that do not know of each other.
+"""Share process-wide state among independent threads.
 
 In:  a temporary change of the process; foreign code that may leave the process changed.
 Out: the change, made for the first user and undone after the last; the process as it was before any of the foreign code

@@ -1,7 +1,7 @@
 """A run in progress: cells are computed, their results passed to the store, and shown on the way.
 
-In:  what is left to do of a plan, a store of results.
-Out: reports, arrays of what is shown, the pictures. ``session`` begins and ends it.
+In: the remaining cells of a plan, a store of results.
+Out: reports, arrays of the shown cells, the pictures. ``session`` begins and ends it.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ class Options:
 
 @dataclass
 class Outcome:
-    """What a run did."""
+    """The results of a run, and its counts of cells."""
 
     plan: Plan
     reports: Reports
@@ -187,7 +187,7 @@ def execute(
     progress: Progress | None = None,
     into: Keeper | None = None,
 ) -> Outcome:
-    """Compute what a plan asks for and is not finished. ``into`` takes the results instead of an archive.
+    """Compute the cells of a plan that are not finished. ``into``: a store for the results instead of an archive.
 
     An archive may be the URL of an object store: the run works in a local folder, and uploads what has changed.
 
@@ -253,7 +253,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress, 
 
 
 def _remember(plan: Plan, reports: Reports, archive: bool) -> None:
-    """Remember what the stages of a run took, for the times of later plans on this machine."""
+    """Save the run times of the stages, from which later plans on this machine estimate times."""
     written = (0, 0.0)
     if archive:
         from etendue.archive.sharding.chunks import SPENT

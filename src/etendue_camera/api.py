@@ -1,5 +1,5 @@
-"""API for plugins that know a camera: stage roles and their typed base classes, in addition to what ``etendue.api``
-provides.
+"""API for plugins about cameras, in addition to ``etendue.api``: roles of stages, and the base classes that belong to
+them.
 
 Import ``spectra`` (illuminants, observers, cameras, tables as bin means) separately if needed.
 """

@@ -33,8 +33,8 @@ def not_applied(what: str) -> str:
 
 
 def is_named(note: str, space: str, encoding: str) -> bool:
-    """Return whether the colour information of a file is the very space, and the curve if it names one, that its
-    values are read as.
+    """Return whether the colour information of a file names the space in which its values are read and, if it names a
+    curve, that curve.
     """
     said = re.search(r"\((.*)\) is not applied", note)
     if said is None:

@@ -1,4 +1,4 @@
-"""What etendue_camera provides, through the same hooks as any distribution.
+"""The manifest of etendue_camera: everything it provides, through the hooks that any distribution uses.
 
 In:  the tables in ``data/``.
 Out: stages, variables, camera quantities, sensors, roles and spectra by name; display order and display names.

@@ -27,7 +27,9 @@ def _places() -> dict[str, str]:
 
 
 def __getattr__(name: str) -> Any:
-    """Resolve directly, not through the registry, which may be loading the very plugin that asks."""
+    """Return the class from its module. The registry is not used, because it may be loading the plugin that imports
+    this class.
+    """
     if name.startswith("__"):
         raise AttributeError(name)
     places = _places()

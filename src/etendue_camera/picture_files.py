@@ -58,7 +58,7 @@ _TURNS: dict[int, Any] = {  # EXIF and TIFF orientation: the operation that turn
 
 @dataclass(frozen=True)
 class FilePicture:
-    """Values in the file's own encoding, their divisor, and notes on what is not applied."""
+    """Values in the file's own encoding, their divisor, and notes on colour information that is not applied."""
 
     values: Array  # (rows, columns, 1 or 3), unsigned integers or floats
     full: float
@@ -240,8 +240,8 @@ def _transparent(picture: Any) -> int:
 
 
 def _deep_png(path: str, mode: str) -> Any:
-    """Return all 16 bits of a colour PNG, of which Pillow gives the upper eight: read as little-endian, the same bytes
-    give the lower.
+    """Return all 16 bits of a colour PNG. Pillow returns only the upper eight; decoded as little-endian, the same file
+    gives the lower eight.
     """
     from PIL import Image
 

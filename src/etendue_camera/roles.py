@@ -1,6 +1,6 @@
-"""Roles that studies look for in stages, and typed base classes for what a stage can tell about itself.
+"""Roles by which studies find stages, and base classes for further properties that a stage can declare.
 
-In:  stage classes, those of plugins like those of this package.
+In:  stage classes of this package and of plugins.
 Out: base classes for stages; names of roles. Studies check the class or role of a stage, never its name.
 """
 
@@ -26,7 +26,7 @@ REFERENCE = "reference"  # stages that only studies insert: never an alternative
 
 
 class Scaled(Stage):
-    """A stage that writes the linear mosaic, and knows its scale."""
+    """A stage that writes the linear mosaic and declares its scale."""
 
     @abstractmethod
     def electrons(self) -> float:
@@ -51,17 +51,17 @@ class InSilicon(Stage):
 
 
 class FlatScene(Stage):
-    """A uniform scene. Studies set ``reflectance``, and those size and light parameters that it has."""
+    """A uniform scene. Studies set its ``reflectance`` and, if it has them, its parameters of size and light."""
 
 
 class EdgeScene(Stage):
-    """A scene of one slanted edge. Studies set ``angle``, ``low``, ``high``, ``softness``, and those size and light
-    parameters that it has.
+    """A scene of one slanted edge. Studies set its ``angle``, ``low``, ``high``, ``softness`` and, if it has them, its
+    parameters of size and light.
     """
 
 
 class Displaying(Stage):
-    """A stage that writes linear display values, and knows the display primaries."""
+    """A stage that writes linear display values and declares the display primaries."""
 
     @abstractmethod
     def to_xyz(self) -> FloatArray:

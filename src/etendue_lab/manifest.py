@@ -1,5 +1,5 @@
-"""What the studies register, through the same hooks as any distribution: commands, plots, and methods of pipelines and
-archives.
+"""The manifest of the studies: commands, plots, and methods of pipelines and archives, through the hooks that any
+distribution uses.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Attribute an error to stages: undo the decisions for one stage at a time and measure what remains.
 
-In:  a pipeline with its reference, and a plan of it that exceeds the error asked for.
-Out: by stage, with what was decided for it, its share of the error.
+In:  a pipeline with its reference, and a plan whose error exceeds the requested one.
+Out: for each stage and the decisions for it, its share of the error.
 
-A stage with a large error of its own may have no share: errors that both runs have in common do not show in their
-difference.
+A stage with a large error may still have no share, because an error that plan and reference have in common cancels in
+their difference.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from etendue.contract.stage import parameters_of
 from etendue.plan.ancestry import in_front
 from etendue.plan.model import Plan
 
-SHARE = 0.05  # of the largest share; smaller ones are not listed
+SHARE = 0.05  # fraction of the largest share; smaller shares are not listed
 
 
 def blamed(
@@ -28,11 +28,13 @@ def blamed(
     limits: Mapping[str, float],
     norm: str,
 ) -> dict[str, float]:
-    """Return what puts the variables in ``missed`` further from the reference than ``limits``, largest share first.
+    """Return the stages that cause the variables in ``missed`` to differ from the reference by more than ``limits``,
+    largest share first.
 
-    For variables that are too far off: how much nearer the worst of them comes if all decisions for a stage are as in
-    the reference. For variables that are near enough but not held, because the reference itself is uncertain: how far
-    the last refinement of each reference stage moves them, or the error it states if it has no finer setting.
+    For variables whose error is too large, the share of a stage is the reduction of the largest error if the stage is
+    computed as in the reference. Other variables are missed only because the reference itself is uncertain. For these,
+    the share is the change by the last refinement of the stage in the reference or, if it has no finer setting, its
+    stated error.
     """
     far = [name for name in missed if _error(found.errors[name], norm) > limits[name]]
     shares = _of_decisions(measurement, plan, found, far, norm) if far else {}
@@ -45,7 +47,9 @@ def blamed(
 def _of_decisions(
     measurement: Measurement, plan: Plan, found: MeasuredErrors, far: list[str], norm: str
 ) -> dict[str, float]:
-    """Return, by stage, how much nearer the worst variable comes; if no single stage matters, all stages together."""
+    """Return the reduction of the largest error by stage; if no single stage reduces it, that of all stages
+    together.
+    """
     worst = max(_error(found.errors[name], norm) for name in far)
     shares: dict[str, float] = {}
     decisions = decided(measurement, plan, _stages_of(plan, far))
@@ -65,8 +69,8 @@ def _of_decisions(
 
 
 def decided(measurement: Measurement, plan: Plan, wanted: Iterable[str]) -> dict[tuple[str, tuple[str, ...]], str]:
-    """Return what differs from the reference in the stages that ``wanted`` ones depend on: by stage and decisions, a
-    name.
+    """Return the differences from the reference in the stages that ``wanted`` ones depend on: a name by stage and
+    decisions.
     """
     exact, needed = measurement.exact, in_front(plan, wanted)
     found: dict[str, list[str]] = {}
@@ -116,7 +120,7 @@ def _of_the_reference(measurement: Measurement, plan: Plan, missed: tuple[str, .
 
 
 def _name(stage: str, what: list[str]) -> str:
-    """Return how a message names decisions of one stage."""
+    """Return the name of the decisions for one stage in messages."""
     return (
         f"{stage} {LEFT_OUT}"
         if what == [LEFT_OUT]

@@ -1,8 +1,9 @@
-"""Refine what a pipeline leaves open (``spacing = "auto"``) until discretisation leaves an answer within its limit.
+"""Refine the parameters that a pipeline leaves open (``spacing = "auto"``) until the error of discretisation is within
+its limit.
 
-In:  a pipeline, its open parameters, and the errors asked for.
-Out: one value for each of them, for the whole pipeline; the error that discretisation still has, and what a further
-     refinement would need if the limit is not reached.
+In:  a pipeline, its open parameters, and the requested errors.
+Out: one value for each open parameter, for the whole pipeline; the remaining error of discretisation and, if the limit
+     is not reached, the cost of a further refinement.
 """
 
 from __future__ import annotations
@@ -41,10 +42,11 @@ from etendue.types.documents import Document
 if TYPE_CHECKING:
     from etendue.accuracy.holding import Asked
 
-SHARE = 0.8  # of what is asked for is left to discretisation; the rest is for what is left out or coarser
-NARROW = 0.05  # of what is asked: where written values leave less than this, nothing is refined
+SHARE = 0.8  # fraction of the requested error for discretisation; the rest is for omissions and coarser settings
+# Fraction of the requested error; if parameters given in the file leave less than this, nothing is refined.
+NARROW = 0.05
 MEMORY = 0.8  # share of the available memory that the run may take
-MOST_STEPS, FURTHEST = 40, 2  # refinements; steps that one of them may take
+MOST_STEPS, FURTHEST = 40, 2  # largest number of refinements, and of steps in one refinement
 Values = dict[str, dict[str, float]]  # by stage and parameter
 
 
@@ -63,13 +65,12 @@ class VariableError:
 
 @dataclass(frozen=True)
 class Chosen:
-    """The values of what a pipeline leaves open, and the error that discretisation has with them.
+    """The values chosen for open parameters, and the error of discretisation with these values.
 
-    ``values`` by stage and parameter; ``refined``: those that are finer than where the search began; ``spent`` by name
-    of the variable: the error of all discretisations, relative to full scale, at points of the sweep that were not
-    measured too; ``factor``: by which it exceeds that of the measured points; ``missed``: variables that discretisation
-    puts beyond what is asked for, with the reason; ``needed``: what the next refinement would take, '' if it is not
-    needed.
+    ``values``: by stage and parameter. ``refined``: parameters that are finer than at the start of the search.
+    ``spent``: by variable, the error of all discretisations, relative to full scale, for all points of the sweep.
+    ``factor``: ratio of this error to that of the measured points. ``missed``: variables whose error by discretisation
+    exceeds the requested one, with the reason. ``needed``: the cost of the next refinement; '' if none is needed.
     """
 
     values: Values
@@ -79,7 +80,7 @@ class Chosen:
     missed: Mapping[str, str] = field(default_factory=dict)
     needed: str = ""
     seconds: float = 0.0
-    kept: bool = False  # as an earlier run into the archive has chosen
+    kept: bool = False  # whether the values are those of an earlier run into the archive
     parts: KnownParts = field(default_factory=dict)
 
     def document(self) -> Document:
@@ -97,16 +98,13 @@ class Chosen:
 
 
 class Refinement:
-    """A search for values of what is left open.
+    """A search for the values of open parameters.
 
     Parameters
     ----------
-    pipeline : with a number for everything
-    open_ : parameters that may change, by stage, each with its discretisation
-    asked : errors
-    seconds : of processor time that it may take
-    workers : of the run that follows
-    shown : returns the progress to show of a plan
+    pipeline : with a number for every open parameter open_ : open parameters by stage, each with its discretisation
+    asked : requested errors seconds : processor time that the search may take workers : of the run that follows shown :
+    returns the progress to show of a plan
     """
 
     def __init__(
@@ -160,7 +158,7 @@ class Refinement:
         return Chosen(values, finer, spent, self.factor, missed, self.needed if missed else "", seconds, parts=known)
 
     def values(self) -> Values:
-        """Return the present values of what is left open, in the units of the stages."""
+        """Return the present values of the open parameters, in the units of the stages."""
         entries = {entry.name: entry.values for entry in self.pipeline.stages}
         first = {stage: self.plan.of(stage)[0].stage for stage in self.open if stage in entries and self._has(stage)}
         return {s: {n: float(getattr(one, n)) for n in self.open[s]} for s, one in first.items()}
@@ -172,10 +170,10 @@ class Refinement:
         return Point(self.start, self.registry, self.places[0], tuple(self.names)).names()
 
     def _measured(self, name: str) -> dict[str, Part | str]:
-        """Return what one refinement changes, by variable: the largest over some points; a text if it is unknown.
+        """Return the change by one refinement, by variable: the largest over some points, or a text if it is unknown.
 
-        All other discretisations are as coarse as where the search began: the change hardly depends on them, and the
-        cost does.
+        All other discretisations stay as coarse as at the start of the search: the change hardly depends on them, but
+        the cost does.
         """
         found: dict[str, Part | str] = {}
         own = {s: {n: v for n, v in some.items() if self.open[s][n] == name} for s, some in self.values().items()}
@@ -213,7 +211,8 @@ class Refinement:
             largest = float(np.nanmax(scale, initial=0.0))
             number = is_number(declared)
             known = self.scales.get((stage, name), (largest or 1.0, number))[0]
-            # What is asked in a unit is least of the largest scale, what is asked of a number of the smallest.
+            # Keep the scale for which the requested error is strictest: for pictures, whose request may be in a unit,
+            # the largest; for numbers, whose request may be relative, the smallest.
             self.scales[stage, name] = (min if number else max)(known, largest or 1.0), number
 
     def _errors(self, known: Mapping[str, Mapping[str, Part | str]]) -> dict[str, VariableError]:
@@ -233,7 +232,9 @@ class Refinement:
         return found
 
     def _next(self, errors: Mapping[str, VariableError], stuck: set[str]) -> tuple[str, int]:
-        """Return the discretisation to refine and by how many steps; '' if none is needed, or none helps."""
+        """Return the discretisation to refine, and the number of steps; '' if no refinement is needed, or none
+        helps.
+        """
         may = {of for some in self.open.values() for of in some.values()} - stuck
         best, most, steps = "", 0.0, 0
         for own in errors.values():
@@ -245,12 +246,15 @@ class Refinement:
             name = max(open_, key=lambda part: open_[part])
             ratio = math.fsum(open_.values()) / room
             if ratio > most and open_[name] > 0:
-                # No further than methods of second order need: what is finer than necessary costs the whole run.
+                # Take only as many steps as a second-order method needs, because unnecessary refinement makes the whole
+                # run slower.
                 best, most, steps = name, ratio, min(max(1, int(math.log(ratio, 4))), FURTHEST)
         return best, steps
 
     def _refine(self, name: str, steps: int) -> bool:
-        """Make a discretisation finer; return False, and keep why, if the stages, the memory or the time forbid it."""
+        """Make a discretisation finer. Return False and store the reason if stages refuse it, or memory or time do not
+        suffice.
+        """
         try:
             values = self._finer(name, steps)
         except (ValueError, TypeError) as error:
@@ -301,7 +305,7 @@ class Refinement:
             return f"{part} unknown: {why}"
         may = {of for some in self.open.values() for of in some.values()}
         fixed = {part: value for part, value in own.parts.items() if part not in may and value > own.limit}
-        if fixed:  # no refinement of what is open helps
+        if fixed:  # no refinement of an open parameter helps
             part = max(fixed, key=lambda one: fixed[one])
             return f"{_alone(part, own)}; the file does not leave it open"
         return _alone(max(own.parts, key=lambda one: own.parts[one]), own)

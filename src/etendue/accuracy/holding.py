@@ -1,9 +1,10 @@
-"""``run --hold``: values of what the pipeline leaves open, and the loosest local tolerance, whose error stays within a
-given one; found on pilot cells.
+"""``run --hold``: find the loosest local tolerance, and values for the parameters that the pipeline leaves open, with
+which the error stays within a requested one. The search uses pilot cells.
 
-In:  a pipeline, and the error asked for.
-Out: discretisations for what is left open (`discretising`); a local tolerance from a fixed ladder, the errors measured
-     with it, and the causes if none is strict enough, or what the search would have needed to go on.
+In:  a pipeline, and the requested error.
+Out: discretisations for open parameters (`discretising`); a local tolerance from a fixed ladder, and the errors
+     measured with it. If no tolerance is strict enough, the causes; if the budget ends the search, what the next run
+     would have taken.
 """
 
 from __future__ import annotations
@@ -39,20 +40,20 @@ from etendue.types.documents import AxisValues, Document, DocumentView
 if TYPE_CHECKING:
     from etendue.contract.ports import Progress
 
-CHOICES = "choices"  # ``kind`` of the document with the values of what a pipeline leaves open
+CHOICES = "choices"  # ``kind`` of the document with the values of open parameters
 RUNGS = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 0.0)
 LADDER = Knob("", "tolerance", RUNGS)
-FIRST = 1e-3  # tolerance tried first if only metrics are to be held
-MEMORY = 0.8  # share of the available memory that one of its runs may take
+FIRST = 1e-3  # tolerance tried first if only errors of metrics are requested
+MEMORY = 0.8  # fraction of the available memory that one run of the search may take
 
 
 @dataclass(frozen=True)
 class Asked:
-    """The errors asked for: ``relative`` to full scale for every variable, and ``own`` of some in their own unit. With
-    None for ``relative`` only these count.
+    """The requested errors: ``relative`` to full scale for every variable, and ``own`` for some variables in their
+    units. If ``relative`` is None, only the variables in ``own`` count.
 
-    ``spent``, relative to full scale, is the error that discretisation has already; what is left holds at ``factor``
-    times the error of the measured points.
+    ``spent`` is the error of discretisation, relative to full scale. The remaining error must cover ``factor`` times
+    the error of the measured points.
     """
 
     relative: float | None
@@ -64,18 +65,22 @@ class Asked:
         return self.relative is not None or name in self.own
 
     def of_scale(self, name: str, scale: float) -> float:
-        """Return what is asked of a variable with this full scale, relative to it; infinite: nothing."""
+        """Return the requested error of a variable, relative to its full scale ``scale``; infinite if none is
+        requested.
+        """
         if name not in self.own:
             return math.inf if self.relative is None else self.relative
         return self.own[name] / scale if scale else 0.0
 
     def limit(self, name: str, error: GlobalError) -> float | None:
-        """Return what is left for a variable, relative to its full scale; None: nothing is asked."""
+        """Return the error that remains for omissions and coarser settings, relative to the full scale of the variable;
+        None if no error is requested.
+        """
         if not self.asks(name):
             return None
         whole = self.of_scale(name, error.scale or 0.0)
         spent = self.spent.get(name, 0.0)
-        # Where discretisation takes it all, that is said; what is left out may still take its share.
+        # If discretisation uses up the whole error, this is reported elsewhere; omissions may still use their fraction.
         return max(whole - spent, (1 - SHARE) * whole) / self.factor if self.spent else whole
 
     def limits(self, found: MeasuredErrors) -> dict[str, float]:
@@ -95,15 +100,15 @@ class Rung(Trial):
     plan: Plan
     measured: MeasuredErrors
     missed: tuple[str, ...]
-    hopeless: bool  # every variable that is missed has a reference more uncertain than what is asked for
+    hopeless: bool  # for every missed variable, the reference is more uncertain than the requested error
 
 
 @dataclass(frozen=True)
 class HeldTolerance:
-    """The result: with ``tolerance``, the wanted variables are as far from the reference as ``measured`` says.
+    """The result: a ``tolerance``, and the errors ``measured`` with it.
 
-    ``missed`` are variables whose error is larger than asked for, or unknown; ``blame`` the stages that cause it,
-    largest share first (`studies.blame`).
+    ``missed``: variables whose error exceeds the requested one or is unknown. ``blame``: shares of the stages that
+    cause this, largest first (`accuracy.blame`).
     """
 
     asked: Asked
@@ -113,11 +118,11 @@ class HeldTolerance:
     missed: tuple[str, ...]
     blame: Mapping[str, float] = field(default_factory=dict)
     seconds: float = 0.0
-    needed: Means | None = None  # by the next run, if the search ended because it may not take that
+    needed: Means | None = None  # cost of the next run, if the search ended because this exceeds the budget
     remembered: bool = False
     key: str = ""
     places: tuple[AxisValues, ...] = ()
-    chosen: Chosen | None = None  # values of what the pipeline leaves open; None if that is nothing
+    chosen: Chosen | None = None  # values of open parameters; None if the pipeline leaves none open
 
     @property
     def held(self) -> bool:
@@ -152,13 +157,13 @@ def hold(
     """Find the tolerance for a pipeline. A result that ``keep`` has stored in an archive is reused until one of its
     cells changes.
 
-    The search ends before a run that is expected to exceed the ``hold_seconds`` of the options together with those
-    before, or a share of the available memory.
+    The search ends before a run that is expected to exceed a fraction of the available memory or, together with the
+    runs before it, the ``hold_seconds`` of the options.
 
     Raises
     ------
     RequestError
-        The pipeline is invalid, or wants no variable that is to be held.
+        The pipeline is invalid, or none of its wanted variables has a requested error.
     """
     asked, options = asked if isinstance(asked, Asked) else Asked(asked), options or Options()
     chosen = _choose(pipeline, registry, asked, options, progress, archive)
@@ -188,10 +193,10 @@ def _refuse_unwanted(asked: Asked, plan: Plan) -> None:
 def _choose(
     pipeline: PipelineFile, registry: Registry, asked: Asked, options: Options, progress: Any, archive: Path | None
 ) -> Chosen | None:
-    """Return values for what a pipeline leaves open; None if that is nothing.
+    """Return values for the parameters that a pipeline leaves open; None if it leaves none open.
 
-    What an earlier run into the archive has chosen is kept if it was asked for the same; otherwise it is where the
-    search begins.
+    Values that an earlier run into the archive has chosen are kept if the requested errors are the same; otherwise the
+    search starts from them.
     """
     open_ = left_open(pipeline, registry)
     if not open_:
@@ -210,19 +215,20 @@ def _choose(
 
 
 def keep(held: HeldTolerance, archive: Path, plan: Plan | None = None) -> None:
-    """Store the result of a whole search in an archive, which exists by now; ``plan``: that of the run."""
+    """Store the result of a complete search in an archive, which exists by now. ``plan``: the plan of the run."""
     if not (held.remembered or held.needed):
         remember(archive, held.key, finite({**held.document(), "measured": held.measured.document()}))
     if held.chosen and plan is not None:
-        # The cells of the request: the tolerance that was found is not part of it.
+        # The key is made from the cells of the request, which does not contain the tolerance found.
         told = {"kind": CHOICES, "asked": str(held.asked), "cells": answer_key(plan)}
         remember(archive, digest(CHOICES.encode()), finite({**held.chosen.document(), **told}))
 
 
 def _search(measurement: Measurement, asked: Asked, norm: str) -> HeldTolerance:
-    """Loosen the tolerance as long as the error is held, or tighten it until it is.
+    """Loosen the tolerance as long as the error stays within the requested one, or tighten it until it does.
 
-    How uncertain the reference is does not depend on the tolerance, so none is tried for what that alone forbids.
+    The uncertainty of the reference does not depend on the tolerance, so no tolerance is tried for variables that are
+    missed for this reason alone.
     """
 
     def evaluate(settings: Settings) -> Rung:
@@ -247,7 +253,7 @@ def _search(measurement: Measurement, asked: Asked, norm: str) -> HeldTolerance:
     best, blame = search.stepped(LADDER, measurement.pipeline.tolerance, Goal(1.0), lambda one: one.hopeless), {}
     if best is None:
         best = min(search.tried.values(), key=lambda one: (len(one.missed), one.measured.worst or 0.0, -one.tolerance))
-        with suppress(OverBudget):  # of what was not measured nothing is to blame
+        with suppress(OverBudget):  # errors that were not measured cannot be attributed
             blame = (
                 {}
                 if search.lacking and best.measured.worst is None
@@ -258,12 +264,12 @@ def _search(measurement: Measurement, asked: Asked, norm: str) -> HeldTolerance:
 
 
 def _share(value: float | None, limit: float) -> float:
-    """Return an error as a share of what is asked for."""
+    """Return an error over the requested one."""
     return value / limit if value and limit else 0.0
 
 
 def missed(found: MeasuredErrors, asked: Asked, norm: str) -> tuple[str, ...]:
-    """Return the variables that are not known to be within what is asked for."""
+    """Return the variables whose error is not known to be within the requested one."""
     return tuple(n for n, limit in asked.limits(found).items() if found.errors[n].held(limit, norm) is not True)
 
 

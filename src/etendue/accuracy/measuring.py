@@ -1,7 +1,7 @@
-"""Measure global errors: what everything that is left out or approximated does to the wanted variables.
+"""Measure global errors: the joint effect of all omissions and approximations on the wanted variables.
 
 In:  a pipeline.
-Out: for every wanted variable its distance from the reference (`reference`), on some cells of the sweep (`pilot`).
+Out: for every wanted variable its difference from the reference (`reference`), on some cells of the sweep (`pilot`).
 
 Both runs are of expected values: samplers give their mean and nothing is rounded (`Sampled`). Otherwise the comparison
 would be ill-posed: an error d becomes sqrt(d q) after rounding by q, and two draws differ by their noise.
@@ -48,8 +48,8 @@ class GlobalError:
     """The error of one wanted variable in the worst measured cell. None: unknown, for the reason in ``why``.
 
     ``how`` is ``measured``, ``unknown``, or ``unknown below`` a number: the possible error of the reference itself.
-    ``below`` is how far the last refinement of the reference moves it. ``rms`` is over the picture, ``max`` of the
-    largest pixel, both relative to ``scale``; ``linear`` is (rms, max) of an encoded variable before its encoding.
+    ``below`` is the change by the last refinement of the reference. ``rms`` is over the picture, ``max`` of the largest
+    pixel, both relative to ``scale``; ``linear`` is (rms, max) of an encoded variable before its encoding.
     """
 
     rms: float | None
@@ -65,7 +65,9 @@ class GlobalError:
         return self.rms if norm == "rms" else self.max
 
     def held(self, tolerance: float, norm: str = "rms") -> bool | None:
-        """Return whether it is within a tolerance; None if unknown, or if the reference is as uncertain as that."""
+        """Return whether the error is within a tolerance; None if it is unknown, or if the uncertainty of the reference
+        reaches the tolerance.
+        """
         value = self.value(norm)
         if value is None or (value <= tolerance and self.below > tolerance):
             return None
@@ -135,7 +137,7 @@ class Measurement:
     Attributes
     ----------
     also : variables (stage, name) to measure in addition to the wanted ones
-    before : called with what a run is expected to take, before it; may raise
+    before : called before each run with its expected seconds and bytes; may raise
     """
 
     also: tuple[StageVariable, ...] = ()
@@ -216,7 +218,8 @@ class Measurement:
     def run(self, plan: Plan) -> Collected:
         """Compute the wanted variables of a plan at every place, and the variables from which encoded ones are made."""
         estimate = sum(cell_seconds(plan.node(cell.node), cell, plan.precision) for cell in plan.cells.values())
-        longer = self.seconds / self.estimated if self.estimated else 1.0  # than estimated, by the runs so far
+        # Factor on estimated seconds, from the runs so far.
+        longer = self.seconds / self.estimated if self.estimated else 1.0
         workers = workers_of(self.options.scheduler, self.options.workers)
         self.before(Means(longer * estimate, peak_memory(plan, workers, pictures=False).bytes))
         found = collect(plan, self.asked(plan), self.options, self.progress(plan) if self.progress else None)

@@ -1,4 +1,5 @@
-"""Orders of convergence: by which law an error falls along the settings of a knob, and what is left behind the last.
+"""Orders of convergence: the law by which an error falls along the settings of a knob, and the error that remains at
+the last setting.
 
 In:  settings with their errors.
 Out: numbers; nothing is run here.
@@ -19,19 +20,20 @@ from etendue.plan.expansion.search import Value
 ROUNDING = 3e-15  # smaller errors are rounding in 64 bits
 LARGEST = 0.1  # larger errors do not converge yet
 PLATEAU = 0.9  # errors that fall by less have reached a plateau
-ALIKE = 1.5  # an order is known if the largest of those between neighbours is at most this times the smallest
+ALIKE = 1.5  # an order counts as known if the local orders differ by at most this factor
 FEW, ROUNDED, IRREGULAR = "fewer than three settings", "errors at rounding", "not in the asymptotic regime"
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """``order``: the error falls with this power of the setting (``algebraic``), or by exp(-order) with each unit of it
-    (``geometric``); None where fewer than three settings show it, or neighbours show orders that are not alike."""
+    """``order``: the error falls with this power of the setting (``algebraic``), or by exp(-order) per unit of the
+    setting (``geometric``). It is None if fewer than three settings show it, or if local orders differ too much.
+    """
 
     order: float | None
     law: str
     settings: tuple[float, ...] = ()  # the settings it is fitted to
-    why: str = ""  # no order is known; '' too where settings are no numbers
+    why: str = ""  # why no order is known; '' also for settings that are not numbers
 
 
 def convergence(
@@ -39,17 +41,17 @@ def convergence(
 ) -> Convergence:
     """Return the law by which errors fall from setting to setting: the one with the smaller residual in log error.
 
-    The order is the median of those between neighbours among the finest four settings that show it, if these are alike.
-    Settings beyond which the error falls by less than a tenth are ignored: another error dominates there. Only counts
-    that are not doubled from setting to setting can show a factor for each.
+    The order is the median of the local orders between neighbours among the finest four settings that show it, if these
+    agree. Settings from which the error falls by less than a tenth are ignored, because another error dominates there.
+    A geometric law can be recognised only for counts that are not doubled from setting to setting.
 
     Parameters
     ----------
     settings : from the cheapest to the finest; only positive finite numbers count (no closed forms)
     errors : of each setting
     floor : possible error of the reference itself; errors below ten times that are ignored
-    reference : the setting that errors are differences to, if it is finite: under a power law h^p they are h^p - r^p,
-        which falls faster than the error itself
+    reference : the setting relative to which errors are measured, if it is finite. Under a power law h^p the
+        differences are h^p - r^p, which fall faster than the error itself.
     """
     least = max(10 * floor, ROUNDING)
     used = _falling(settings, errors, least)
@@ -72,7 +74,7 @@ def convergence(
 
 
 def _why_not(settings: Sequence[Any], errors: Sequence[float | None], least: float) -> str:
-    """Return why fewer than three settings show an order."""
+    """Return the reason why the settings give no order of convergence; '' if no setting is a size."""
     numbers = [e or 0.0 for s, e in zip(settings, errors, strict=True) if _is_size(s)]
     above = sum(e > least for e in numbers)
     if not numbers:
@@ -89,7 +91,7 @@ def _falling(settings: Sequence[Any], errors: Sequence[float | None], least: flo
     numbers = [(s, e or 0.0) for s, e in zip(settings, errors, strict=True) if _is_size(s)]
     used = [(float(s), float(e)) for s, e in numbers if least < e < LARGEST]
     falling = [i for i in range(len(used) - 1) if min(e for _, e in used[i + 1 :]) < PLATEAU * used[i][1]]
-    if not falling or falling[-1] < len(used) - 2:  # beyond these another error dominates
+    if not falling or falling[-1] < len(used) - 2:  # at finer settings another error dominates
         return used[: falling[-1] + 1] if falling else []
     return used
 
@@ -124,8 +126,8 @@ def law_of(settings: Sequence[Value], errors: Sequence[float | None], finite: bo
 
 
 def remaining(settings: Sequence[Any], moved: float, found: Convergence) -> float:
-    """Return how far a finite reference may be from the limit: the change of its last refinement or, if an order is
-    known, the remainder that follows from it.
+    """Return the possible error of a finite reference: the change by its last refinement or, if an order is known, the
+    remainder that follows from the order.
     """
     before, last = settings[-2:]
     if found.order is None or found.order < 0.5 or isinstance(last, bool | str):

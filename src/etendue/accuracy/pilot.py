@@ -1,9 +1,9 @@
-"""Choose the cells of a sweep that are measured: corners, the middle, and places in between; always the same ones.
-State an error for the others.
+"""Choose the cells of a sweep that are measured: corners, the middle, and places in between, always the same ones; and
+state an error for the other cells.
 
 In:  the axes of a pipeline, and the largest number of places; errors measured there.
-Out: places as positions on each axis; the pipeline with its sweep reduced to these values; for every wanted variable, a
-     number that the worst of the other cells is unlikely to exceed.
+Out: places as positions on each axis; the pipeline with its sweep reduced to these values; for every wanted variable,
+     an error that the other cells are unlikely to exceed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from etendue.types.documents import AxisValue, AxisValues
 if TYPE_CHECKING:
     from etendue.accuracy.measuring import MeasuredErrors
 
-MARGIN = 3.0  # factor on the worst measured error: a few cells represent many
+MARGIN = 3.0  # factor on the largest measured error, because a few cells represent many
 MOST = 8  # places by default
 _BASES = (2, 3, 5, 7, 11, 13, 17, 19)
 
@@ -41,7 +41,7 @@ def places(sizes: Sequence[int], categorical: Sequence[bool] = (), most: int = M
     ends = [(*some, *(0,) * (len(sizes) - varied)) for some in itertools.product((0, 1), repeat=varied)]
     corners = [tuple(end * (size - 1) for end, size in zip(one, sizes, strict=True)) for one in ends]
     ordered = [corners[0], corners[-1], middle] if most > 1 else [middle]
-    for number in range(1, len(corners) // 2):  # each together with its opposite
+    for number in range(1, len(corners) // 2):  # add each corner together with the opposite one
         ordered += [corners[number], corners[-1 - number]]
     for place in ordered[: max(most - max(most // 4, 1), 1)]:
         chosen.setdefault(place)

@@ -34,8 +34,10 @@ class PipelineKnob(Knob):
     closed_form: bool  # the reference is not a finite setting
     value: Value  # from the file, else its default
     written: bool  # in the file, by --set, or swept
-    studied: bool  # it changes a grid or what a scene shows, or finer settings are too costly
-    discretisation: str = ""  # the one that it sets; all other knobs are tried at its ``value``, not at its finest
+    # Plans never choose it: it changes a grid or the content of a scene, or finer settings are too costly.
+    studied: bool
+    # The discretisation that it sets, if any; other knobs are tried at its ``value`` rather than at its finest setting.
+    discretisation: str = ""
 
     @property
     def reference(self) -> Value:
@@ -92,8 +94,8 @@ def knobs_of(pipeline: PipelineFile, registry: Registry) -> tuple[PipelineKnob, 
 
 
 def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
-    """Return settings from the cheapest to the reference. Without declared ones a number is doubled (counts) or halved
-    (all others) in steps.
+    """Return settings from the cheapest to the reference. If none are declared, counts are doubled and other numbers
+    halved in steps.
     """
     if parameter.settings or isinstance(default, str | bool) or not isinstance(default, int | float):
         return parameter.settings

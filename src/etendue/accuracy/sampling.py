@@ -1,10 +1,10 @@
-"""Discretisations as knobs: settings coarser and finer than the file's, and what each changes by itself.
+"""Discretisations as knobs: settings coarser and finer than those of the file, and the change by each alone.
 
 In:  a pipeline with stages that are ``Discretised``.
 Out: a knob for each parameter that sets a discretisation; differences between runs on different grids.
 
-A run on a finer grid costs several times as much, so all other knobs are tried on the grid of the file, and a
-discretisation with all others as the file has them: what one changes hardly depends on the others.
+A run on a finer grid costs several times as much. Therefore all other knobs are tried on the grid of the file, and each
+discretisation with the others as in the file; the change by one hardly depends on the others.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from etendue.plan.expansion.search import Value
 from etendue.plan.model import Plan
 
 COARSER, FINER = (-4, -2), (2, 4)
-MOST = 5.0  # times the seconds that the reference takes on the grid of the file; slower grids are not tried
+MOST = 5.0  # factor on the seconds of the reference on the grid of the file; slower grids are not tried
 
 
 def sampling_knobs(measurement: Measurement) -> tuple[PipelineKnob, ...]:
-    """Return a knob for each discretisation of the first point that one parameter sets, with settings from a fourth as
-    fine as the file's to two or four times, as its stage accepts them and they are worth it.
+    """Return a knob for each discretisation that one parameter sets. Its settings range from a quarter of the fineness
+    of the file to two or four times that, as far as the stage accepts them and they are not too slow.
     """
     plan, found = measurement.exact, []
     for node in plan.nodes:
@@ -92,7 +92,8 @@ def _seconds(plan: Plan) -> float:
 
 
 def moved(one: Measurement, finest: Measurement) -> dict[str, float]:
-    """Return how far the reference on one grid is from that on a finer one, by variable: rms relative to full scale.
+    """Return the difference between the references on one grid and on a finer one, by variable: rms relative to full
+    scale.
 
     Variables that cannot be compared are missing.
     """
@@ -117,8 +118,8 @@ def moved(one: Measurement, finest: Measurement) -> dict[str, float]:
 
 
 def limits(changes: Mapping[Value, Mapping[str, float]], law: Convergence) -> dict[Value, dict[str, float]]:
-    """Return the error of each setting, by variable: what the settings up to the finest change, and what is left
-    behind the finest, by the last refinement and the order that is observed.
+    """Return the error of each setting, by variable: the change up to the finest setting, plus the remaining error of
+    the finest, estimated from the last refinement and the observed order.
     """
     settings = list(changes)
     last = changes[settings[-2]]

@@ -1,6 +1,6 @@
-"""Which knob an error comes from, and what a combination of settings is likely to give.
+"""Split an error among knobs, and predict error and seconds of a combination of settings.
 
-In:  curves of the knobs alone.
+In:  curves of single knobs.
 Out: parts of the error of a trial; predictions for the search.
 """
 
@@ -18,14 +18,15 @@ if TYPE_CHECKING:
     from etendue.accuracy.trials import SettingCurve, SettingTrial, Trials
 
 Sampled = Mapping[str, Mapping[Value, Mapping[str, float]]]  # by knob, setting and variable
-TOGETHER = "together"  # an error that no knob has by itself
+TOGETHER = "together"  # an error that no knob causes alone
 DECISIONS = "left out and coarser"
 
 
 def split(trial: SettingTrial, curves: Sequence[SettingCurve], sampled: Sampled) -> SettingTrial:
     """Return a trial with the parts of the error of its worst variable, which add up to it.
 
-    What is computed on its grid is shared out by what each knob does alone; what the grid leaves adds to that.
+    The error of knobs that leave the grid unchanged is split in proportion to the error of each knob alone; errors of
+    the grid are added.
     """
     own = trial.computed.get(trial.variable)
     if own is None:
@@ -44,7 +45,7 @@ def split(trial: SettingTrial, curves: Sequence[SettingCurve], sampled: Sampled)
 
 
 def split_as_planned(trial: SettingTrial, sampled: Sampled) -> SettingTrial:
-    """Return the trial of the pipeline as planned with its parts: all decisions of the planner are one of them."""
+    """Return the trial of the pipeline as planned, with its parts; all decisions of the planner form one part."""
     own = trial.computed.get(trial.variable, 0.0)
     decided = {DECISIONS: own} if own else {}
     return replace(trial, parts={**decided, **_of_grid(trial.variable, trial.settings, sampled)})
@@ -56,8 +57,8 @@ def _of_grid(variable: str, settings: Settings, sampled: Sampled) -> dict[str, f
 
 
 def choices(study: Trials, curves: Sequence[SettingCurve]) -> dict[str, list[Setting]]:
-    """Return, by knob, settings with the error of each alone, that of the grid whole, and the seconds of the stages
-    that the knob affects.
+    """Return, by knob, its settings with the error of each alone (including the whole error of a grid) and the seconds
+    of the stages that the knob affects.
     """
     found = {}
     for c in curves:
@@ -74,9 +75,9 @@ def choices(study: Trials, curves: Sequence[SettingCurve]) -> dict[str, list[Set
 class Prediction:
     """Error and seconds of a combination from those of its settings alone.
 
-    Errors of different knobs add up like those of independent causes, so that no combination is passed over because
-    its error is a sum of bounds. The seconds of a stage are those of equal work, else grow by the factor of each knob
-    alone. Both are infinite on a grid whose reference takes too long.
+    The squares of errors of different knobs add, as for independent causes; a sum of bounds would exclude too many
+    combinations. The seconds of a stage are those of a trial with the same work, otherwise its seconds in the reference
+    times the factor of each knob alone. Error and seconds are infinite on a grid whose reference takes too long.
     """
 
     def __init__(
@@ -85,7 +86,7 @@ class Prediction:
         self.study = study
         self.errors = {key: {one.value: one.error for one in own} for key, own in possible.items()}
         self.base = study.search.at({}).timing.by_stage()
-        asked = any(k.key in study.given for k in study.sampling)  # such grids are meant to be tried
+        asked = any(k.key in study.given for k in study.sampling)  # the request names these grids
         self.most = math.inf if asked else MOST * math.fsum(self.base.values())
         self.alone = {c.knob.key: {t.setting(c.knob): t.timing.by_stage() for t in c.trials} for c in curves}
 

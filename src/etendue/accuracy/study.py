@@ -4,8 +4,9 @@ In:  a pipeline, and the knobs to try.
 Out: an ``Accuracy``: curves, trials, the front, the cheapest setting for a list of tolerances, the noise floor.
 
 Every trial is a run of expected values compared with the reference on its grid (`measuring`); knobs that are not tried
-stay at their reference. What the grid leaves is measured by itself (`sampling`) and added. Seconds are thread time in
-one thread, cold and warm (`timing`); for each stage, of all runs with the same settings of the knobs that affect it.
+stay at their reference. The error of the grid is measured separately (`sampling`) and added. Seconds are thread time in
+one thread, cold and warm (`timing`); for each stage they come from all runs with the same settings of the knobs that
+affect it.
 """
 
 from __future__ import annotations
@@ -130,7 +131,9 @@ def accuracy(
 
 
 def _cheapest(trials: Sequence[SettingTrial], of: Callable[[SettingTrial], tuple[float, float]]) -> list[SettingTrial]:
-    """Return the cheapest trial of every tolerance, and the next that a second look may find to be cheaper."""
+    """Return the cheapest trial of every tolerance, and the next cheapest ones, which may prove cheaper when timed
+    again.
+    """
     found = []
     for tolerance in TOLERANCES:
         within = sorted((t for t in trials if of(t)[0] <= tolerance), key=lambda t: of(t)[1])
@@ -185,7 +188,7 @@ def chosen_knobs(
 
 
 def _with_settings(knob: PipelineKnob, own: tuple[Value, ...]) -> PipelineKnob:
-    if knob.discretisation:  # all else is tried on the grid of the file, if that is one of the settings
+    if knob.discretisation:  # other knobs are tried on the grid of the file, if that is one of the settings
         return replace(knob, settings=own, value=knob.value if knob.value in own else own[-1])
     return replace(knob, settings=own, closed_form=own[-1] == knob.reference and knob.closed_form)
 

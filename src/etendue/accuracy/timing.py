@@ -1,7 +1,8 @@
-"""Seconds of repeated runs, by stage: cold, with every table made anew, and warm, with the tables of the run before.
+"""Seconds of repeated runs, by stage: cold, when every table is computed again, and warm, with the tables of the run
+before.
 
 In:  seconds of every run.
-Out: the least and the median of them, of some stages or of all.
+Out: minimum and median, of some stages or of all.
 """
 
 from __future__ import annotations
@@ -12,21 +13,21 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 COLD, WARM = "cold", "warm"
-RunSeconds = Mapping[str, float]  # of one run, by stage
+RunSeconds = Mapping[str, float]  # seconds of one run, by stage
 Samples = Mapping[str, tuple[float, ...]]  # by stage, the seconds of every run
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Thread time by stage. The sum over stages of the least is what a run takes on a quiet machine; that of the
-    medians is what it takes on this one.
+    """Thread time by stage. The sum of the minima over stages is the time of a run on an idle machine; the sum of the
+    medians is its time on this machine.
 
     ``by``: which of the two ways is compared, cold or warm.
     """
 
     cold: Samples = field(default_factory=dict)
     warm: Samples = field(default_factory=dict)
-    runs: int = 0  # of this trial, each way; samples of equal work in other trials count too
+    runs: int = 0  # number of runs of this trial, each way; samples of the same work in other trials count too
     by: str = WARM
 
     def least(self, how: str = "", stages: Collection[str] | None = None) -> float:
@@ -36,11 +37,11 @@ class Timing:
         return self._sum(statistics.median, how, stages)
 
     def by_stage(self) -> dict[str, float]:
-        """Return the least seconds of every stage."""
+        """Return the minimum seconds of every stage."""
         return {name: min(own) for name, own in (self.cold if self.by == COLD else self.warm).items()}
 
     def and_(self, other: Timing) -> Timing:
-        """Return the samples of both."""
+        """Return a timing with the samples of both."""
         cold, warm = (
             {name: (*own.get(name, ()), *more.get(name, ())) for name in {**own, **more}}
             for own, more in ((self.cold, other.cold), (self.warm, other.warm))

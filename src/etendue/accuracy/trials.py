@@ -28,26 +28,27 @@ from etendue.plan.planner import make_plan
 from etendue.session import Collected, Options, collect
 
 PRECISION = "precision"
-STAGE = ""  # among errors by variable: that of the stage
-COARSEST = Goal(0.5)  # settings cheaper than one that misses it are not tried
+STAGE = ""  # key of the stage's own error among the errors by variable
+COARSEST = Goal(0.5)  # once a setting exceeds this error, cheaper ones are not tried
 Told = Callable[[str], None]
-Grids = tuple[tuple[str, Value], ...]  # settings of discretisations that are not those of the file
+Grids = tuple[tuple[str, Value], ...]  # settings of discretisations that differ from the file
 Work = tuple[object, ...]  # a stage, and the settings of the knobs that affect it
 
 
 @dataclass(frozen=True)
 class SettingTrial(Trial):
-    """A trial whose error is that of the worst wanted variable: rms relative to full scale, that of the grid included.
+    """A trial with the error of the worst wanted variable: rms relative to full scale, including the error of the grid.
 
     Knobs that are not named are at their reference; those of discretisations as in the file.
     """
 
     variable: str  # name of the worst variable
-    stage_errors: Mapping[str, float | None]  # by knob: at the first picture or metrics after its stage, on this grid
-    computed: Mapping[str, float]  # by variable: distance from the reference on this grid
+    # By knob: error at the first picture or metrics after its stage, on this grid.
+    stage_errors: Mapping[str, float | None]
+    computed: Mapping[str, float]  # by variable: difference from the reference on this grid
     timing: Timing
     why: str = ""  # set if it could not be run
-    parts: Mapping[str, float] = field(default_factory=dict)  # of the error, by knob (`splitting`)
+    parts: Mapping[str, float] = field(default_factory=dict)  # parts of the error by knob (`splitting`)
 
     def setting(self, knob: PipelineKnob) -> Value:
         return self.settings.get(knob.key, knob.reference)
@@ -62,11 +63,12 @@ class SettingCurve:
     """A knob alone, from its cheapest setting to its finest. Its errors are distances from the finest."""
 
     knob: PipelineKnob
-    measured_at: str  # where the error of the stage is measured
+    measured_at: str  # variable at which the error of the stage is measured
     trials: tuple[SettingTrial, ...]
     affected: frozenset[str]  # stages whose computation it may change
     convergence: Convergence
-    changes: Mapping[Value, Mapping[str, float]]  # by setting and variable, also that where the stage is measured
+    # By setting and variable, including the one at which the stage is measured.
+    changes: Mapping[Value, Mapping[str, float]]
 
     def error(self, trial: SettingTrial) -> tuple[float | None, str]:
         """Return the error of the wanted variable that is worst, and its name."""
@@ -80,7 +82,7 @@ class SettingCurve:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is run, and who is informed."""
+    """The budget of a search, and the function that is informed of its progress."""
 
     cells: int  # places of the sweep
     repeat: int  # cold and warm runs of each trial
@@ -122,8 +124,8 @@ class Trials:
         self.floor = 0.0
 
     def _reference_beside(self, base: Measurement) -> ReferencePipeline:
-        """Return the reference with the knobs that are tried. How uncertain it is depends on the others, if they end in
-        a finite setting.
+        """Return the reference with the knobs that are tried. Its uncertainty comes from the other knobs whose
+        reference setting is finite.
         """
         tried = {one.key for one in self.knobs}
         others = [k for k in base.reference.knobs if k.key not in tried]
@@ -188,7 +190,7 @@ class Trials:
         found, timing = self.timed(measurement, plan, 1)
         errors = measurement.compared(plan, found).errors
         known = self.known(plan, errors)
-        # What is exact and not the reference costs time for nothing.
+        # A setting that is exact but not the reference only costs time.
         exact = settings.keys() - {k.key for k in self.sampling} and max(known.values(), default=1.0) < ROUNDING
         if repeat > 1 and not exact:
             timing = timing.and_(self.timed(measurement, plan, repeat - 1)[1])
@@ -204,7 +206,7 @@ class Trials:
         return self.whole(made)
 
     def timed(self, measurement: Measurement, plan: Plan, repeat: int) -> tuple[Collected, Timing]:
-        """Run a plan so many times cold and warm, in turns."""
+        """Run a plan cold and warm in turns, as often as requested."""
         runs: dict[str, list[dict[str, float]]] = {COLD: [], WARM: []}
         for _ in range(repeat):
             TABLES.clear()
@@ -216,19 +218,19 @@ class Trials:
         return found, Timing(samples_of(runs[COLD]), samples_of(runs[WARM]), repeat, self.effort.by)
 
     def keep(self, settings: Settings, timing: Timing) -> None:
-        """Keep seconds by the work that they were needed for."""
+        """Store seconds by the work for which they were measured."""
         for how, samples in ((COLD, timing.cold), (WARM, timing.warm)):
             for stage, own in samples.items():
                 pool = self.samples.setdefault(self.work(settings, stage), {COLD: [], WARM: []})
                 pool[how].extend(own)
 
     def least(self, settings: Settings, stage: str) -> float | None:
-        """Return the least seconds of a stage at these settings; None if no trial has done this work."""
+        """Return the minimum seconds of a stage at these settings; None if no trial has done this work."""
         own = self.samples.get(self.work(settings, stage))
         return min(own[self.effort.by]) if own else None
 
     def again(self, trials: Iterable[SettingTrial]) -> None:
-        """Time some trials again, in turns, so that no load of the machine meets one of them alone."""
+        """Time some trials again, in turns, so that a temporary load of the machine affects all of them."""
         every = dict.fromkeys(self.search.name(t.settings) for t in trials)
         for _ in range(self.effort.repeat):
             for key in every:
@@ -250,14 +252,16 @@ class Trials:
         return {name: e.rms for name, e in wanted.items() if e.rms is not None}
 
     def whole(self, trial: SettingTrial) -> SettingTrial:
-        """Return a trial with its error, that of the grid included as far as it is known by now."""
+        """Return a trial with its error, including that of the grid as far as it is known."""
         of_grid = [self.sampled[k.key].get(trial.setting(k), {}) for k in self.sampling if k.key in self.sampled]
         errors = {name: e + sum(own.get(name, 0.0) for own in of_grid) for name, e in trial.computed.items()}
         worst = max(errors, key=lambda name: errors[name], default="")
         return replace(trial, error=errors.get(worst), variable=worst)
 
     def curve(self, knob: PipelineKnob, reference: SettingTrial) -> SettingCurve:
-        """Return the curve of a knob, from the reference towards cheaper settings while the picture is recognisable."""
+        """Return the curve of a knob. Settings are tried from the reference towards cheaper ones, until the error
+        exceeds ``COARSEST``.
+        """
         if knob.discretisation:
             return self.sampling_curve(knob)
         trials = [reference]
@@ -276,7 +280,9 @@ class Trials:
         return SettingCurve(knob, self.place(knob), tuple(used), self.affected[knob.key], law, changes)
 
     def sampling_curve(self, knob: PipelineKnob) -> SettingCurve:
-        """Return the curve of a discretisation: distances from its finest setting, and add what is left behind that."""
+        """Return the curve of a discretisation: differences from its finest setting, plus the remaining error of that
+        setting.
+        """
         trials = [self.search.at({knob.key: setting}) for setting in knob.settings]
         used = [t for t in trials if not t.why]
         shown = [t.setting(knob) for t in used]
@@ -295,13 +301,13 @@ class Trials:
         return SettingCurve(knob, self.place(knob), tuple(used), self.affected[knob.key], law, changes)
 
     def place(self, knob: PipelineKnob) -> str:
-        """Return where the error of a stage is measured."""
+        """Return the variable at which the error of a stage is measured."""
         places = self.own[knob.key]
         return f"{places[0][0]}.{places[0][1]}" if len(places) == 1 else places[0][0] if places else "what is wanted"
 
     def settle(self) -> list[SettingTrial]:
-        """Return all trials. The time of a stage depends on the knobs that affect it; samples of all trials with the
-        same settings of these count. Errors include those of the grid.
+        """Return all trials with final times and errors. The time of a stage uses the samples of all trials with the
+        same settings of the knobs that affect it. Errors include those of the grid.
         """
         for name, trial in self.search.tried.items():
             pools = {stage: self.samples[self.work(trial.settings, stage)] for stage in trial.timing.warm}
@@ -317,8 +323,8 @@ class Trials:
         return [replace(c, trials=tuple(self.search.at(t.settings) for t in c.trials)) for c in curves]
 
     def noise(self) -> tuple[float | None, str]:
-        """Return the distance of one frame from its mean: rms of the last wanted picture after a draw, at the
-        reference.
+        """Return the rms difference between one frame and its expected value: the last wanted picture after a random
+        draw, at the reference settings.
         """
         self.effort.told("the noise of a frame")
         exact = self.measurement.exact
@@ -352,8 +358,8 @@ def affected(plan: Plan, knob: PipelineKnob) -> frozenset[str]:
 
 
 def own_variables(plan: Plan, stage: str) -> tuple[StageVariable, ...]:
-    """Return where the error of a stage is measured: at all metrics of a probe, else at the first variable without
-    bands from that stage on.
+    """Return the variables at which the error of a stage is measured: all metrics of a probe, otherwise the first
+    variable without bands from that stage on.
     """
     reached = behind(plan, [stage])
     for node in plan.nodes:

@@ -1,11 +1,11 @@
 """Make a local folder of an archive on an object store: small documents are fetched, shards become stand-ins.
 
-In:  the listing of the store, and what the folder has already.
+In:  the listing of the store, and the present content of the folder.
 Out: the folder as a run or reader expects an archive; by path, the object that each file equals.
 
-A shard whose object is still the one that was put needs no request: its index follows from the journal. If nothing
-vouches for a shard, its index is fetched. An object that differs from the one that was put is fetched whole and judged
-like any damaged file.
+A shard needs no request if its object is unchanged since it was put, because its index follows from the journal. If
+neither tag nor journal confirms a shard, its index is fetched. An object that has changed is fetched as a whole and
+checked like any damaged file.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from etendue.contract.ports import WrittenChunk
 from etendue.types.documents import Document, DocumentView
 
 TABLE = "objects.json"  # the objects of an archive, with the tag that each had when it was put
-PACK = "documents.zip"  # the small ones of these objects in one, for readers that would fetch them all
+PACK = "documents.zip"  # one object with the content of all small ones, so that a reader needs one request for them
 SMALL, SMALL_SHARD = 64 << 10, 4 << 10  # bytes; the largest document and the largest shard in the pack
 AT_ONCE = 16  # concurrent requests
 T = TypeVar("T")
@@ -48,7 +48,7 @@ Known = tuple[str, int, int, int]  # the tag of an object, and the state of the 
 
 @dataclass
 class Here:
-    """A working folder: ``place`` holds the folder of the archive and the record of what the store has.
+    """A working folder: ``place`` contains the folder of the archive and a record of the content of the store.
 
     Attributes
     ----------
@@ -178,7 +178,7 @@ def _lacks(here: Here, path: str, one: StoredObject, ours: bool) -> bool:
     known, state = here.there.get(path), here.state(path)
     same = known is not None and known[0] == one.tag
     if ours and state is None:
-        return not same  # else a run of this folder has removed the file
+        return not same  # otherwise a run of this folder has removed the file
     if ours and state is not None and state[1] != disk.ELSEWHERE:
         if not same:
             here.there.pop(path, None)

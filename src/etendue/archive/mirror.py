@@ -4,11 +4,11 @@ uploaded whole, as one object.
 In:  a URL.
 Out: the working folder; at the end, objects that hold a valid archive, byte for byte the files of the folder.
 
-Order of uploads: ``owner.json``, put on the condition that nobody else has put it; the manifest is deleted; what is
-known before computing; each shard as soon as it is complete, and then the journal that names it; at the end status
-and tables, metadata, the journal, the manifest, the table of objects, and ``owner.json`` again, which marks the archive
-as closed. Objects that no longer belong to the archive are deleted before the manifest is put. An uploaded shard
-leaves a stand-in in the local folder.
+Order of changes on the store: put ``owner.json``, on the condition that nobody else has put it; delete the manifest;
+put all files that are known before computing; put each shard as soon as it is complete, and then the journal that names
+it. At the end put status and tables, metadata, the journal, the manifest, the table of objects, and ``owner.json``
+again, which marks the archive as closed. Objects that no longer belong to the archive are deleted before the manifest
+is put. An uploaded shard leaves a stand-in in the local folder.
 """
 
 from __future__ import annotations
@@ -254,8 +254,8 @@ class Mirror(Behind):
         self.objects.put(TABLE, json.dumps({"objects": known}).encode())
 
     def _stand_in(self) -> None:
-        """Replace uploaded shards that the uploaded journal names by stand-ins, to free local disk space. Runs in the
-        thread that makes shards.
+        """Free local disk space: replace each shard that is uploaded, and named in the uploaded journal, by a small
+        placeholder file. Runs in the thread that makes shards.
         """
         with self.lock:
             known, self.said = self.said, []
@@ -317,7 +317,7 @@ class Mirror(Behind):
 
 
 def _order(path: str) -> int:
-    """Return the upload level of a file: files that vouch for others go up after them."""
+    """Return the upload level of a file: a file with digests of others is uploaded after them."""
     if not path.startswith(f"{DATA}/"):
         return {JOURNAL: 5, MANIFEST: 6}.get(path, 1)
     if path == ROOT:

@@ -70,8 +70,8 @@ def accuracy() -> None:
     Every trial is compared with the reference (all knobs at their finest setting, nothing left out, 64 bits), both
     without noise and rounding. Without --knob, all knobs that the file does not set are tried, precision, and the
     discretisations (bins, spacing, surround), coarser and finer than in the file; the error of a combination includes
-    what its discretisation leaves. The order of convergence is that of the stage's own error. Errors below the noise
-    of a single frame are not visible in it.
+    the error of its discretisation. The order of convergence is that of the stage's own error. Errors below the noise
+    of a single frame are invisible in that frame.
 
     Exit codes: 0 done, 2 invalid request.
     """

@@ -42,8 +42,8 @@ def new() -> None:
 @FOLDER
 @later("etendue.cli.bodies.beginnings:new_plugin")
 def new_plugin() -> None:
-    """Create a package with a stage of your own. It installs, passes the laws of its role and is ranked by `compare` as
-    it is.
+    """Create a package with a stage of your own. Without any change it can be installed, passes the laws of its role
+    and is ranked by `compare`.
 
-    The stage inherits the computation of an installed one; replace one line with yours.
+    The new stage inherits its computation from an installed stage; replace the line that calls it with your own code.
     """

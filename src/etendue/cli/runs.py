@@ -103,8 +103,8 @@ def run() -> None:
 def rerun() -> None:
     """Bring an archive up to date, from the archive alone: run its last pipeline again with the input files it stores.
 
-    Results that are present and valid stay; what is missing, damaged, or would come out differently now is computed.
-    Exit codes are those of `run`.
+    Results that are present and valid stay. Results that are missing, damaged or out of date (code or input files have
+    changed) are computed. Exit codes are those of `run`.
     """
 
 

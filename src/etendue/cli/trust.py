@@ -89,13 +89,14 @@ def verify() -> None:
     """Read every byte of an archive and list what has changed since it was written: arrays and cells, metadata, tables,
     records, inputs, journal.
 
-    No stage needs to be installed, and nothing is changed. With --repair, what is stored twice is restored and the rest
-    recomputed from the archive's own pipeline; files that do not belong to the archive are moved to its folder
-    'strays'.
+    No stage needs to be installed, and nothing is changed. With --repair, damaged content is restored from a second
+    copy if there is one, or recomputed from the archive's own pipeline; files that do not belong to the archive are
+    moved to its folder 'strays'.
 
-    Someone who rewrites all digests in an archive is not detected: `reproduce` finds results that do not come out
-    again, and the digest printed by --digest, kept elsewhere, finds any other change.
+    `verify` cannot detect a change after which all digests in the archive were rewritten too. `reproduce` detects it if
+    a result differs from the recomputed one; the digest printed by --digest, if you kept it elsewhere, detects any
+    change.
 
-    Exit codes: 0 whole (or whole now), 1 damaged, 2 invalid request, or repair is impossible from what is there, 4 in
-    use.
+    Exit codes: 0 whole (with --repair: whole after it), 1 damaged, 2 invalid request, or the archive lacks what a
+    repair needs, 4 a run is writing to the archive.
     """

@@ -1,9 +1,9 @@
 """Variables too large to hold in memory: arrays that are computed one band at a time.
 
-In:  a job whose stage can work by band, and what it reads.
+In:  a job whose stage supports single bands, and its inputs.
 Out: an object that computes band i as a plain array each time it is asked for.
 
-Consumers that do not know about it can call ``numpy.asarray``, which holds the whole.
+Code that needs a plain array can call ``numpy.asarray``, which holds all bands in memory.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class BandArray(ABC):
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     ndim = 3
-    on_demand = True  # asking for a band costs its computation
+    on_demand = True  # each access computes the band
 
     @property
     def size(self) -> int:
@@ -174,7 +174,7 @@ def run_bands(job: Job, given: Mapping[str, Array | BandArray], bands: slice, pi
 
 
 def made_by_band(job: Job, given: Mapping[str, Array | BandArray]) -> dict[str, Any]:
-    """Return what a stage writes: large variables as bands computed on demand, small ones now."""
+    """Return the outputs of a stage: large variables as bands that are computed on demand, small ones as arrays."""
     arrays: dict[str, Any] = {}
     small = [v for v in job.writes if v not in job.by_band]
     bands = max(g.bands().size for g in job.grids.values() if g.banded)
@@ -193,7 +193,7 @@ def is_dark(plane: Array) -> bool:
 
 
 def lit_bands(light: Array) -> slice:
-    """Return the bands from the first to the last that are not exactly zero; of no light, the first."""
+    """Return the range of bands from the first to the last that is not exactly zero; the first band if all are zero."""
     count = light.shape[0]
     first = next((band for band in range(count) if not is_dark(light[band])), count)
     if first == count:
@@ -203,7 +203,9 @@ def lit_bands(light: Array) -> slice:
 
 
 def among_all(lit: Array, bands: slice, count: int) -> Array:
-    """Return light in all bands from that of some: zero in the others, which takes no memory until it is read."""
+    """Return light in all bands from light in some of them. The other bands are zero and take no memory until they are
+    read.
+    """
     if len(lit) == count:
         return lit
     found = np.zeros((count, *lit.shape[1:]), dtype=lit.dtype)
@@ -212,8 +214,8 @@ def among_all(lit: Array, bands: slice, count: int) -> Array:
 
 
 def of_lit_bands(job: Job, given: Mapping[str, Array | BandArray]) -> dict[str, Any] | None:
-    """Return what a stage writes that multiplies light by factors, computed only in bands with light; None if it is not
-    such a stage, or if all bands have light.
+    """Return the output of a stage that multiplies light by factors, computed only in bands with light. Return None for
+    any other stage, or if all bands have light.
     """
     stage, declared = job.stage, reads_of(type(job.stage))
     if not (isinstance(stage, Banded) and stage.pointwise and stage.negative != "clip"):

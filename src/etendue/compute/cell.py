@@ -112,6 +112,8 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
     """
     began = time.thread_time() if began is None else began
     for ref in job.needs:
+        # The cell is skipped rather than failed, with the name of the cell that failed first: one cause is reported
+        # once.
         if results[ref].failed:
             return Result(failed=results[ref].failed), CellReport(
                 *job.ref, "skipped", message=f"{results[ref].failed} failed"
@@ -121,13 +123,14 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
     try:
         if job.task == "load":
             result, arrays = undisturbed(_load, job, results)
+            # A stored array may contain declared NaN. Noting that here saves every reader another pass over the array.
             result.arrays, result.lowest = arrays, result.lowest | undefined(job, arrays)
             return result, CellReport(*job.ref, "loaded")
         with guests_of(job):
             result, arrays = undisturbed(_made, job, results, clipped)
         return kept(job, result, arrays, clipped, lambda: time.thread_time() - began + elsewhere.seconds)
     except (MachineError, ArchiveInUse):
-        raise  # not the stage's fault (disk, or another run owns the archive): ends the run
+        raise  # not caused by the stage (a full disk, or another run owns the archive), so the run ends
     except BaseException as error:  # SystemExit too: a stage must not end more than its own cell
         if is_ours(error):
             raise
@@ -138,7 +141,7 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
 def kept(
     job: Job, result: Result, arrays: dict[str, Any], clipped: Clipped, seconds_of: Callable[[], float]
 ) -> tuple[Result, CellReport]:
-    """Store the variables of a cell that are kept, and leave in its result what others read."""
+    """Store the kept variables of a cell, and leave in its result the variables that other cells read."""
     seconds = seconds_of()
     written: tuple[WrittenChunk, ...] = ()
     if job.target and job.store:
@@ -202,9 +205,9 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
 
 
 def _passed(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tuple[Result, dict[str, Any]]:
-    """Return what a cell that is left out passes on; the stage is run only for optional outputs that are wanted."""
+    """Return the arrays that a left-out cell passes on; its stage is run only for wanted optional outputs."""
     result, arrays = passed_on(job, results)
-    # The stage before was allowed undefined values; this one may not be.
+    # The stage before may have declared undefined values, which this one must not pass on without declaring them too.
     doubtful = {name: array for name, array in arrays.items() if math.isnan(result.lowest.get(name, 0.0))}
     undefined(job, doubtful)
     if any(job.writes[name].optional for name in (*job.store, *job.deliver)):

@@ -1,4 +1,5 @@
-"""The form of a cell: what the engine needs to know about a stage, computed once for all cells with the same grids.
+"""The form of a cell: the properties of a stage and its grids that the engine needs, computed once for all cells with
+the same grids.
 
 In:  a ``Job``.
 Out: the expected outputs, the other arguments of ``run``, and the key of prepared tables.
@@ -77,18 +78,18 @@ class StageForm:
 
     @cached_property
     def beside(self) -> tuple[str, ...]:
-        """The arguments of ``run`` that are not ports, in its order."""
+        """The arguments of ``run`` that are not ports, in the order of ``run``."""
         ports = {*self.ports, *optional_ports(self.kind)}
         return tuple(name for name in self.asks if name not in ports)
 
     @cached_property
     def special(self) -> frozenset[str]:
-        """Those of them that are neither coordinates, ports nor fixed patterns."""
+        """The arguments of ``run`` that are neither ports, coordinates nor fixed patterns."""
         return SPECIAL & set(self.beside)
 
     @cached_property
     def patterns(self) -> tuple[str, ...]:
-        """Those of them that are generators of fixed patterns."""
+        """The arguments of ``run`` that are generators of fixed patterns."""
         return tuple(name for name in patterns_of(self.kind) if name in self.beside)
 
     @cached_property

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from etendue.contract.arrays.grid import Grid
 
 NOTHING = Looking()
-Clipped = list[tuple[float, float]]  # share of values that were negative, and their share of the flux
+Clipped = list[tuple[float, float]]  # fraction of values that were negative, and their fraction of the flux
 
 
 def arguments(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> dict[str, Any]:
@@ -119,8 +119,9 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
 
 
 class _Seen(Sequence[tuple[Any, ...]]):
-    """(stage name, array) of what a stage looks at, or (stage name, array, grid). Light computed by band is computed
-    whole on access, so that a loop over the stages holds that of one at a time."""
+    """The arrays that a stage looks at, as (stage name, array) or (stage name, array, grid). Light that is computed by
+    band is computed as a whole on access, so that a loop over the stages holds one array at a time.
+    """
 
     def __init__(self, seen: list[tuple[str, Any]], grids: Sequence[Grid]) -> None:
         self.seen, self.grids = seen, grids
@@ -141,8 +142,8 @@ class _Seen(Sequence[tuple[Any, ...]]):
 
 
 def _prepared(job: Job) -> Any:
-    """Return what a stage prepares; a stage that looks at transfer functions and prepares nothing gets the weights of
-    the channels.
+    """Return the prepared tables of a stage. A stage that looks at transfer functions and has no ``prepare`` gets the
+    weights of the channels.
     """
     if type(job.stage).prepare is not Stage.prepare or not (job.looking and job.looking.transfers):
         return prepared_of(job.stage, job.input_grids, job.grids, form_of(job).key_of_prepared(job.stage))

@@ -1,7 +1,7 @@
 """A job: everything needed to compute one cell, independent of the plan. A plain value that can be sent to another
 process.
 
-In:  what the owner of a run knows about a cell.
+In:  the plan of a cell, in the process that owns the run.
 Out: ``Job``, with additions for segments, looking at other stages, waiting for values found during the run, and running
      in slices.
 """
@@ -36,21 +36,21 @@ class Segment:
 
     previous: CellRef | None = None
     joined: tuple[Transfer, ...] | None = None  # set if it reads the segment's input itself
-    found: tuple[Found, ...] = ()  # what each of these awaits; () if none does
+    found: tuple[Found, ...] = ()  # values found during the run, for each of these; () if there are none
     transform: bool = False  # others continue from its transform
     source: str = ""  # key of the segment's input, if that is read itself
 
 
 @dataclass(eq=False)
 class Looking:
-    """For a stage that looks at others: at what through which port, and the transfer functions before it."""
+    """For a stage that looks at others: the variables or transfer functions that it sees through each port."""
 
     ports: tuple[
         tuple[str, str, tuple[tuple[str, CellRef], ...]], ...
     ] = ()  # port, 'transfer', 'datasheet' or variable, (stage, cell)
     sheets: tuple[Sheet, ...] = ()
     transfers: tuple[Transfer, ...] = ()
-    found: tuple[Found, ...] = ()  # what each of these awaits; () if none does
+    found: tuple[Found, ...] = ()  # values found during the run, for each of these; () if there are none
     bands: tuple[float, ...] = ()
     channel_weights: Summed | None = None
     chains: tuple[
@@ -66,7 +66,7 @@ class Looking:
 
 @dataclass(eq=False)
 class Waiting:
-    """What other cells find during the run: quantities of the stage, and words of its random seed."""
+    """Values that other cells find during the run: quantities of the stage, and words of its random seed."""
 
     found: Found = ()
     words: tuple[Open, ...] = ()
@@ -75,7 +75,7 @@ class Waiting:
 
 @dataclass(eq=False)
 class Mapped:
-    """Leading dims of what a cell writes, over which its stage is run slice by slice."""
+    """Leading dims of the outputs of a cell, over which its stage is run slice by slice."""
 
     dims: tuple[tuple[str, Coordinate], ...]
     leading: Mapping[tuple[str, str], tuple[int, ...]]  # positions of those that lead a (stage, variable) it depends on
@@ -101,8 +101,8 @@ class Walk:
     number: int
     members: int
     rows: int  # of a strip
-    whole: tuple[str, ...] = ()  # of what this cell writes: variables that are stored, or read from outside the walk
-    seen: tuple[str, ...] = ()  # of what this cell writes: variables that the caller only reduces
+    whole: tuple[str, ...] = ()  # outputs of this cell that are stored, or read from outside the walk
+    seen: tuple[str, ...] = ()  # outputs of this cell of which the caller needs only a reduction
     places: Mapping[str, Any] = field(
         default_factory=dict
     )  # the caller's arrays for some of these; in the caller's process only
@@ -131,7 +131,7 @@ class Job:
     deliver: tuple[str, ...]
     target: Target | None
     seconds: float
-    give: tuple[str, ...] | None = None  # the part of ``deliver`` that the caller keeps; None: all
+    give: tuple[str, ...] | None = None  # the variables of ``deliver`` that the caller keeps; None for all
     by_band: tuple[str, ...] = ()  # variables that are computed and stored band by band
     segment: Segment | None = None
     looking: Looking | None = None
@@ -140,7 +140,7 @@ class Job:
     expected: bool = False  # means instead of draws and rounding
     walk: Walk | None = None
     look: CellObserver | None = None  # the caller's reduction of its arrays, applied where they are computed
-    passes: tuple[str, ...] = ()  # of a cell that is left out: the variables that are arrays of its input
+    passes: tuple[str, ...] = ()  # for a left-out cell: its variables that are arrays of its input
 
     form: StageForm | None = field(init=False, default=None, repr=False)  # set on first use by ``compute.form``
 
@@ -190,5 +190,5 @@ class Job:
         return tuple(dict.fromkeys(refs))
 
     def without_stage(self) -> Job:
-        """Return the job for processes that will not compute it: the stage itself cannot be sent there."""
+        """Return the job without its stage, for processes that will not compute it; a stage may not be picklable."""
         return replace(self, stage=Stage(), segment=self.segment and replace(self.segment, joined=None), looking=None)

@@ -92,6 +92,8 @@ class Jobs(Mapping[CellRef, Job]):
         for ref, cell in plan.cells.items():
             if self.nodes[cell.node].segment and (found := _direct(plan, self.nodes, cell)) is not None:
                 self.direct[ref] = found
+        # In reverse order, all readers of a cell are visited before the cell itself, so that the set of its variables
+        # that are read is complete when it is visited.
         for ref in reversed(list(plan.cells)):
             self._include(ref, plan.cells[ref])
 
@@ -108,7 +110,7 @@ class Jobs(Mapping[CellRef, Job]):
         if not (computed or transform):
             return  # stored: its result is only read back
         if node.is_transfer and not (self.kept[node.name] or read or transform or ref in self.show):
-            return  # light that nobody reads: later cells start from the segment's input
+            return  # no cell reads this light: later cells start from the segment's input
         direct = self.direct.get(ref)
         self._note_inputs(cell, len(node.segment) > 1, direct)
         for word in cell.open_words:
@@ -118,10 +120,12 @@ class Jobs(Mapping[CellRef, Job]):
             self._note_found(other)
 
     def _note_passed(self, ref: CellRef, cell: Cell, computed: bool, read: tuple[str, ...], transform: bool) -> None:
-        """Note what a cell that is left out passes on: arrays that somebody needs, and the transform of its segment."""
+        """Record what a cell that is left out passes on from its input: arrays that other cells need, and the transform
+        of its segment.
+        """
         node = self.nodes[ref[0]]
         wanted = self._wanted(cell, node, computed, read)
-        if computed and any(node.writes[v].optional for v in wanted):  # which only running the stage gives
+        if computed and any(node.writes[v].optional for v in wanted):  # only the stage itself computes these
             self._note_inputs(cell, False, None)
             for word in cell.open_words:
                 self._reads(word.ref, word.variable)
@@ -146,19 +150,23 @@ class Jobs(Mapping[CellRef, Job]):
         return tuple(dict.fromkeys((*read, *self.kept[node.name], *given)))
 
     def _passed(self, node: Node, wanted: tuple[str, ...], computed: bool) -> tuple[str, ...]:
-        """Return those that a cell that is left out has from another cell, and not from the store."""
+        """Return the variables that a left-out cell takes from another cell rather than from the store."""
         if not computed:
             return tuple(v for v in wanted if (node.name, v) in self.plan.same_as)
         return tuple(v for v in wanted if not node.writes[v].optional)
 
     def _source(self, cell: Cell, variable: str, computed: bool) -> CellRef:
-        """Return the cell whose array a cell that is left out passes on: its input; if it is stored, what is stored."""
+        """Return the cell whose array a left-out cell passes on: its input or, if the cell is finished, the cell whose
+        array is stored.
+        """
         source = source_of(cell, variable) if computed else self.plan.stored(cell.ref, variable)
         assert source is not None
         return source
 
     def _note_inputs(self, cell: Cell, joined: bool, direct: Direct | None) -> None:
-        """Note what a cell reads through its ports; ``joined``: it continues from the transform of the stage before."""
+        """Record the variables that a cell reads through its ports; ``joined``: it continues from the transform of the
+        stage before.
+        """
         for place, (_, source, variable) in enumerate(cell.inputs):
             if direct is not None and place == 0:
                 self._reads(*direct[0])
@@ -209,14 +217,14 @@ class Jobs(Mapping[CellRef, Job]):
         store = self.kept[node.name] if computed else ()
         give = tuple(node.writes) if ref in self.show else store if self.deliver_all else ()
         read, transform = self.read[number], bool(self.transforms[number])
-        # In what a cell reads, the values that other cells find come last.
+        # Among the inputs of a cell, the values that other cells find during the run come last.
         awaited = cell.found if node.name in self.finding else ()
         inputs = cell.inputs[: len(cell.inputs) - len(awaited)]
         segment = None
         if ref in self.direct:
             (source, variable), before = self.direct[ref]
             inputs = ((inputs[0][0], source, variable), *inputs[1:])
-            # this keeps all: a segment holds only transfer stages
+            # this removes nothing, because a segment contains only transfer stages
             stages = tuple(c.stage for c in before if isinstance(c.stage, Transfer))
             segment = Segment(None, stages, _found_of(before), transform, plan.cells[source].key)
         elif node.segment:
@@ -252,7 +260,7 @@ class Jobs(Mapping[CellRef, Job]):
         return job if cell.left_out is None else self._left_out(job, cell, node)
 
     def _left_out(self, job: Job, cell: Cell, node: Node) -> Job:
-        """Return the job of a cell that is left out: it passes on what others need of its input."""
+        """Return the job of a cell that is left out: it passes on the variables of its input that other cells need."""
         computed, transform = cell.ref in self.todo, job.transform
         wanted = self._wanted(cell, node, computed, self.read[self.number(cell.ref)])
         passes = self._passed(node, wanted, computed)
@@ -264,8 +272,9 @@ class Jobs(Mapping[CellRef, Job]):
         return replace(job, inputs=inputs, looking=None, waiting=None)
 
     def _passing(self, cell: Cell, inputs: Found, passes: tuple[str, ...], computed: bool, begins: bool) -> Found:
-        """Return what a cell that is left out waits for: what it passes on, else only that its input has not failed.
-        ``begins``: it passes on the input of a segment, whose transform others need.
+        """Return the inputs of the job of a left-out cell: the arrays that it passes on or, if there are none, the
+        input cell, so that its failure is known. ``begins``: it passes on the input of a segment, whose transform
+        others need.
         """
         first = [one for one in inputs if source_of(cell, one[2]) == one[1] and one[2] in cell.grids]
         light = first[:1] if begins else []
@@ -314,7 +323,9 @@ class Jobs(Mapping[CellRef, Job]):
         return known
 
     def _looking(self, cell: Cell) -> Looking:
-        """Return what a cell looks at; the object of the previous cell if both look at the same."""
+        """Return the stages, cells and grids that a cell looks at; the object of the previous cell if it looks at the
+        same ones.
+        """
         known = self.looked.get(cell.node)
         if known is None or known[0] != cell.looks_at:
             known = self.looked[cell.node] = cell.looks_at, _looking(self.plan, self.nodes, cell)
@@ -347,7 +358,7 @@ def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], 
 
 
 def _found_of(cells: tuple[Cell, ...]) -> tuple[Found, ...]:
-    """Return what each of some cells awaits; () if none awaits anything."""
+    """Return the values that each of some cells awaits; () if none awaits any."""
     every = tuple(cell.found for cell in cells)
     return every if any(every) else ()
 

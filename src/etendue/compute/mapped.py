@@ -34,6 +34,8 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
     if isinstance(job.stage, Transfer):
         return slices.joined([transferred(*slices.alone(at))[1] for at in np.ndindex(*slices.sizes)], check)
     names = job.asks
+    # One call for all slices needs one stage for all of them, and no random numbers: the draws of a slice must not
+    # depend on the slices before it.
     if job.stage.elementwise and not (
         slices.found or slices.along or (is_random(type(job.stage)) and not job.averages)
     ):
@@ -45,6 +47,7 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
     for number, at in enumerate(np.ndindex(*slices.sizes)):
         stage = slices.stage_at(at)
         if not number or slices.prepares_anew:
+            # without a seed, because the generator is set from the words of each slice below
             constant = beside(replace(slices.core, stage=stage, seed=b""), results)
         given = slices.arrays_at(at) | constant
         if "rng" in constant:
@@ -52,6 +55,8 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
             given["rng"] = generator = renamed(generator, words) if generator else philox(words)
         found = getattr(stage, called)(**handed(stage, {name: given[name] for name in names if name in given}))
         if number:
+            # The first slice was checked against the declaration; the others only have to match the first, which is
+            # faster.
             _put(arrays, found, slices, at)
         else:
             arrays = {name: slices.whole(name, array) for name, array in check(slices.core, found).items()}
@@ -59,7 +64,7 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
 
 
 def _put(arrays: dict[str, Array], found: Any, slices: _Slices, at: tuple[int, ...]) -> None:
-    """Put one more slice in its place; it must have the form of the first one."""
+    """Store another slice; raise an error if its variables, shapes or types differ from those of the first one."""
     name = type(slices.core.stage).__name__
     if not isinstance(found, dict) or found.keys() != arrays.keys():
         raise PluginError(f"{name}.run gave other variables for slice {at} than for the first")
@@ -87,9 +92,8 @@ class _Slices:
         self.labels = [list(coordinate.values()) for _, coordinate in mapped.dims]
         self.sizes = tuple(len(own) for own in self.labels)
         declared = {d.variable: d for d in writes_of(type(job.stage)).values() if d.variable in job.writes}
-        self.led = [
-            v for v, d in declared.items() if job.writes[v].dims != d.dims
-        ]  # variables that the mapped dims lead; the stage writes the others with these dims itself
+        # Variables that start with the mapped dims; the stage itself writes the others with these dims.
+        self.led = [v for v, d in declared.items() if job.writes[v].dims != d.dims]
         grids = {v: job.grids[v].take(d.dims) for v, d in declared.items()}
         self.core = replace(job, mapped=None, waiting=None, writes=declared, grids=grids)
         self.along = {

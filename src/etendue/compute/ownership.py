@@ -1,11 +1,11 @@
 """Ensure that arrays cannot be changed by others, and that stages leave the process as they found it.
 
 In:  an array returned by a stage.
-Out: the same values, contiguous, in memory that nobody else references; read-only views of it for readers.
+Out: the same values, contiguous, in memory to which no other code has a reference; read-only views of it for readers.
 
-In numpy, whoever holds an array that owns its memory can make it writeable again, but not a view of a read-only array.
-So readers are given views. An array that a stage still references, or returns as a view, is copied: it could change at
-any time.
+In numpy, code that holds an array that owns its memory can make it writeable again; a view of a read-only array cannot
+be made writeable. So readers are given views. An array that a stage still references, or returns as a view, is copied:
+it could change at any time.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def handed(stage: Stage, given: dict[str, Any]) -> dict[str, Any]:
 def _apart(value: Any) -> Any:
     if type(value) is np.ndarray:
         return frozen(value.copy(order="C")).view()
-    if type(value) is list:  # what a stage looks at: name, array or transfer function, grid
+    if type(value) is list:  # an entry that a stage looks at: name, array or transfer function, grid
         return [tuple(map(_apart, one)) if type(one) is tuple else one for one in value]
     return value.apart() if hasattr(value, "apart") else value
 

@@ -52,12 +52,15 @@ def renamed(generator: np.random.Generator, seed_words: bytes) -> np.random.Gene
     Creating a bit generator costs ten times as much as setting its state.
     """
     start = {"counter": np.zeros(4, np.uint64), "key": _philox_key(seed_words)}
+    # The state also has a buffer of numbers generated in advance and half of a 64-bit number. Both are emptied, because
+    # otherwise the first draws would still be those of the former name.
     rest = {"buffer": np.zeros(4, np.uint64), "buffer_pos": 4, "has_uint32": 0, "uinteger": 0}
     generator.bit_generator.state = {"bit_generator": "Philox", "state": start, **rest}
     return generator
 
 
 def _philox_key(seed_words: bytes) -> NDArray[np.uint64]:
+    # The byte order is fixed, so that a name gives the same draws on every machine.
     return np.frombuffer(hashlib.blake2b(seed_words, digest_size=16).digest(), "<u8").astype(np.uint64)
 
 

@@ -4,7 +4,8 @@ In:  a plan.
 Out: for a cell, its frame and the rows around a row that it needs.
 
 A cell is computed in strips if its frame is large and its stage needs no more than a few rows around a row (``Haloed``,
-or ``elementwise``). Such neighbours on one frame are computed together, so that arrays only they read are never whole.
+or ``elementwise``). Neighbouring cells of this kind on one frame are computed together, so that arrays which only they
+read never exist as a whole.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ def by_band(node: Node, cell: Cell, precision: str) -> tuple[str, ...]:
 
 
 def walker(plan: Plan, node: Node, cell: Cell) -> Walker | None:
-    """Return what a cell of a large frame needs of it; None if a few rows do not suffice."""
+    """Return the frame and the halo of a cell of a large frame; None if the cell needs more than a few rows."""
     kind = type(cell.stage)
     if plan.expected or cell.mapped or node.segment or not cell.inputs or by_band(node, cell, plan.precision):
         return None
@@ -75,8 +76,8 @@ def walker(plan: Plan, node: Node, cell: Cell) -> Walker | None:
 
 
 def _one_frame(node: Node, cell: Cell) -> Frame | None:
-    """Return the frame of everything a cell reads and writes over pixels; None if there are several, or if arrays have
-    rows but no columns.
+    """Return the frame of all inputs and outputs of a cell that cover pixels; None if there are several frames, or
+    arrays with rows but no columns.
     """
     ports = reads_of(type(cell.stage))
     read = [(cell.input_grids[port], ports[port].dims) for port, _, _ in cell.inputs if port in ports]

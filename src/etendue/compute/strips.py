@@ -3,8 +3,8 @@
 In:  the jobs of a walk and the results they read.
 Out: results and reports, with the same bits as from computing the cells one by one.
 
-Every cell advances as far as the available input rows allow, and keeps no more of them than it needs again. If anything
-fails in a strip, the walk gives nothing and the cells are computed one by one, which reports the error.
+Every cell advances as far as the available input rows allow, and only the rows that are needed again are kept. If a
+strip fails, the walk has no result and its cells are computed one by one, which reports the error.
 """
 
 from __future__ import annotations
@@ -47,6 +47,7 @@ def walked(jobs: Sequence[Job], results: Results, at: Callable[[int], None] | No
     """Compute the cells of a walk; return None if they must be computed one by one. ``at`` is called with the number of
     the cell in progress.
     """
+    # A failed input concerns only the cells that read it. Computed one by one, the other cells get their results.
     if any(ref in results and results[ref].failed for job in jobs for ref in job.needs):
         return None
     try:
@@ -95,6 +96,7 @@ def _fronts(member: _Member) -> Iterator[int]:
     """Yield the rows at which strips end: boundaries of fixed-pattern tiles, so that no tile is drawn twice."""
     walk = member.job.walk
     assert walk is not None
+    # The first strip is shorter if the window starts inside a tile, so that all others start at tile boundaries.
     front = walk.rows - member.first_row % strips.TILE
     while front < member.total:
         yield front
@@ -301,7 +303,7 @@ class _Member:
         return handed(self.stage, {name: given[name] for name in self.job.asks if name in given})
 
     def _looked_at(self, port: str, array: Any) -> Any:
-        """Check rows for what the stage refuses; remove negative values if it clips them."""
+        """Check rows for values that the stage refuses; set negative values to 0 if it clips them."""
         if port in self.negative:
             return self.negative[port].taken_off(array)
         source = self.cut.get(port, self.fixed.get(port))
@@ -346,7 +348,7 @@ class _Member:
 
 
 def _read_only(array: Array) -> Array:
-    """Return an array that is complete, read-only; a view if it is part of the caller's array."""
+    """Return a complete array as read-only; as a view if it is part of the caller's array."""
     if array.base is None:
         return frozen(array)
     view = array.view()
@@ -355,7 +357,7 @@ def _read_only(array: Array) -> Array:
 
 
 class _Negative:
-    """Counts what is clipped from a port, row by row, so that the sums do not depend on the strips."""
+    """Counts the values clipped from a port, row by row, so that the sums do not depend on the strips."""
 
     def __init__(self) -> None:
         self.below, self.taken, self.flux = 0, [], []  # type: ignore[var-annotated]

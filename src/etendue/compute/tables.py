@@ -83,6 +83,7 @@ class Cache:
         with making:
             with self.lock:
                 if key in self.entries:
+                    # another thread has computed the value while this one waited for its lock
                     held = self.entries[key].value
                     return held
             try:
@@ -92,6 +93,8 @@ class Cache:
                     self._drop(key)
                     self.entries[key] = _Entry(value, size, self.runs)
                     self.held += size
+                    # The newest entry is never dropped: the caller holds its value, so dropping it would free no
+                    # memory.
                     while self.held > self.largest and len(self.entries) > 1:
                         self._drop(next(iter(self.entries)))
             finally:
@@ -107,6 +110,7 @@ class Cache:
         finally:
             with self.lock:
                 self.runs += 1
+                # Entries are in the order of their last use, so the loop ends at the first one that was used recently.
                 while self.entries and self.entries[oldest := next(iter(self.entries))].run < self.runs - LASTING:
                     self._drop(oldest)
 
@@ -130,6 +134,7 @@ def _size(value: Any, depth: int = 6) -> int:
         value = tuple(value.values())
     if isinstance(value, tuple | list):
         return 256 + sum(_size(v, depth - 1) for v in value)
+    # ``depth`` ends the recursion for objects that refer to each other.
     inside = getattr(value, "__dict__", None)
     return 256 + sum(_size(v, depth - 1) for v in inside.values()) if inside and depth and not callable(value) else 256
 
@@ -224,7 +229,7 @@ def _span(line: Line) -> tuple[int, int]:
 
 
 def key_of_prepared(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid]) -> tuple[Key, bool]:
-    """Return the key of a stage's prepared tables, and whether it stays valid: files may change."""
+    """Return the key of a stage's prepared tables, and whether it stays valid; a key that depends on files does not."""
     state = state_of(stage)
     return Key(("prepare", state, tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))), not state[1]
 
@@ -247,12 +252,12 @@ def prepared_of(
 
 
 def prepared_for(stage: Stage, edges: tuple[float, ...]) -> Any:
-    """Return what a stage prepares for bands with these edges, without a grid."""
+    """Return the tables that a stage prepares for bands with these edges, without a grid."""
     return prepared_of(stage, {first_port(stage): Grid.of({bands_of(type(stage)): Bands(edges)})}, {})
 
 
 def prepared_on(stage: Stage, grid: Grid) -> Any:
-    """Return what a stage prepares for the grid of its input."""
+    """Return the tables that a stage prepares for the grid of its input."""
     return prepared_of(stage, {first_port(stage): grid}, {})
 
 

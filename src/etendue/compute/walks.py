@@ -5,8 +5,8 @@ Out: the same jobs, with ``walk`` set where a job belongs to one.
 
 A walk is a set of connected cells of one frame whose stages need no more than a few rows around a row (``Haloed``, or
 ``elementwise``). It ends before a stage that needs the whole frame, and where a sweep forks. Walks must not depend on
-each other in circles: every cell has a depth, which grows by one from a walk to whatever reads its result as a whole,
-and a walk holds cells of one depth.
+each other in circles: every cell has a depth, which increases by one from a walk to each cell that reads its result as
+a whole, and a walk contains cells of one depth.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ def with_walks(
     can: Callable[[CellRef], Walker | None],
     place: Callable[[CellRef, str], Array | bool | None] | None = None,
 ) -> dict[CellRef, Job]:
-    """Set the ``walk`` of the jobs that belong to one; ``can``: what a cell needs of its frame, if a few rows suffice;
-    ``place``: the caller's array for a variable that nobody else reads."""
+    """Set the ``walk`` of the jobs that belong to one. ``can``: the frame and halo of a cell for which a few rows
+    suffice. ``place``: the caller's array for a variable that no cell reads.
+    """
     walkers = _walkers(jobs, can)
     if not walkers:
         return jobs
@@ -82,6 +83,8 @@ def _together(
         if ref in walkers:
             home[ref] = ref
             for need in joined:
+                # A shallower walk must end before another input of this cell can be read, so the cell cannot belong to
+                # it.
                 if depth[need] == depth[ref]:
                     home[_root(home, ref)] = _root(home, need)
     walks: dict[CellRef, list[CellRef]] = {}

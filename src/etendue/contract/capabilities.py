@@ -1,4 +1,4 @@
-"""What a stage can do beyond ``run``, as typed base classes that ``issubclass`` tests for.
+"""Capabilities of stages in addition to ``run``, as typed base classes, tested with ``issubclass``.
 
 In:  a class of stages.
 Out: whether it is a source, a transfer function, computed by band, may be left out, looks at other stages.
@@ -65,8 +65,10 @@ class Transfer(Stage):
 
     @abstractmethod
     def transfer(self, *given: Any, **named: Any) -> Array:
-        """Return the transfer function at separable frequencies ``(fy, fx, centres of the bands)``, in cycles/um and in
-        the unit in which the dim of the bands is asked; ``prepared`` is given too if ``prepare`` returns something."""
+        """Return the transfer function at separable frequencies ``(fy, fx, centres of the bands)``, in cycles/um, and
+        centres in the unit that the dim of the bands declares as ``asked_in``. If ``prepare`` returns something, it is
+        passed as ``prepared``.
+        """
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -120,7 +122,7 @@ class Banded(Stage):
         """Return the part of ``prepared`` for these bands."""
 
     def constants(self, prepared: Any) -> Mapping[str, Array]:
-        """Return, for a source, what it writes that has no position."""
+        """Return, for a source, its outputs that have no position."""
         return {}
 
 
@@ -139,8 +141,10 @@ class Haloed(Stage):
         return 0
 
     def joined(self, parts: Mapping[str, Sequence[Array]], sizes: Sequence[int]) -> Mapping[str, Array]:
-        """Return what is written without rows, from the results of all strips; ``sizes``: values of each strip's first
-        variable. By default they must be equal in all strips; a stage without a halo may override this."""
+        """Return the outputs that have no rows, from the results of all strips; ``sizes``: the number of values of the
+        first variable in each strip. By default these outputs must be equal in all strips; a stage without a halo may
+        override this.
+        """
         apart = [name for name, values in parts.items() if any(not _equal(values[0], value) for value in values[1:])]
         if apart:
             raise ValueError(f"{type(self).__name__} returns another {', '.join(apart)} for some rows; define joined()")
@@ -166,8 +170,9 @@ class Sampled(Stage):
 
     @abstractmethod
     def mean(self, *given: Any, **named: Any) -> Mapping[str, Array]:
-        """Return what ``run`` returns on average, before rounding: the same variables, as floats. It may ask by name
-        for what ``run`` may ask for, except random numbers."""
+        """Return what ``run`` returns on average, before rounding: the same variables, as floats. It may have the same
+        arguments as ``run``, except random numbers.
+        """
 
 
 class Noisy(Stage):
@@ -191,12 +196,12 @@ class Datasheet(Stage):
 
     @abstractmethod
     def datasheet(self) -> Mapping[str, float]:
-        """Return the numbers by name; stages that look at them know these names."""
+        """Return the numbers by name, under the names that the stages which read them expect."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Sheet:
-    """What a port that looks at ``"*.datasheet"`` gets from a stage: its role and its numbers, none if it has no
+    """The value that a port ``"*.datasheet"`` gets for a stage: its role and its numbers; no numbers if it has no
     datasheet.
     """
 
@@ -225,7 +230,7 @@ class Probe(Stage):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Viewed(Stage):
-    """A stage whose pictures are meant for an eye adapted to a white of their own."""
+    """A stage whose pictures are meant for a viewer adapted to a white other than the display's."""
 
     @abstractmethod
     def viewing_white(self) -> Array | None:

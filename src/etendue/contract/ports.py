@@ -48,7 +48,7 @@ class Target(Protocol):
 
 @dataclass(frozen=True)
 class CellReport:
-    """What happened to one cell."""
+    """The report of one cell."""
 
     stage: str
     index: tuple[int, ...]

@@ -53,29 +53,32 @@ class Stage:
     fixed patterns (``etendue_patterns``). A port whose argument has a default is optional. ``asked``: the optional
     variables that are requested. A stage is mapped over dims that it does not declare.
 
-    ``role``: what the stage is an alternative to, in a word or two shared by stages of one kind (``"sharpening"``,
-    ``"glare"``, ``"resolution"``). Stages that read and write the same are offered as replacements only within one
-    role; with '', only what it reads and writes decides.
-    ``creates``: coordinates of dims that none of its inputs has, such as ``{"channel": RGB}``, if ``grid`` adds
-    nothing. ``gain``: the largest factor by which an error can grow from input to output, both relative to full scale,
-    for every allowed parameter value. ``None``: unknown, so error bounds end here. ``nan`` and ``negative`` state what
-    happens to such input: ``error`` (default), ``keep``, or ``clip`` (negative only). ``libraries`` names distributions
-    whose version can change the result.
-    ``nanoseconds``: time per value written, used until it has been measured.
-    ``working``: memory used while computing, apart from input and output, as a multiple of the larger of the two in
-    floats of the run. ``pointwise``: light stays in its place, and factors vary slowly over the frame, so transfer
-    functions before and after it may be multiplied as if it were absent.
-    ``elementwise``: every value depends only on values at its own position, so ``run`` may get many frames at once.
-    ``once``: physics that should occur once along a path (``"diffraction"``, ``"fall-off"``); the plan notes a second
-    stage with the same.
-    ``decides``: it rounds, counts or chooses by nature, so a small change of its input may change its output much; or
-    {parameter: the values with which it does}. For any other stage the conformance kit reports where it jumps.
-    ``handed``: left and right, or up and down, differ by nature, as for a picture that is moved or sheared. For any
-    other stage the kit requires the mirrored result for mirrored input.
-    ``keeps``: properties of its values that the conformance kit tests: ``"order"`` (no value falls if the input rises),
-    ``"sum"`` (what leaves one position arrives at another).
-    ``unseen``: by metric that it writes, the roles of stages that affect the subject of the metric but cannot enter it.
-    Tables, plots and reports name such stages of a pipeline beside the metric.
+    Attributes
+    ----------
+    role : a name shared by stages that can replace each other (``"sharpening"``, ``"glare"``, ``"resolution"``). Stages
+        that read and write the same variables are offered as replacements only within one role; with '', only the
+        variables that it reads and writes are compared
+    creates : coordinates of dims that none of its inputs has, such as ``{"channel": RGB}``, if ``grid`` adds nothing
+    gain : the largest factor by which an error can grow from input to output, both relative to full scale, for every
+        allowed parameter value; None: unknown, so error bounds end here
+    nan, negative : treatment of such input: ``error`` (default), ``keep``, or ``clip`` (negative only)
+    libraries : distributions whose version can change the result
+    nanoseconds : time per value written, used until it has been measured
+    working : memory used while computing, apart from input and output, as a multiple of the larger of the two in floats
+        of the run
+    pointwise : it multiplies light by factors that vary slowly over the frame, and does not move light. Transfer
+        functions before and after it may therefore be multiplied as if it were absent
+    elementwise : every value depends only on values at its own position, so ``run`` may get many frames at once
+    once : physics that should occur once along a path (``"diffraction"``, ``"fall-off"``); the plan notes a second
+        stage with the same
+    decides : it rounds, counts or chooses by nature, so a small change of its input may change its output much; or
+        {parameter: the values with which it does}. For any other stage the conformance kit reports jumps
+    handed : left and right, or up and down, differ by nature, as for a picture that is moved or sheared. For any other
+        stage the kit requires the mirrored result for mirrored input
+    keeps : properties of its values that the conformance kit tests: ``"order"`` (no value falls if the input rises),
+        ``"sum"`` (the sum over the frame stays the same)
+    unseen : by metric that it writes, the roles of stages that affect the subject of the metric but cannot be included
+        in it. Tables, plots and reports name such stages of a pipeline beside the metric
     """
 
     reads: ClassVar[Mapping[str, str]] = {}
@@ -111,12 +114,13 @@ class Stage:
         return None
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Return what is known of its output, from {port: Facts} and {port: Grid}."""
+        """Return the facts of its output, from {port: Facts} and {port: Grid} of its inputs."""
         return UNKNOWN
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
-        """Return by how much a change of its input, relative to the largest value there, may grow relative to full
-        scale of its output, from {port: Facts}: by clipping, or by a gain. ``inf``: without a bound.
+        """Return the largest factor between a change of its input, relative to the largest value there, and the change
+        of its output, relative to full scale, from {port: Facts}. Clipping and gains make it larger than 1. ``inf``:
+        there is no bound.
         """
         return 1.0
 
@@ -127,16 +131,18 @@ class Stage:
         return None, "unknown"
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
-        """Return what a user should know about these values."""
+        """Return notes for the user about these parameter values, facts and grids."""
         return []
 
     def warn_among(self, others: Mapping[str, type[Stage]]) -> list[str]:
-        """Return the same about the stages of the pipeline: classes by the name under which they are used."""
+        """Return notes about the other stages of the pipeline, given as classes by the name under which they
+        are used.
+        """
         return []
 
     def assumes(self) -> Mapping[str, Hashable]:
-        """Return its assumptions about things that other stages also assume; the plan notes an earlier stage with
-        another value.
+        """Return its assumptions, by topic, that other stages may share; the plan notes an earlier stage with another
+        value for the same topic.
         """
         return {}
 

@@ -1,4 +1,4 @@
-"""What people see first, and what things are called, as distributions declare: orders, subjects, words, units.
+"""Wording and order in plots and pages, as distributions declare them: orders of preference, subjects, words, units.
 
 In:  the name of a place, a subject, a word, a unit.
 Out: what is declared of it; by default, words that fit any graph of stages.
@@ -36,9 +36,10 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Subject:
-    """What metrics may be about. ``said``: the name of its first metric in a sentence; ``short``: the name at the head
-    of a column, '' for its own. ``opens``: whether one of its metrics is expanded on a page, and may be plotted against
-    another's."""
+    """A subject of metrics. ``said``: the name of its first metric in a sentence; ``short``: the name at the head of a
+    column, '' for its own. ``opens``: whether one of its metrics is expanded on a page, and may be plotted against
+    another's.
+    """
 
     said: str = ""
     short: str = ""
@@ -62,7 +63,7 @@ _Form = TypeVar("_Form", Subject, Unit)
 
 @cache
 def first(place: str) -> tuple[str, ...]:
-    """Return what comes first in a place where there is a choice, according to all distributions."""
+    """Return the names to prefer where there is a choice, in order, according to all distributions."""
     found: dict[str, None] = {}
     for brought in discovery.installed().all("first", place):
         if isinstance(brought.value, list | tuple):
@@ -72,8 +73,8 @@ def first(place: str) -> tuple[str, ...]:
 
 @cache
 def words(of: frozenset[str] = frozenset()) -> Mapping[str, str]:
-    """Return what things are called in sentences; with names of distributions, only their words: those of the
-    distributions whose stages a graph has.
+    """Return the words used in sentences. With names of distributions, for example of those whose stages a graph has,
+    only the words of these.
     """
     every, found = discovery.installed(), dict(WORDS)
     for name in every.names("words"):

@@ -31,7 +31,7 @@ class Author:
 
 @dataclass(frozen=True)
 class About:
-    """What is stated about results besides their content; '' if nothing is.
+    """Statements about the results of a pipeline: title, licence, authors; each is empty if it is not given.
 
     ``license`` is a name of the SPDX list (CC-BY-4.0) or a URL.
     """

@@ -40,7 +40,7 @@ def template(name: str = "") -> Template:
         raise RequestError(
             f"unknown template {name!r}{nearest(name, names)}"
             if names
-            else "no installed distribution brings a template"
+            else "no installed distribution provides a template"
         )
     return discovery.made_of(Template, f"the template {name!r}", brought)
 

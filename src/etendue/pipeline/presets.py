@@ -85,7 +85,7 @@ def preset(name: str, table: Table | None = None) -> Preset:
     found = discovery.installed()
     table = table or next((one for one in tables().values() if one.presets), None)
     if table is None or not table.presets:
-        raise RequestError(f"unknown preset {name!r}; no installed distribution brings any")
+        raise RequestError(f"unknown preset {name!r}; no installed distribution provides presets")
     what = table.preset
     brought = found.all(table.presets, name)
     if not brought:

@@ -18,7 +18,8 @@ def taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
     """Return a note for every stage whose assumption differs from that of an earlier stage on its path."""
     assumed: dict[CellRef, dict[str, tuple[str, Any]]] = {}
     notes: dict[str, None] = {}
-    alike: Once[dict[str, tuple[str, Any]]] = Once()  # cells of one stage that read cells alike assume the same
+    # Cells with equal stages and equal inputs make the same assumptions.
+    alike: Once[dict[str, tuple[str, Any]]] = Once()
 
     def assumed_by(cell: Cell) -> dict[str, tuple[str, Any]]:
         found: dict[str, tuple[str, Any]] = {}
@@ -47,7 +48,8 @@ def _shown(value: Any) -> str:
 def met_twice(nodes: Iterable[Node]) -> list[str]:
     """Return a note for every two stages on one path of light or charge that model the same physics."""
     notes: list[str] = []
-    before: dict[str, dict[str, str]] = {}  # by node: the physics modelled up to it, and by which stage
+    # By node: each kind of physics modelled up to it, and the stage that models it.
+    before: dict[str, dict[str, str]] = {}
     for node in nodes:
         met: dict[str, str] = {}
         for bound in node.inputs:

@@ -1,4 +1,4 @@
-"""Find what some cells need, for runs of only a few cells of a plan.
+"""Find the cells that some cells need, for runs of only a few cells of a plan.
 
 In:  a plan and cells of it.
 Out: these cells and all that they depend on, directly or indirectly.
@@ -13,7 +13,7 @@ from etendue.plan.model import CellRef, Node, Plan
 
 
 def ancestry(plan: Plan, refs: Iterable[CellRef], known: Collection[CellRef] = ()) -> set[CellRef]:
-    """Return the cells and every cell whose result they need; what ``known`` cells need is not."""
+    """Return the cells and every cell whose result they need. The search does not continue beyond ``known`` cells."""
     nodes = {node.name: node for node in plan.nodes}
     found: set[CellRef] = set()
     open_ = list(refs)
@@ -41,7 +41,7 @@ def _needed_by(plan: Plan, nodes: dict[str, Node], ref: CellRef) -> list[CellRef
 
 
 def behind(plan: Plan, names: Iterable[str]) -> set[str]:
-    """Return the names of some nodes and of all nodes that depend on what they write."""
+    """Return the names of some nodes and of all nodes that depend on their outputs."""
     found = set(names)
     for node in plan.nodes:
         read = {source for bound in node.inputs for _, source, _ in bound}
@@ -52,8 +52,8 @@ def behind(plan: Plan, names: Iterable[str]) -> set[str]:
 
 
 def in_front(plan: Plan, names: Iterable[str]) -> set[str]:
-    """Return the names of some nodes and of all nodes whose decisions can change what they write: the nodes they read
-    from and those they look at.
+    """Return the names of some nodes and of all nodes whose decisions can change their outputs: the nodes that they
+    read from or look at.
     """
     found = set(names)
     # A node reads only earlier nodes, so one pass in reverse reaches everything.

@@ -1,9 +1,9 @@
 """Cost before running: bytes stored and seconds expected.
 
 Seconds are estimated from ``nanoseconds``, a stage's time at its defaults per value written (per padded value and band
-for transfer functions), and from the costs of its knobs. The table at the end of a run has the measured times. This
-machine remembers them (``Rates``): by stage and by the size of the estimate, what came over what was estimated. Plans
-are told with it; nothing is decided by it.
+for transfer functions), and from the costs of its knobs. The table at the end of a run has the measured times. The
+ratio of measured to estimated seconds is cached on this machine by stage and size (``Rates``). Plans report seconds
+corrected by this ratio, but no decision depends on it.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from etendue.contract.values.parameter import Parameter
 from etendue.plan.identity.once import Once
 from etendue.plan.model import Cell, CellRef, Node, Plan
 
-LARGEST_WHOLE = 128 << 20  # a variable with bands above this is made and stored one band at a time
-WRITING = 4e-9  # seconds to compress and write a byte, where this machine has never done it
-SAMPLED = 64  # cells of a stage of which a run is remembered
-OCTAVES = 2  # per step of the sizes that are remembered apart
+LARGEST_WHOLE = 128 << 20  # a variable with bands and more bytes than this is computed and stored one band at a time
+WRITING = 4e-9  # assumed seconds to compress and write a byte on a machine that has not measured them yet
+SAMPLED = 64  # number of cells per stage whose seconds are cached after a run
+OCTAVES = 2  # width of a size class in the cache, octaves
 BYTES = {"uint8": 1, "uint16": 2, "uint32": 4}
 
 
@@ -35,14 +35,14 @@ def bytes_of(declaration: Declaration, grid: Grid, precision: str) -> int:
 
 
 def too_large(declaration: Declaration, grid: Grid, precision: str) -> bool:
-    """Return whether a variable is made and stored one band at a time."""
+    """Return whether a variable is computed and stored one band at a time."""
     by_band = declaration.dims[1:] == ("y", "x") and declaration.dims[0] == grid.banded
     return by_band and bytes_of(declaration, grid, precision) > LARGEST_WHOLE
 
 
 def alike(cells: Iterable[Cell]) -> list[tuple[Cell, int]]:
-    """Return one cell of each group that costs the same, with the size of the group. Cells cost the same if they have
-    one stage and the same grids.
+    """Return one cell of each group of equal cost, with the size of the group. Cells of equal stage and equal grids
+    have equal cost.
     """
     groups: Once[list[Cell]] = Once()
     for cell in cells:
@@ -57,13 +57,15 @@ def cell_bytes(node: Node, cell: Cell, precision: str, variables: Iterable[str] 
 
 def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
     """Return the expected seconds of one cell on one thread."""
+    # A cell that is left out still takes the engine's time to pass its input on and to report it.
     if cell.left_out:
         return 2e-5
     rate = cell.stage.nanoseconds
     if node.segment and cell.inputs:
         grid = cell.input_grids[cell.inputs[0][0]]
         terms = cell.stage.terms() if isinstance(cell.stage, Summed) else 0
-        transformed = min(1.0, terms / grid.bands().size) if terms else 1.0  # share of the bands that are transformed
+        # Fraction of the bands that are transformed.
+        transformed = min(1.0, terms / grid.bands().size) if terms else 1.0
         values = 1.6 * grid.count * transformed
     else:
         values = max(
@@ -87,9 +89,8 @@ def _cost(parameter: Parameter, value: bool | float) -> float:
     """Return the cost of a setting; for a value between two settings, that of the finer one."""
     if value in parameter.settings:
         return parameter.costs[parameter.settings.index(value)]
-    falling = (
-        parameter.settings[0] > parameter.settings[-1] and parameter.settings[-1] != 0
-    )  # counts may end in 0, which stands for all
+    # Counts may end in 0, which means all.
+    falling = parameter.settings[0] > parameter.settings[-1] and parameter.settings[-1] != 0
     finer = (i for i, one in enumerate(parameter.settings) if one != 0 and (value >= one if falling else value <= one))
     return parameter.costs[next(finer, -1)]
 
@@ -102,7 +103,9 @@ class Rates:
 
     @cached_property
     def known(self) -> dict[str, dict[str, float]]:
-        """By stage and precision, by size (``_size``), the factor; under 'writing', the seconds per byte."""
+        """The factor by stage and precision and, within these, by size (``_size``); under 'writing', the seconds per
+        byte.
+        """
         try:
             document = json.loads(cache.read("rates", "stages") or b"{}")
             return {
@@ -113,7 +116,9 @@ class Rates:
             return {}
 
     def seconds(self, cell: Cell, estimate: float, precision: str) -> float | None:
-        """Return what a cell took where the estimate was as large, or closest to it; None if it never ran here."""
+        """Return the seconds of a cell, from the measured factor of the nearest size; None if its stage never ran on
+        this machine.
+        """
         own = self.known.get(_place(cell.stage, precision))
         if not own or cell.left_out:
             return None
@@ -121,13 +126,13 @@ class Rates:
 
     @property
     def per_byte(self) -> float | None:
-        """Return the seconds to compress and write a byte; None if nothing was ever written here."""
+        """Return the seconds to compress and write a byte; None if this machine has not measured them."""
         return self.known.get("writing", {}).get("0")
 
     def learn(
         self, cells: Mapping[str, tuple[Node, list[tuple[Cell, float]]]], precision: str, written: tuple[int, float]
     ) -> None:
-        """Remember the seconds of some computed cells, by stage, and (bytes, seconds) of what was written."""
+        """Add to the cache the seconds of some computed cells, by stage, and the (bytes, seconds) of writing."""
         found = {name: dict(own) for name, own in Rates().known.items()}
         for node, measured in cells.values():
             sums: dict[tuple[str, str], list[float]] = {}
@@ -165,8 +170,8 @@ def told_seconds(node: Node, cells: Iterable[Cell], precision: str, rates: Rates
 
 
 def with_writing(node: Node, cells: Iterable[Cell], precision: str, stored: int, rates: Rates) -> tuple[float, bool]:
-    """Return the seconds of some cells of a stage and of writing their ``stored`` bytes, and whether this machine has
-    done both.
+    """Return the seconds of some cells of a stage and of writing their ``stored`` bytes, and whether both were measured
+    on this machine.
     """
     seconds, known = told_seconds(node, cells, precision, rates)
     per_byte = rates.per_byte
@@ -176,7 +181,7 @@ def with_writing(node: Node, cells: Iterable[Cell], precision: str, stored: int,
 
 
 def remember(plan: Plan, reports: Mapping[CellRef, Any], written: tuple[int, float]) -> None:
-    """Remember what the stages of a run took, from some cells of each, and what was written: (bytes, seconds)."""
+    """Cache the seconds of the stages of a run, from some cells of each, and the (bytes, seconds) of writing."""
     found: dict[str, tuple[Node, list[tuple[Cell, float]]]] = {}
     for node in plan.nodes:
         cells = plan.of(node.name)

@@ -1,6 +1,4 @@
-"""How a variable of a cell is drawn, from the plan: its black level and the filter pattern of its pixels at the cell's
-own axis values.
-"""
+"""The black level and the filter pattern with which a variable of a cell is drawn, at the axis values of the cell."""
 
 from __future__ import annotations
 
@@ -29,7 +27,8 @@ def drawn_of(plan: Plan, cell: Cell, name: str) -> Drawn | None:
 def _quantity(plan: Plan, cell: Cell, name: str) -> Any:
     """Return the value of a shared quantity for a cell; None if it is swept along an axis that does not reach it."""
     axes = plan.node(cell.node).axes
-    for axis in sorted(plan.axes, key=lambda axis: axis.key != name):  # its own axis overrides that of presets
+    # An axis of the quantity itself overrides an axis of presets.
+    for axis in sorted(plan.axes, key=lambda axis: axis.key != name):
         if axis.key == name or name in axis.gives:
             return axis.value(name, cell.index[axes.index(axis.dim)]) if axis.dim in axes else None
     return plan.shared.get(name)

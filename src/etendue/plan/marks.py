@@ -1,4 +1,4 @@
-"""Find what a metric does not include: stages of the pipeline that affect its subject but are not in it.
+"""Find the stages of the pipeline that affect the subject of a metric but are not included in it.
 
 In:  a plan, a node of it and a variable that it writes.
 Out: names of stages, for tables, plots and reports to show beside the metric.

@@ -84,7 +84,7 @@ class Node:
     looks_at: tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer' or variable, nodes in order)
     writes: Mapping[str, Declaration]
     axes: tuple[str, ...]
-    # what it could write as well but nothing asks for
+    # optional variables that nothing uses
     optional: Mapping[str, Declaration] = field(default_factory=dict)
     segment: tuple[str, ...] = ()  # names of the transfer nodes of its segment, up to itself
     mapped: tuple[str, ...] = ()  # leading dims of its inputs that it does not work on: it runs once per value
@@ -128,8 +128,8 @@ class Node:
 class LeftOut:
     """Why a cell is not computed, and the error bound of leaving it out, relative to the full scale of its variable.
 
-    ``apart``: the bound of the worst band relative to the full scale of that band, which counts for what a later stage
-    makes of the bands; 0 if it is no larger.
+    ``apart``: the bound of the worst band, relative to the full scale of that band. It applies to later stages that use
+    single bands; it is 0 if it is not larger.
     """
 
     bound: float
@@ -139,8 +139,8 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Approximated:
-    """A knob that the plan has set, its value in the reference, and the bound on what the difference adds to the error
-    of the cell's own output.
+    """A knob that the plan has set, its value in the reference, and a bound on the error that the difference adds to
+    the output of the cell.
     """
 
     knob: str
@@ -161,7 +161,7 @@ class Cell:
     inputs: tuple[tuple[str, CellRef, str], ...]  # (port or shared quantity, cell, variable); ports first
     looks_at: tuple[tuple[str, tuple[CellRef, ...]], ...]
     key: str
-    versions: Mapping[str, str]  # of the libraries that its key includes
+    versions: Mapping[str, str]  # versions of the libraries that are in its key
     seed: bytes
     open_words: tuple[
         Any, ...
@@ -173,11 +173,13 @@ class Cell:
     approximated: tuple[Approximated, ...]
     error: tuple[float | None, str]
     segment_input: tuple[CellRef, str] | None = None
-    growth: float = 1.0  # by how much a change in its output grows, at most, on its way to what is wanted
+    growth: float = 1.0  # largest factor by which an error of its output grows on its way to the wanted variables
     mapped: tuple[tuple[str, Coordinate], ...] = ()  # leading dims of the output; the stage runs once per value
 
     def at_wanted(self, bound: float) -> float:
-        """Return what a bound at this cell is at what is wanted. What grows beyond full scale is clipped there."""
+        """Return a bound at the wanted variables for a bound at this cell. It is at most 1, because values beyond full
+        scale are clipped.
+        """
         bound = max(bound, self.left_out.apart) if self.left_out else bound
         return max(bound, min(1.0, bound * self.growth)) if bound > 0 else bound
 
@@ -197,7 +199,9 @@ class Cell:
 
     @property
     def bound(self) -> float:
-        """The error that leaving out and approximating add at most to its own output, relative to full scale."""
+        """Upper bound of the error that omission and approximation add to the output of the cell, relative to full
+        scale.
+        """
         return self.left_out.bound if self.left_out else max((one.bound for one in self.approximated), default=0.0)
 
 
@@ -223,10 +227,10 @@ def pixel_of(cells: Sequence[Cell]) -> list[Cell]:
 
 
 def light_of(cells: Mapping[CellRef, Cell], cell: Cell) -> tuple[float, ...] | None:
-    """Return white light by band in front of a transfer cell: the scene's white less what filters absorb, scaled to a
-    largest value of 1 and rounded to 12 places.
+    """Return white light by band before a transfer cell: the white of the scene multiplied by the transmission of
+    filters, scaled to a largest value of 1 and rounded to 12 digits.
 
-    Return None if the scene states no white, or if a stage changes white in another way than by a transmission.
+    Return None if the scene states no white, or if a stage changes white other than by a transmission.
     """
     edges = cell.input_grids[cell.inputs[0][0]].bands().edges
     passed = [1.0] * (len(edges) - 1)
@@ -268,8 +272,8 @@ def chains(names: Sequence[str], nodes: Mapping[str, Node]) -> list[list[int]]:
 
 
 class Numbers:
-    """Numbers cells from 0 in the order of the plan, so that what is known of every cell fits in columns of a few
-    bytes.
+    """Numbers cells from 0 in the order of the plan, so that data by cell can be stored in arrays with a few bytes per
+    cell.
 
     The cells of a node are consecutive, the last axis fastest. So a number follows from strides; no table is needed.
     """
@@ -297,7 +301,7 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is computed and in which order, and what is left out and why."""
+    """A plan: the cells to compute, in order, and the cells that are left out, with reasons."""
 
     pipeline: PipelineFile
     axes: tuple[Axis, ...]
@@ -309,11 +313,11 @@ class Plan:
     shared: DocumentView
     warnings: tuple[str, ...] = ()
     leaves_out: bool = True  # whether anything may be left out or approximated
-    looked: float = 0.0  # seconds spent analysing scenes that were never planned before
+    looked: float = 0.0  # seconds spent on the analysis of scenes that were never planned before
     expected: bool = False  # means instead of draws and rounding: integer variables are floats, nothing is stored
-    # kept variables that are stored even if all their cells are left out: those that ``keep`` names
+    # variables that ``keep`` names: they are stored even if all their cells are left out
     copied: frozenset[StageVariable] = frozenset()
-    # nodes whose stages alone are looked at, which are not run: a transfer function is known without
+    # nodes that are not run, because others look only at their stages, for example at a transfer function
     seen_only: frozenset[str] = frozenset()
 
     def node(self, name: str) -> Node:

@@ -1,4 +1,4 @@
-"""Summarise what a plan leaves out and approximates, stage by stage, as tables and JSON show it.
+"""Summarise the omissions and approximations of a plan, stage by stage, for tables and JSON.
 
 In:  the cells of one stage.
 Out: documents with the number of cells, the bound and, if known, the seconds saved.
@@ -24,9 +24,9 @@ def left_out(
 ) -> Document | None:
     """Return the summary of a stage that is left out in some cells; None for other stages.
 
-    ``bound`` holds at what is wanted too, wherever later stages let an error grow; ``at_stage`` for the stage's own
-    output. ``stored``: its variables that have an array, of which these cells take a copy. ``rates``: what is saved is
-    told with them, writing included.
+    ``bound`` refers to the wanted variables and includes the growth of errors in later stages; ``at_stage`` refers to
+    the output of the stage. ``stored``: variables of the stage that have an array, so that these cells store copies.
+    ``rates``: measured rates for the seconds saved, including writing.
     """
     out = [(cell, cell.left_out) for cell in cells if cell.left_out]
     if not out:
@@ -43,7 +43,9 @@ def left_out(
 
 
 def _without(node: Node, cells: Sequence[Cell], precision: str, stored: Collection[str], rates: Rates | None) -> float:
-    """Return the seconds that computing some cells that are left out would take, and writing what has no array now."""
+    """Return the seconds that it would take to compute some left-out cells and to write those of their variables that
+    have no array.
+    """
     whole = [replace(cell, left_out=None) for cell in cells]
     if rates is None:
         return sum(cell_seconds(node, cell, precision) for cell in whole)
@@ -60,7 +62,7 @@ def approximated(
     saved relative to the reference setting; None for other stages.
     """
     found: dict[tuple[str, Hashable], list[Approximated]] = {}
-    wanted: dict[tuple[str, Hashable], float] = {}  # the bound at what is wanted
+    wanted: dict[tuple[str, Hashable], float] = {}  # bounds at the wanted variables
     saved: dict[tuple[str, Hashable], list[float | None]] = {}
     for cell in cells:
         for one in cell.approximated:
@@ -96,7 +98,7 @@ def _saved(node: Node, cell: Cell, one: Approximated, precision: str, rates: Rat
     parameter = parameters_of(type(cell.stage))[one.knob][0]
     try:
         other = replace(cell, stage=replace(cell.stage, **{one.knob: one.reference}))
-    except ValueError:  # the stage refuses it
+    except ValueError:  # the stage refuses the reference setting
         return None
     estimate = cell_seconds(node, cell, precision)
     saved = cell_seconds(node, other, precision) - estimate
@@ -116,7 +118,7 @@ def _saving(seconds: float | None) -> str:
 
 
 def _copies(size: int) -> str:
-    """Return the end of a sentence that states what copies of its input take in an archive; '' if there are none."""
+    """Return the end of a sentence that states the bytes of copies of its input in an archive; '' if there are none."""
     return f"; their copies take {human_bytes(size)}" if size else ""
 
 
@@ -131,7 +133,7 @@ def _shown(value: Hashable) -> Hashable:
 
 
 def told(name: str, left: Document | None, knobs: list[Document] | None) -> list[str]:
-    """Return the same as sentences."""
+    """Return the summaries of a stage as sentences."""
     said = []
     if left:
         wrong = "exactly" if left["bound"] == 0 else f"error {_at_most(left['at_stage'], left['bound'])}"

@@ -30,7 +30,7 @@ from etendue.plugins.guests import Guest
 from etendue.telling import plain
 from etendue.types.documents import Document
 
-TOLD = 10.0  # a smaller growth of what is left out is not told: the tolerance is one of each stage's own output
+TOLD = 10.0  # smallest growth that is worth a warning; the tolerance itself refers to the output of each stage
 INSTALLED: Mapping[str, str] = MappingProxyType({})
 
 
@@ -48,7 +48,7 @@ def without_collecting() -> Iterator[None]:
 
 @contextmanager
 def asked_of_stages() -> Iterator[None]:
-    """Guard the calls to stages, some of which belong to other distributions."""
+    """Convert errors in calls of stages, some of which belong to other distributions, to faults of the request."""
     with Guest("a stage, when it was planned,"):
         yield
 
@@ -85,6 +85,7 @@ def make_plan(
     # Order: the graph before cells (a file with faults must not be expanded), cells before warnings (most warnings need
     # the facts of a cell).
     leave_out_allowed = leave_out_allowed and pipeline.leave_out
+    # Swapped stages come before automatic values, because these are chosen by the stages that are finally used.
     pipeline, swapped = fitted_to_overrides(pipeline, registry)
     pipeline, chosen = settled(pipeline, registry)
     try:
@@ -95,6 +96,7 @@ def make_plan(
         cells, precision, looked = expand(graph, pipeline, choice, told)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), error.file) from None
+    # Stages that others only look at are not run, so they have no arrays to keep.
     kept = frozenset(one for one in resolve_keep(graph.nodes, graph.keep) if one[0] not in graph.seen_only)
     try:
         sampled = notes_on_the_scene(graph.nodes, cells, {axis.dim: axis for axis in graph.axes})
@@ -130,6 +132,7 @@ def _warnings(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], tolerance: f
         _beyond_tolerance(cells, tolerance),
         _grown(cells, tolerance),
     )
+    # A dict removes duplicates and, unlike a set, keeps the order of the warnings the same in every process.
     texts = dict.fromkeys(itertools.chain(*notes))
     among: dict[Stage, list[str]] = {}  # by stage, since one stage serves many cells
     for cell in cells.values():
@@ -169,8 +172,8 @@ def _beyond_tolerance(cells: Mapping[CellRef, Cell], tolerance: float) -> list[s
 
 
 def _grown(cells: Mapping[CellRef, Cell], tolerance: float) -> list[str]:
-    """Return a warning for every stage of which the decisions, within the tolerance at the stage, may add more to what
-    is wanted: later stages meter the light, clip it or amplify it.
+    """Return a warning for every stage whose decisions are within the tolerance at its own output but may exceed it at
+    the wanted variables, because later stages meter, clip or amplify the light.
     """
     worst: dict[str, float] = {}
     for cell in cells.values():
@@ -189,7 +192,7 @@ def _grown(cells: Mapping[CellRef, Cell], tolerance: float) -> list[str]:
 def _rewritten_in_vain(nodes: Sequence[Node]) -> list[str]:
     """Return a warning for every stage that changes a variable after its only reader: it is likely misplaced."""
     written = {(node.name, variable): declared.dims for node in nodes for variable, declared in node.writes.items()}
-    readers: dict[tuple[str, str], list[tuple[int, Node]]] = {}  # of each (stage, variable), with their numbers
+    readers: dict[tuple[str, str], list[tuple[int, Node]]] = {}  # readers of each (stage, variable), with their numbers
     for number, node in enumerate(nodes):
         for _, source, variable in itertools.chain(*node.inputs):
             readers.setdefault((source, variable), []).append((number, node))
@@ -198,7 +201,8 @@ def _rewritten_in_vain(nodes: Sequence[Node]) -> list[str]:
         own = {variable: source for _, source, variable in itertools.chain(*node.inputs) if variable in node.writes}
         for variable, source in own.items():
             if written[source, variable] != node.writes[variable].dims:
-                continue  # it reduces dims, such as many frames to one picture: a new result, not a rewrite
+                # The stage removes a dim, for example merges frames: this gives a new result rather than a rewrite.
+                continue
             before = [reader for at, reader in readers[source, variable] if at < number]
             if before and (node.name, variable) not in readers and not any(variable in r.writes for r in before):
                 notes.append(

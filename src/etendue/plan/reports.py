@@ -1,6 +1,7 @@
-"""What became of the cells of a plan, in columns: 18 bytes per cell, and more only for the few with more to report.
+"""The reports of the cells of a plan, as arrays with 18 bytes per cell, plus objects for the few cells with more to
+report.
 
-In:  reports of cells as they end.
+In:  the report of each cell when it ends.
 Out: the reports by cell, made on request; sums over the cells of a stage.
 """
 
@@ -121,7 +122,7 @@ class Reports(Mapping[CellRef, CellReport]):
         return sum(self.size[own.start : own.stop])
 
     def counted(self, stage: str) -> list[float]:
-        """Return what was raised to a floor or lies above saturation, for each cell of a stage that has any."""
+        """Return the counts of values raised to a floor or above saturation, for each cell of a stage that has any."""
         own = self.numbers(stage)
         return [rest[2] for number, rest in self.rest.items() if number in own and rest[2] > 0]
 

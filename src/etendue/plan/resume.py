@@ -1,4 +1,4 @@
-"""Find what is left to do of a plan, given the content of an archive.
+"""Find the cells of a plan that remain to be computed, given the content of an archive.
 
 In:  a plan, the axis values that an archive has, the finished cells.
 Out: the plan over all those values, and the cells to compute (``Work``).
@@ -21,7 +21,7 @@ from etendue.types.documents import AxisValue, DocumentView
 
 @dataclass
 class Work:
-    """What is left to do of a request.
+    """The remaining work of a request.
 
     ``plan`` also covers the axis values of earlier runs; ``cells`` maps each requested cell to its cell in ``plan``.
     """
@@ -71,7 +71,7 @@ def with_stored_values(
     if not extra:
         return plan
     whole = _over(plan, extra, stored)
-    if whole is None:  # some value is no longer valid, so its cells no longer belong to this pipeline
+    if whole is None:  # some value is no longer valid; the cells at such values do not belong to this pipeline any more
         extra = {key: _possible(plan, key, values, stored) for key, values in extra.items()}
         whole = _over(plan, {key: values for key, values in extra.items() if values}, stored)
     return whole or plan
@@ -142,7 +142,7 @@ def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = 
     """
     todo = {ref for ref in (plan.cells if requested is None else requested) if ref not in finished}
     nodes = {node.name: node for node in plan.nodes}
-    read: set[CellRef] = set()  # by a cell to compute, as arrays
+    read: set[CellRef] = set()  # cells whose arrays a cell to compute reads
     # In reverse, since cells come after those they read: each source is added before the loop reaches it.
     for ref in reversed(list(plan.cells)):
         if ref not in todo:
@@ -166,7 +166,9 @@ def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = 
 
 
 def _need_segment(plan: Plan, source: CellRef, todo: set[CellRef]) -> None:
-    """Add what is needed to rebuild a transform: its segment's input, unless that is stored."""
+    """Add the cells needed to compute a transform again: those up to the input of its segment, unless that is
+    stored.
+    """
     segment_input = plan.cells[source].segment_input
     assert segment_input is not None
     (node, index), variable = segment_input

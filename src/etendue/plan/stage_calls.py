@@ -51,7 +51,8 @@ def made(kind: type[Stage], values: DocumentView) -> Stage:
     with foreign(f"{kind.__name__}.__post_init__"):
         try:
             stage = kind(**values)
-        except NotKnown:  # it checks a value that only a run finds; the run makes and checks it again
+        # The check needs a value that only a run finds; the run builds the stage again and repeats the check.
+        except NotKnown:
             stage = unchecked(kind, values)
         except TypeError as error:
             raise ValueError(str(error)) from error
@@ -97,11 +98,11 @@ def _facts(stage: Stage, method: str, found: Facts) -> Facts:
     return facts
 
 
-RUN = object()  # as ``unknown``: an answer that depends on what a run finds is a fault
+RUN = object()  # passed as ``unknown``: here an answer that depends on a value found by the run is a fault
 
 
 def _asked(stage: Stage, method: str, *given: Any, unknown: Any = RUN) -> Any:
-    """Return what a method returns; ``unknown`` if that depends on a value which only a run finds."""
+    """Return the result of a method; ``unknown`` if it depends on a value that only a run finds."""
     with foreign(_name(stage, method)):
         try:
             return getattr(stage, method)(*given)
@@ -135,7 +136,9 @@ def carried(stage: Stage, facts: Mapping[str, Facts], grids: Mapping[str, Grid])
 
 
 def growth_of(stage: Stage, facts: Mapping[str, Facts]) -> float:
-    """Return by how much a change of an input may grow in a stage; 1 if that depends on what a run finds."""
+    """Return the factor by which an error of an input may grow in a stage; 1 if it depends on a value that only a run
+    finds.
+    """
     if type(stage).growth is Stage.growth:
         return 1.0
     found = _asked(stage, "growth", dict(facts), unknown=1.0)
@@ -176,7 +179,7 @@ def error_of(stage: Stage, method: str, *given: Any) -> tuple[float | None, str]
 
 
 def texts(stage: Stage, method: str, *given: Any) -> list[str]:
-    """Return the texts of ``warn`` or ``warn_among``; none if they depend on what a run finds."""
+    """Return the texts of ``warn`` or ``warn_among``; none if they depend on values that only a run finds."""
     with foreign(_name(stage, method)):
         try:
             found = getattr(stage, method)(*given)
@@ -198,7 +201,7 @@ def common_draws(stage: Stage) -> bool:
 
 
 def lacking(kind: type[Stage], dim: str, variable: str) -> str:
-    """Return the message for a dim that a stage writes and whose coordinate nothing states."""
+    """Return the message for a written dim without a coordinate."""
     return (
         f"{kind.__name__} writes {variable} with the dim {dim!r}, which none of its inputs has, without stating its "
         f"coordinate: give the class "

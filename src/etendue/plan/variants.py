@@ -1,5 +1,5 @@
-"""Variants of a plan: one point of its sweep, other draws of the noise, the same graph with other parameter values.
-They take a fraction of the time of a plan.
+"""Variants of a plan: one point of its sweep, other draws of the noise, the same graph with other parameter values. A
+variant takes a fraction of the time of a new plan.
 
 In:  a plan.
 Out: a plan for runs that store nothing: its cells have no keys, or those of the whole plan.
@@ -81,7 +81,7 @@ def at_point(plan: Plan, place: AxisValues, wanted: tuple[StageVariable, ...]) -
 
 
 def with_draw(plan: Plan, number: int) -> Plan:
-    """Return the plan with noise drawn, another draw for every number."""
+    """Return the plan with random draws of the noise; each number gives another draw."""
     more = f"\ndraw={number}".encode()
     cells = {ref: _copy(cell, seed=cell.seed + more) if cell.seed else cell for ref, cell in plan.cells.items()}
     return replace(plan, cells=cells, expected=False)
@@ -93,7 +93,7 @@ def _narrowed(axis: Axis, number: int) -> Axis:
 
 
 def _chosen(node: Node, at: Mapping[str, int]) -> Node:
-    """Return a node with the one alternative that it uses."""
+    """Return a node reduced to the one alternative that is used."""
     number = at[node.use_axis] if node.use_axis else 0
     if len(node.alternatives) == 1:
         return node

@@ -122,8 +122,8 @@ class Discovery:
         )
 
     def missed(self, what: str, name: str) -> str:
-        """Return '; ...' with possible reasons why nobody provides a name: broken manifests, or ones in the form of
-        earlier versions.
+        """Return '; ...' with possible reasons why no distribution provides a name: broken manifests, or ones in the
+        form of earlier versions.
         """
         former = [point for point in self._former if point.name == name] if what == "stages" else []
         said = [_former_text(point) for point in former[:1]] or [

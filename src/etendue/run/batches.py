@@ -1,8 +1,9 @@
-"""Batches: a partition of the jobs into tasks of useful size, free of cycles.
+"""Partition the jobs into batches: tasks of useful size without cyclic dependencies.
 
-Each job is in exactly one batch. A job joins the batch of its newest input while that batch is small, else a new batch
-after it, together with its siblings; jobs whose newest inputs are in several batches share one after these. Levels rise
-strictly along every dependency between batches, so that diamonds cannot close a cycle.
+Each job is in exactly one batch. A job joins the batch of its newest input while that batch is small; otherwise it
+starts a new batch after that one, which its siblings join. Jobs whose newest inputs are in several batches share one
+batch after all of these. Every batch has a level, and a batch has a higher level than all batches from which it reads;
+cycles between batches are therefore impossible.
 """
 
 from __future__ import annotations
@@ -140,7 +141,7 @@ class _Units:
 
 @dataclass
 class BatchResult:
-    """What a batch passes on, and its reports."""
+    """The results that later batches read, and the reports of a batch."""
 
     results: dict[CellRef, Result]
     reports: tuple[CellReport, ...]
@@ -157,8 +158,9 @@ def _ahead(
     doomed: Mapping[CellRef, str],
     at: Callable[[int], None] | None,
 ) -> dict[CellRef, Ended]:
-    """Compute the cells of the walk that begins here together. Return {} if the walk is incomplete, or a cell of it
-    must not be tried or fails: each is then computed alone."""
+    """Compute the cells of the walk that begins here together. Return {} if the walk is incomplete, or if one of its
+    cells fails or must not be tried: every cell is then computed alone.
+    """
     walk = jobs[first].walk
     assert walk is not None
     members = jobs[first : first + walk.members]
@@ -188,13 +190,13 @@ def _alone(
 
 
 def _delivered(job: Job, result: Result) -> dict[str, Any]:
-    """Return what the owner of the run gets of a cell."""
+    """Return the arrays and the report of a cell that are sent to the owner of the run."""
     given = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
     return given if job.look is None else job.look(given)
 
 
 def _settle(jobs: tuple[Job, ...]) -> None:
-    """Flush what the cells have written to its files; all of them write to one archive."""
+    """Flush the arrays that the cells have written to their files; all cells write to one archive."""
     target = next((job.target for job in reversed(jobs) if job.store and job.target), None)
     if target is not None:
         with refused_by_the_machine():

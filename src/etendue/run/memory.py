@@ -1,5 +1,5 @@
-"""Memory of a process that runs cells: freed memory is reused, and unreachable results are collected, both at little
-cost.
+"""Memory management of a process that runs cells: make it reuse freed memory, and collect unreachable results, both in
+little time.
 
 A cell frees blocks of the sizes that the next one needs. glibc returns large blocks to the system at once, and touching
 fresh pages costs more than filling them: 10 us a page on a virtual machine, 2 ms for the three channels of a 256 x 256
@@ -58,7 +58,8 @@ class Trees:
         self.lock = threading.Lock()
         self.young: list[tuple[weakref.ref[xarray.DataTree], int]] = []  # since the last young collection
         self.old: list[tuple[weakref.ref[xarray.DataTree], int]] = []
-        self.allowed = 0  # bytes of old trees presumed in use; collecting for these would be in vain
+        # Bytes of old trees that survived a collection and are presumed in use; collecting again would not free them.
+        self.allowed = 0
 
     def hand_out(self, tree: xarray.DataTree, size: int) -> None:
         """Register a tree and the bytes of its arrays."""

@@ -115,7 +115,9 @@ def _counts() -> tuple[int, int] | None:
         return 1  # every library has the same counts
 
     kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(_Library), ctypes.c_size_t, ctypes.c_void_p)
-    try:  # with the interpreter held, so that no thread that loads a library meanwhile waits for it
+    # PyDLL keeps the interpreter lock during the call. Otherwise the callback could wait for that lock, with the lock
+    # of the loader held, while another thread holds the interpreter lock, loads a library and waits for the loader.
+    try:
         ctypes.PyDLL(None).dl_iterate_phdr(kind(first), None)
     except (OSError, AttributeError):
         return None

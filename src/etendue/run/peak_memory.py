@@ -3,9 +3,10 @@
 In:  a plan, the number of workers, whether results stay in memory.
 Out: ``Peak``: bytes, and the cell that holds most of them.
 
-The jobs are those that would run, for the largest cells of a plan and their neighbours on its axes: cells that are left
-out hold nothing, cells of a walk hold strips, light computed by band holds bands. Stages state the memory they work
-with (``Stage.working``); that of transforms is known here. Measured by ``benchmarks/memory.py``.
+The simulated jobs are those that would run for the largest cells of a plan and their neighbours on its axes. Cells that
+are left out need no memory, cells of a walk need that of strips, and light computed by band needs that of some bands.
+Stages state their working memory (``Stage.working``); that of transforms is computed here. Measured by
+``benchmarks/memory.py``.
 """
 
 from __future__ import annotations
@@ -142,7 +143,7 @@ def _one_by_one(job: Job) -> int:
 
 @dataclass
 class _Batch:
-    """What a batch holds while it runs, beyond its input, and what it passes on."""
+    """The bytes that a batch holds while it runs, in addition to its input, and the results that it passes on."""
 
     most: float
     ref: CellRef

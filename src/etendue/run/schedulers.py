@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class How:
     """How batches are run: the last argument of every ``place``, after ``batches, deliver, before, after``.
 
-    ``platform`` returns what bits depend on, and ``mark`` is a file that all workers must see: a cluster refuses
-    workers that differ.
+    ``platform`` returns the properties on which bits depend, and ``mark`` is a file that all workers must see. A
+    cluster refuses workers for which these differ.
     """
 
     address: str  # the value of ``--scheduler``

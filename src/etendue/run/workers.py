@@ -1,5 +1,5 @@
-"""Worker processes that may die: each serves one thread of the run, which knows at any time which cell its worker is
-computing.
+"""Worker processes that may die. Each serves one thread of the run; a worker reports the start of every cell, so that
+the thread can name the cell during which its worker died.
 
 In:  batches, as plain values.
 Out: their results. If its worker dies on a cell, or a cell exceeds its time limit, that cell fails, and a new worker

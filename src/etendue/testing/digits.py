@@ -1,4 +1,4 @@
-"""How many digits a stage keeps: compare single, double and long double precision at every level of its input.
+"""Digits lost by a stage: compare single, double and long double precision at every level of its input.
 
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken`` that says where digits are lost.

@@ -22,7 +22,7 @@ GUESSED = Labels((0.0, 1.0, 2.0))  # entries of an undeclared dim
 
 
 class GaussianTransfer(Transfer):
-    """What probes look at: a Gaussian transfer function."""
+    """A Gaussian transfer function, for testing stages that look at transfer functions."""
 
     def transfer(self, fy: Array, fx: Array, band: Array) -> Array:
         return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(band)

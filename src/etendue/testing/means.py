@@ -1,4 +1,4 @@
-"""What a stage says of the mean of its draws, or of what it rounds.
+"""The mean that a stage states for its draws, or for values before rounding.
 
 In:  a ``Bench``, and its input.
 Out: the arrays that ``mean`` returns when the engine calls it.

@@ -1,10 +1,11 @@
 """The effect of a small change: of the input, of a parameter, of the unit of light.
 
 In:  a ``Bench``.
-Out: nothing, or ``LawBroken`` that says what jumped.
+Out: nothing, or ``LawBroken`` that names the jump.
 
-Apart from rounding, a change by one unit in the last place may do at most ``SHARE`` of what a change by 1e-6 does, and
-a change by 1e-6 at most ``JUMP`` of full scale. The effect of a change by 1e-6, times 1e6, is the condition number.
+Apart from rounding, a change by one unit in the last place may have at most ``SHARE`` of the effect of a change by
+1e-6, and a change by 1e-6 may change the result by at most ``JUMP`` of full scale. The effect of a change by 1e-6,
+times 1e6, is the condition number.
 """
 
 from __future__ import annotations
@@ -121,7 +122,8 @@ def compare(bench: Bench, base: BenchTrial, moved: dict[str, BenchTrial], what: 
 
 
 def unit_changes(bench: Bench) -> None:
-    """Light in a unit a million times as large or small is the same light; a hidden constant would show.
+    """Check that the result does not depend on the unit of light, for units a million times as large or small. This
+    reveals constants that are hidden in the code.
 
     Only for stages that read and write one variable of light and have nothing else in its unit.
     """

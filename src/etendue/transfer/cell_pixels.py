@@ -175,7 +175,8 @@ def box_of(otf: Transfer, pitch: float) -> tuple[tuple[float, float], tuple[floa
 
     Notes
     -----
-    Read off at one low frequency, where sin(t)/t has one solution, and checked at 49 others to 1e-12.
+    The width is solved at one low frequency, where sin(t)/t has one solution, and checked at 49 other frequencies to
+    1e-12.
     """
     f = 0.3 / (np.pi * pitch)
     zero = np.zeros((1, 1))

@@ -7,9 +7,9 @@ Sources: the discrete Fourier transform; Poisson's summation formula.
 
 In `cells` the light is constant within each cell. After a blur h its mean over cell i is the sum of c_j times the share
 of cell j's light that falls on cell i, (box * h * box)(x_i - x_j)/D^2. That share is not negative where h is not, and
-all shares of a cell sum to one. Its transfer function on the cells is the sum over all aliases m of
-H(f + m/D) sinc^2(D f + m), along both axes: what the grid cannot resolve is folded, never cut off. A pixel value is the
-same sum with sinc(D f + m) A(f + m/D) instead: the cell's sinc once, the pixel's window A once.
+all shares of a cell sum to one. Its transfer function on the cells is the sum over all aliases m of H(f + m/D) sinc^2(D
+f + m), along both axes: frequencies that the grid cannot resolve are folded back and never cut off. A pixel value is
+the same sum with sinc(D f + m) A(f + m/D) instead: the cell's sinc once, the pixel's window A once.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class Reach(NamedTuple):
 
     @property
     def by_axis(self) -> bool:
-        """Whether it has no end as a whole, but is a product; each factor costs one axis and can be followed
-        further.
+        """Whether the function has no end but is a product over the axes. Each factor is evaluated on one axis only, so
+        more aliases can be kept.
         """
         return self.separable and self.rest != 0 and self.radius > 0
 

@@ -1,4 +1,4 @@
-"""What a scene's light holds by frequency, computed before planning with one transform per band.
+"""The content of a scene's light by frequency, computed before planning with one transform per band.
 
 In:  a source and the grid of its output.
 Out: a ``Content``, with every number rounded up to three digits, lower bounds down.
@@ -36,9 +36,10 @@ def light_of(source: type[Source]) -> str | None:
 
 
 def content_of(source: Source, grids: Mapping[str, Grid]) -> Content | None:
-    """Return the content of a scene's light. None if it is not samples of band-limited light, if the scene draws random
-    numbers, if it is too large to examine (17 million samples per band), or if it cannot be computed: the run then
-    reports why."""
+    """Return the content of a scene's light. Return None if the light is not samples of a band-limited function, if the
+    scene draws random numbers, if it has more than 17 million samples per band, or if it cannot be computed; the run
+    then reports the reason.
+    """
     try:
         with np.errstate(all="ignore"), unwarned():
             return _looked_at(source, grids)

@@ -1,7 +1,8 @@
 """The effect of a blur on light whose content is known: sums over rings of radial frequency.
 
 In:  transfer stages, edges of bands, the ``Content`` of their input.
-Out: how much leaving them out changes, rms over the frame and at the largest pixel; the content after them.
+Out: bounds on the change from leaving them out, rms over the frame and at the pixel that changes most; the content
+     after them.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ DIRECTIONS = 8  # over a half turn, in which a non-radial transfer function is e
 
 
 def change(stage: Transfer, content: Content, grid: Grid) -> peaks.Change:
-    """Return the change from leaving this stage out, in the content's norm, relative to the largest value behind it.
+    """Return a bound on the change from leaving this stage out, in the norm of the content, relative to the largest
+    value after the stage.
 
     Parameters
     ----------
@@ -80,7 +82,7 @@ def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) 
 def _remembered(
     state: tuple[Transfer, Hashable], edges: tuple[float, ...], rings: tuple[float, ...]
 ) -> tuple[Array, Array, Array]:
-    """Return (band, ring): in every ring over all directions the largest |1 - H|, and the largest and smallest |H|."""
+    """Return, by (band, ring) and over all directions, the largest |1 - H| and the largest and the smallest |H|."""
     found = in_directions((state[0],), edges, scene_rings.frequencies_in(np.array(rings)))
     changed, passed = (scene_rings.largest_in_rings(np.abs(values)).max(axis=0) for values in (1 - found, found))
     least = -scene_rings.largest_in_rings(-np.abs(found)).max(axis=0)

@@ -1,7 +1,8 @@
 """Sums over bands of filtered light, with a few transforms instead of one per band.
 
 In:  the weights of the channels by band; transfer functions by band and radial frequency.
-Out: a basis over the bands, radial tables looked up on planes of frequencies, and the residual of an expansion.
+Out: a basis over the bands, radial tables that are interpolated on planes of frequencies, and the residual of an
+     expansion.
 
 A channel c is sum_l w_c(l) T_l(f) X_l(f). If the transfer function changes slowly from band to band, all w_c(l) T_l(f)
 are close to sum_k u_ck(f) g_k(l) with few functions g_k, and the sum over l can be taken before the transform:
@@ -31,8 +32,8 @@ falls as 1/f, like amplitudes in pictures.
 
 
 def importance(frequency: FloatArray) -> FloatArray:
-    """Return how much an error at each radial frequency matters in the fit of a basis, for any pixels: 1, then falling
-    as 1/f.
+    """Return the weight of an error at each radial frequency in the fit of a basis: 1 at low frequencies, then falling
+    as 1/f. It suits any pixel size.
     """
     flat = FLAT_BELOW * float(frequency.max()) or 1.0
     return np.minimum(1.0, flat / np.maximum(frequency, 1e-300))
@@ -54,8 +55,8 @@ def band_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: F
     Returns
     -------
     (planes, band) array
-        g, orthonormal under 1 / total weight: the weight of each band in each plane; 0 in bands without weight. Its
-        span contains the weights of the channels, so that uniform light is exact.
+        g, the weight of each band in each plane; orthonormal with the weight 1 / (total weight of the band), and 0 in
+        bands without weight. Its span contains the weights of the channels, so that uniform light is exact.
 
     Raises
     ------
@@ -65,8 +66,8 @@ def band_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: F
     Notes
     -----
     Source: the singular vectors of the part of the weighted transfer functions that the weights do not span: the best
-    basis in the mean square for its number of functions (Eckart and Young 1936). Computed as eigenvectors of their
-    products, bands by bands: functions that contribute less than 1e-8 of the first are in no defined order.
+    basis in the mean square for its number of functions (Eckart and Young 1936). They are computed as eigenvectors of
+    the (band, band) matrix of products. Functions that contribute less than 1e-8 of the first have no defined order.
     """
     weights, scale = _scaled(weights)
     if planes < weights.shape[0]:
@@ -136,7 +137,7 @@ class RadialPlane:
     -----
     Rows of opposite frequency are looked up once. Linear interpolation: the error is (spacing of the nodes)^2 / 8 times
     the second derivative: 1e-7 for a smooth function with few nodes; at most 6e-6 and 2.4e-6 at the kink of a
-    diffraction cut-off (f/16 on a grid of 0.5 um), where the planes have next to nothing.
+    diffraction cut-off (f/16 on a grid of 0.5 um), where the planes contain almost no energy.
     """
 
     def __init__(self, rows: FloatArray, columns: FloatArray, precision: object, nodes: int = 0) -> None:

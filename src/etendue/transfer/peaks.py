@@ -1,19 +1,20 @@
-"""A change of light relative to its largest value, wherever it is looked at: at the stage itself or behind later blurs.
+"""Bounds on a change of light relative to its largest value, at the output of a stage and after any later blur.
 
-In:  factors 1 - H by band and ring, the ``Content`` of the light, the share of each ring that is left.
+In:  factors 1 - H by band and ring, the ``Content`` of the light, the fraction |H| that remains of each ring.
 Out: a bound on the change in the content's norm, relative to the largest value.
 
-A blur lowers peaks: behind a wide blur, a point is hardly brighter than the mean. Therefore a change is compared with
-the least that the largest value can be, and with it behind later Gaussian blurs of any width: the worst counts.
+A blur lowers peaks: after a wide blur, a point is hardly brighter than the mean. Therefore a change is divided by a
+lower bound of the largest value after the stage. The same ratio is computed after later Gaussian blurs of many widths,
+and the largest ratio is returned.
 
-Two lower bounds of the largest value are known, and the larger counts:
+There are two lower bounds of the largest value, and the larger one is used:
 
-- from the detail that is left: E[x^2] <= max(x) E[x] for x >= 0.
-- from the scene, of which the largest values behind blurs of octave widths were looked up. A wider blur is a narrower
-  one and another after it, and no mean with weights above 0 exceeds the largest value: so the value behind a wide blur
-  is a lower bound for every narrower one. A transfer function H changes no point of the plane behind a blur by more
-  than the sum of the amplitudes times |1 - H| and the share that the blur leaves. The sum is small behind a blur that
-  is wider than that of H; so the largest value behind H and a narrow blur is bounded by one of the wider ones.
+- from the power of the remaining detail: E[x^2] <= max(x) E[x] for x >= 0.
+- from the largest values of the scene after Gaussian blurs of octave widths, which were computed once. A wide blur is a
+  narrow blur followed by another blur, and a mean with positive weights never exceeds the largest value. Therefore the
+  largest value after a wide blur is a lower bound of that after every narrower one. After a blur, a transfer function H
+  changes a point by at most the sum of amplitude x |1 - H| x transmission of the blur. This sum is small if the blur is
+  wider than that of H, so one of the wide blurs bounds the largest value after H and a narrow blur.
 
 Sources: Parseval's theorem; the triangle inequality; Gaussian widths add in squares.
 """
@@ -31,13 +32,13 @@ from etendue.contract.arrays.grid import Grid
 from etendue.transfer import sampling
 from etendue.types.arrays import Array, FloatArray
 
-DIM = 1e-3  # of the brightest band: dimmer bands are compared with this share of it
-SPOTS = 3.0  # excess of the rms over a few pixels above that over the frame, for light in one spot
+DIM = 1e-3  # fraction of the brightest band; a dimmer band is compared with this fraction instead of with itself
+SPOTS = 3.0  # relative excess of the rms over a few pixels above that over the frame, for light in one spot
 
 
 class Change(NamedTuple):
-    """A bound on a change: relative to the largest value of all bands, and that of the worst band relative to its own,
-    for a later stage that may use only one band.
+    """A bound on a change. ``whole``: relative to the largest value of all bands. ``apart``: the largest over bands of
+    the change of a band relative to its own largest value, for a later stage that uses only one band.
     """
 
     whole: float
@@ -65,29 +66,30 @@ def arrays_of(content: Content) -> ContentArrays:
 
 
 def padding(grid: Grid) -> float:
-    """Return the area of the padded plane over that of the frame: by it, the power in a content is too large."""
+    """Return the area of the padded plane over that of the frame. The power in a content is an upper bound that is too
+    large by this factor.
+    """
     sizes = [grid.line(dim).size for dim in ("y", "x")]
     return math.prod(sampling.padded_size(size) / size for size in sizes)
 
 
 def later_widths(edges: FloatArray) -> FloatArray:
-    """Return (width,): rms widths of Gaussian blurs, um: none, and from the finest ring to the coarsest, an octave
-    apart.
-    """
+    """Return rms widths of Gaussian blurs (width,), um: 0, then octaves from the finest to the coarsest ring."""
     finest, coarsest = edges[-1], edges[1]
     count = max(1, math.ceil(math.log2(finest / coarsest)))
     return np.concatenate([[0.0], 2.0 ** np.arange(count + 1) / (2 * math.pi * finest)])
 
 
 def shares(widths: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return (width, ring): the largest and smallest share of a ring that Gaussian blurs leave."""
+    """Return the largest and the smallest transfer function of Gaussian blurs in each ring, (width, ring)."""
     share = np.exp(-2 * (math.pi * widths[:, None] * edges) ** 2)
     return share[:, :-1], share[:, 1:]
 
 
 def behind(content: Content, changed: Array) -> FloatArray:
-    """Return (band, width): what the largest values behind the blurs of ``content.widths`` at least are after a
-    transfer function with |1 - H| of (band or 1, ring); no row if they are not known before it.
+    """Return lower bounds of the largest values after a transfer function and the blurs of ``content.widths``, (band,
+    width). ``changed`` is |1 - H|, (band or 1, ring). The result has no rows if these values are not known before the
+    transfer function.
     """
     if not content.widths:
         return np.empty((0, 0))
@@ -98,10 +100,11 @@ def behind(content: Content, changed: Array) -> FloatArray:
 
 
 def largest_at_least(content: Content, left: FloatArray, padded: float) -> FloatArray:
-    """Return (..., band): what the largest value of a band at least is where ``left`` (..., band or 1, ring) of its
-    detail is left, relative to ``content.full``.
+    """Return a lower bound of the largest value of each band, (..., band), relative to ``content.full``, if the
+    fraction ``left`` (..., band or 1, ring) of its detail remains.
 
-    Above its smallest value, light has a mean d and a variance v, and its largest value is at least d + v / d.
+    Let d be the mean of light above its smallest value, and v its variance. The largest value is then at least d + v /
+    d above the smallest.
     """
     own = arrays_of(content)
     low = np.minimum(own.low, own.mean)
@@ -111,17 +114,17 @@ def largest_at_least(content: Content, left: FloatArray, padded: float) -> Float
 
 
 def largest_behind(content: Content, changed: Array, left: Array, widths: FloatArray, padded: float) -> FloatArray:
-    """Return (width, band): what the largest value of a band at least is behind a transfer function and a later
-    Gaussian blur, relative to ``content.full``.
+    """Return a lower bound of the largest value of each band after a transfer function and a later Gaussian blur,
+    (width, band), relative to ``content.full``.
 
     Parameters
     ----------
     content : Content
-        In front of the transfer function.
+        Of the light before the transfer function.
     changed, left : (band or 1, ring) arrays
         The largest |1 - H| and the smallest |H| in every ring.
     widths : (width,) array, um
-        Of the later blurs.
+        Rms widths of the later blurs.
     padded : float
         From ``padding``.
     """
@@ -135,8 +138,8 @@ def largest_behind(content: Content, changed: Array, left: Array, widths: FloatA
 
 
 def sites(content: Content, size: float) -> float:
-    """Return in how many samples of a frame the light lies, of ``size``: its squared mean square over its fourth power,
-    at least, from the largest value.
+    """Return a lower bound of the number of samples in which the light of a frame of ``size`` samples is concentrated:
+    size x (mean square)^2 / (mean fourth power), where the fourth power is bounded by the largest value.
     """
     bands = zip(content.mean, content.power, content.high, strict=True)
     square = max(((m * m + sum(row)) / (h * h) for m, row, h in bands if h > 0), default=1.0)
@@ -144,7 +147,7 @@ def sites(content: Content, size: float) -> float:
 
 
 def relative(factors: Array, left: Array, content: Content, grid: Grid) -> Change:
-    """Return a bound on light times ``factors``, relative to the largest value of what is left.
+    """Return a bound on light multiplied by ``factors``, relative to the largest value of the remaining light.
 
     Parameters
     ----------
@@ -157,8 +160,9 @@ def relative(factors: Array, left: Array, content: Content, grid: Grid) -> Chang
     Returns
     -------
     Change
-        For 'max' of the largest pixel. For 'rms' over the frame, and over its pixels: the fewer the spots in which
-        light lies, the more their rms may exceed that of the frame (fitted), up to the largest pixel.
+        For 'max', of the sample that changes most. For 'rms', over the samples of the frame and over the pixels that
+        sample it later. If light lies in few spots, the rms over the pixels may exceed that over the frame; the excess
+        is fitted, and never exceeds the bound of the largest change.
     """
     edges, factors = arrays_of(content).edges, np.asarray(factors)
     widths = later_widths(edges)
@@ -176,18 +180,19 @@ def relative(factors: Array, left: Array, content: Content, grid: Grid) -> Chang
 
 
 def _both(change: FloatArray, largest: FloatArray) -> Change:
-    """Return the worst of (width, band) changes."""
+    """Return the largest change over widths and bands."""
     return Change(float((change.max(axis=1) / largest.max(axis=1)).max()), float((change / largest).max()))
 
 
 def largest_of_sums(weights: FloatArray, left: Array, content: Content, grid: Grid) -> FloatArray:
-    """Return (sum,): what the largest value of weighted sums over the bands at least is, relative to ``content.full``.
+    """Return a lower bound of the largest value of each weighted sum over the bands, (sum,), relative to
+    ``content.full``.
 
     Parameters
     ----------
     weights : (sum, band) array
     left : (band or 1, ring) array
-        The smallest share of every ring in the sums.
+        The smallest |H| in every ring.
     content, grid
         As for ``relative``.
     """
@@ -196,16 +201,17 @@ def largest_of_sums(weights: FloatArray, left: Array, content: Content, grid: Gr
 
 
 def relative_sums(lost: Array, full: FloatArray, content: Content, grid: Grid) -> float:
-    """Return a bound on what is lost from weighted sums over the bands, relative to the largest value of a sum.
+    """Return a bound on the loss from weighted sums over the bands, relative to the largest value of a sum; the sum
+    with the largest bound counts.
 
     Parameters
     ----------
     lost : (sum, band, ring) array
-        The largest part, weights included. Bands are added in phase.
+        The largest fraction lost, including the weights. Bands are added in phase.
     full : (sum,) array
         From ``largest_of_sums``.
     content, grid
-        As for ``relative``; so is the result, for the worst sum.
+        As for ``relative``, which also defines the norm of the result.
     """
     if not full.max() > 0:
         return 0.0

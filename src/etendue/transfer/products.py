@@ -1,6 +1,6 @@
 """The product of the transfer functions of some stages; the only place that calls a stage's ``transfer``.
 
-In:  stages in the order of the light, edges of bands, what each stage has prepared.
+In:  stages in light order, edges of bands, the tables that each stage has prepared.
 Out: their product at separable frequencies, for all bands or some of them; for channels, the mean over bands including
      charge that moves between them.
 """
@@ -28,15 +28,15 @@ EVERY = slice(None)
 
 
 def alone(stage: Stage, edges: tuple[float, ...]) -> Any:
-    """Return what a stage prepares for bands with these edges, uncached."""
+    """Return the tables that a stage prepares for bands with these edges, without a cache."""
     with foreign(f"{type(stage).__name__}.prepare"):
         return stage.prepare(coordinates_of({"": Grid.of({bands_of(type(stage)): Bands(edges)})}))
 
 
 @dataclass(frozen=True)
 class Product:
-    """The product of ``stages``. ``prepared`` returns what a stage has prepared for the bins; by default computed
-    without a cache.
+    """The product of the transfer functions of ``stages``. ``prepared`` returns the tables of a stage for the bands; by
+    default they are computed without a cache.
     """
 
     stages: tuple[Transfer, ...]
@@ -45,7 +45,7 @@ class Product:
 
     @cached_property
     def middles(self) -> NDArray[np.float64]:
-        """(band, 1, 1): the middle of every band, in the unit in which transfer functions take it."""
+        """The middle of every band, (band, 1, 1), in the unit in which transfer functions receive it."""
         own = next((name for stage in self.stages if (name := bands_of(type(stage)))), "")
         return np.array(Bands(self.edges).values())[:, None, None] * dim(own).factor
 

@@ -46,7 +46,7 @@ def area_weights(n_in: int, n_out: int) -> npt.NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class _Pieces:
-    """`area_weights` without its zeros: the pieces of each output sample between the ends of input samples, in order.
+    """`area_weights` without its zeros: each output sample as pieces that lie in one input sample each, in order.
 
     Output samples with fewer pieces than others are padded with their last input sample at a share of 0.
     """
@@ -55,8 +55,8 @@ class _Pieces:
     share: npt.NDArray[np.float64]
 
     def of(self, rows: npt.NDArray[np.float64], before: int = 0) -> npt.NDArray[np.float64]:
-        """Return averages of the rows of a picture, the first of which is number ``before``: one sum each, in the order
-        of the rows.
+        """Return averages over the rows of a picture; its first row has the number ``before``. Each average is one sum
+        in row order.
         """
         found = np.zeros((len(self.place), *rows.shape[1:]))
         for place, share in zip(self.place.T - before, self.share.T, strict=True):

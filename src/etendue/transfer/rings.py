@@ -1,4 +1,4 @@
-"""What light holds by radial frequency, in rings: it bounds how much of a blur a scene can show.
+"""The content of light by radial frequency, in rings. It bounds the change that a blur can cause in a scene.
 
 In:  planes of light; factors 1 - H of a transfer function at the ends of the rings.
 Out: mean squares and amplitudes by ring; largest values behind blurs; bounds for light times the factors.
@@ -18,8 +18,9 @@ from etendue.types.arrays import FloatArray
 
 PER_OCTAVE = 6
 BLOCK = 1 << 19  # values of a transform processed at a time
-CUT = 1.0  # cycles per width: a Gaussian blur leaves 3e-9 of finer waves
-ROUNDING = 2e-6  # of transforms in single precision and of what is cut off, relative to the largest value
+CUT = 1.0  # cycles per width; a Gaussian blur transmits less than 3e-9 of higher frequencies
+# Error of transforms in single precision and of frequencies that are cut off, relative to the largest value.
+ROUNDING = 2e-6
 
 
 def ring_edges(size_y: int, size_x: int, step_y: float, step_x: float) -> FloatArray:
@@ -57,8 +58,8 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
     -------
     power, amplitude : (n,) arrays
         Of the padded plane that a segment uses, times the ratio of padded to framed area. They are upper bounds: the
-        mean square of the plane less its mean is at most the sum of ``power``, and no point is farther from the mean
-        than the sum of ``amplitude``.
+        mean square of the plane minus its mean is at most the sum of ``power``, and no value differs from the mean by
+        more than the sum of ``amplitude``.
     """
     ny, nx = plane.shape
     half = sampling.transform(np.ascontiguousarray(plane))
@@ -81,20 +82,22 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
 
 
 def blur_widths(size_y: int, size_x: int, step_y: float, step_x: float) -> FloatArray:
-    """Return (n,): rms widths of Gaussian blurs, um: 0, one sample, and octaves of it up to an eighth of the frame."""
+    """Return rms widths of Gaussian blurs (n,), um: 0, one sample, and octaves of one sample up to an eighth of the
+    frame.
+    """
     step, side = max(step_y, step_x), min(size_y * step_y, size_x * step_x)
     count = max(1, math.floor(math.log2(max(side / (8 * step), 1.0))) + 1)
     return np.concatenate([[0.0], step * 2.0 ** np.arange(count)])
 
 
 def largest_behind(plane: FloatArray, step_y: float, step_x: float, widths: FloatArray) -> FloatArray:
-    """Return (width,): what the largest value of a plane at least is behind Gaussian blurs of these rms widths, um.
+    """Return a lower bound of the largest value of a plane after Gaussian blurs of these rms widths (um), (width,).
 
     Notes
     -----
-    A blur leaves nothing above a frequency of ``CUT`` over its width: each plane is transformed back on as few samples
-    as that needs, so all of them together cost about two transforms. The largest of these samples within the frame is
-    a lower bound, because the largest value may lie between them.
+    A blur transmits almost nothing above a frequency of ``CUT`` over its width. The inverse transform therefore uses
+    only as many samples as these frequencies need, and all widths together cost about two transforms. The largest
+    sample within the frame is a lower bound, because the largest value may lie between samples.
     """
     ny, nx = plane.shape
     half = sampling.transform(np.ascontiguousarray(plane))
@@ -133,7 +136,7 @@ def rings_of(radial: FloatArray, edges: FloatArray) -> NDArray[np.intp]:
 
 
 def frequencies_in(edges: FloatArray) -> FloatArray:
-    """Return (2 n + 1,): the ends of n rings, and the middle of each."""
+    """Return the ends of n rings and the middle of each, (2 n + 1,)."""
     found = np.empty(2 * edges.size - 1)
     found[::2] = edges
     found[1::2] = 0.5 * (edges[:-1] + edges[1:])
@@ -141,17 +144,17 @@ def frequencies_in(edges: FloatArray) -> FloatArray:
 
 
 def largest_in_rings(values: FloatArray) -> FloatArray:
-    """Return (..., n): the largest of the values at both ends and in the middle of every ring, from (..., 2 n + 1)."""
+    """Return for every ring the largest of its values at both ends and in the middle: (..., 2 n + 1) to (..., n)."""
     return np.maximum(np.maximum(values[..., :-2:2], values[..., 2::2]), values[..., 1::2])
 
 
 def moved(distance: float, edges: FloatArray) -> FloatArray:
-    """Return (ring,): the largest |1 - exp(2 pi i f d)| of light that moves by no more than a distance, um."""
+    """Return the largest |1 - exp(2 pi i f d)| of light that is displaced by at most a distance (um), (ring,)."""
     return np.asarray(2 * np.sin(np.pi * np.minimum(edges[1:] * abs(distance), 0.5)))
 
 
 def rms_of(factors: FloatArray, power: FloatArray) -> float:
-    """Return the root mean square over frame and bands of light times factors: (band or 1, ring), (band, ring)."""
+    """Return the root mean square, over frame and bands, of light multiplied by factors (band or 1, ring)."""
     return float(np.sqrt((np.asarray(factors) ** 2 * power).sum() / power.shape[0]))
 
 

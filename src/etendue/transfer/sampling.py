@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from etendue.types.arrays import FloatArray
 
-KEPT_WAVES = 1 << 20  # bytes of the largest waves that are kept for the next plane
+KEPT_WAVES = 1 << 20  # bytes of the largest matrix of waves that is cached for the next plane
 FEW = 64  # up to this many outputs per row of a transform, two matrix products are cheaper than an inverse transform
 
 ComplexArray = NDArray[np.complexfloating]

@@ -46,7 +46,7 @@ def of_store(stored: Stored, again: Again, elsewhere: bool) -> Iterator[Deviatio
     apart = {LEDGER} if any(path.startswith("frames/") for path in own) else {LEDGER, "frames"}
     for path in sorted(own.keys() | _said(stored, own)):
         top = path.split("/")[0]
-        # If no run has ended in order, these may be in the state of an earlier run.
+        # If the last run did not end normally, these files may still be those of an earlier run.
         if top in apart or (not ended and (path == "zarr.json" or "/status/c" in path or top in TABLES)):
             continue
         has, data = own.get(path), disk.content_of(stored.folder / DATA / path)

@@ -1,12 +1,12 @@
-"""Recompute what an archive must hold besides its cells, in the way a run does: metadata, coordinates, status, tables,
-pictures, records.
+"""Recompute everything in an archive except its cells, with the functions that a run uses: metadata, coordinates,
+status, tables, pictures, records.
 
 In:  a plan over everything an archive has, the places of cells according to its journal, and the results of recomputing
      them.
 Out: documents, arrays and texts by path, where a run writes them. Nothing is written.
 
-What only the run itself can know (seconds, accepted platform, what was not asked for) is taken from the archive;
-``trust.comparing`` lists it as not checked.
+Values that cannot be recomputed (seconds, accepted platform, the cells that a run did not request) are taken from the
+archive; ``trust.comparing`` lists them as not checked.
 """
 
 from __future__ import annotations
@@ -180,7 +180,7 @@ def record_again(
     """Return the record of a run, rebuilt from its resolved pipeline and its axis values; and by axis the values that
     the run itself asked for.
 
-    ``earlier`` runs, the newest first, tell what the names on an axis stand for.
+    ``earlier``: the earlier runs, newest first, whose records define the tables that names on an axis stand for.
 
     Raises
     ------
@@ -265,7 +265,7 @@ def _placed(value: Any, other: Any) -> Any:
 
 
 def chunks_out_of_place(stored: Stored, again: Again) -> Iterator[tuple[str, str]]:
-    """Yield the names and places of finished cells with a chunk where no run would put it."""
+    """Yield the names and places of finished cells that have a chunk at a place to which no run writes it."""
     journal = stored.journal
     laid = Laid(again.plan, journal.axes, journal.blocks, journal.said)
     for ref, name in again.names.items():

@@ -2,8 +2,9 @@
 
 In:  the folder of an archive: its resolved pipeline, inputs by digest, the versions and digests of stages, seeds,
      platform.
-Out: a ``Reproduction``: by stage how many cells have the same bits, how far the others deviate, and what that means;
-     what else is not reproduced (``trust.checked``), what is damaged, and what was not checked.
+Out: a ``Reproduction``: for each stage the number of cells with the same bits, the deviation of the others and the
+     verdict on it; other contents that were not reproduced (``trust.checked``), damaged files, and the list of what was
+     not checked.
 
 On the same platform (processor features, numpy, scipy, Python) every bit must agree. On another one a cell may differ
 by the errors that its stage and the stages before it state: their sum, relative to full scale, rms.

@@ -1,5 +1,5 @@
-"""Check what an archive says besides its cells and their metadata: lines of the journal, names in the manifest,
-duplicate keys in documents.
+"""Check the remaining contents of an archive, apart from cells and their metadata: lines of the journal, names in the
+manifest, duplicate keys in documents.
 
 In:  an archive, its plan computed again, every file of the store that a run writes (``trust.remade``).
 Out: ``Difference``: file, place in it, its value, and the expected value.
@@ -60,7 +60,7 @@ def _of_lines(stored: Stored, again: Again, own: Mapping[str, bytes]) -> Iterato
         if node is None:
             yield Deviation(JOURNAL, f"group {group}", "it is there", "")
             continue
-        if group in arrays:  # otherwise a group of a shape that is no longer asked for
+        if group in arrays:  # otherwise the group has a shape that no current cell has
             named = {*journal.arrays.get(group, ()), *journal.blocks.get(group, ())}
             for name in sorted(named - arrays[group] - node.writes.keys() - node.optional.keys()):
                 yield Deviation(JOURNAL, f"array {group}/{name}", "it is there", "")
@@ -100,7 +100,7 @@ def _documents(stored: Stored) -> Iterator[str]:
 
 
 def named_twice(data: bytes | None) -> str | None:
-    """Return a key that occurs twice in one object of a document, so that readers may disagree on its value; None if
+    """Return a key that occurs twice in one object of a document, of which programs may read different values; None if
     there is none.
     """
     found: list[str] = []

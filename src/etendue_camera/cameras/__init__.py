@@ -1,4 +1,5 @@
-"""Cameras and lenses that exist, by name: readers of what others have measured, and what they do not say.
+"""Real cameras and lenses by name: readers of published measurements, and stand-ins for values that nobody has
+published.
 
-Heavy imports are late: a name is looked up when a pipeline is read.
+Heavy imports are late, because a name is looked up each time a pipeline is read.
 """

@@ -1,7 +1,8 @@
-"""Bodies by name: measured sensitivities, tunings, published values, crop factor and mount; stand-ins for the rest.
+"""Camera bodies by name: measured sensitivities, tunings, published values, crop factor and mount; stand-ins for other
+values.
 
 In:  the name of a body as typed.
-Out: ``Named``: every quantity of a sensor, each with its source; the same quantities for every body.
+Out: ``Named``: all quantities of a sensor, the same ones for every body, each with its source.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def _rows(name: str) -> list[dict[str, str]]:
 
 @cache
 def formats() -> dict[str, dict[str, Any]]:
-    """Return what stands in for values that no source gives, by the format of the sensor."""
+    """Return the stand-ins for values that no source gives, by sensor format."""
     text = (DATA / "cameras" / "formats.toml").read_text(encoding="utf-8")
     return tomllib.loads(text, parse_float=Decimal)
 
@@ -67,19 +68,19 @@ def _index() -> Index | None:
 
 
 def body_names() -> list[str]:
-    """Return all bodies: packaged ones first, then those of the lens database."""
+    """Return the names of all bodies: packaged ones first, then those of the lens database."""
     own = list(packaged())
     known = {plain(name) for name in own}
     return own + [name for name in cameras() if plain(name) not in known]
 
 
 def found_body(text: str) -> Named:
-    """Return the body that a text means.
+    """Return the body whose name the user typed.
 
     Raises
     ------
     RequestError
-        If none or several are meant.
+        If the text matches no body, or several.
     """
     try:
         name = meant(text, packaged(), "body", LISTED)
@@ -123,7 +124,7 @@ def body(name: str) -> Named:
 
 
 def _format_of(crop: float) -> str:
-    """Return the format whose crop factor is nearest in ratio."""
+    """Return the sensor format whose crop factor has the smallest ratio to this one."""
     known = {name: float(one["crop"]) for name, one in formats().items() if name not in ("all", "machine vision")}
     return min(known, key=lambda name: abs(known[name] / crop - 1 if known[name] > crop else crop / known[name] - 1))
 
@@ -153,7 +154,7 @@ def _measured(camera: str) -> dict[str, Value]:
 
 
 def _levels(name: str, given: Mapping[str, Value]) -> dict[str, Value]:
-    """Return the black level of the user's copy of camconst.json, if another source does not give it."""
+    """Return the black level from the user's copy of camconst.json, unless another source gives it."""
     own = next((one for known, one in levels().items() if plain(known) == plain(name)), None)
     if own is None or own.black is None or not given["black_level"].source.startswith(TYPICAL):
         return {}
@@ -179,7 +180,7 @@ def levels() -> dict[str, camconst.Constants]:
 
 
 def _published(sensor: str) -> dict[str, Value]:
-    """Return the values of a packaged sensor, but its curves."""
+    """Return the values of a packaged sensor, except its curves."""
     text = (DATA / "sensors" / f"{sensor}.toml").read_text(encoding="utf-8")
     document: Mapping[str, Any] = tomllib.loads(text, parse_float=Decimal)
     return {
@@ -190,5 +191,5 @@ def _published(sensor: str) -> dict[str, Value]:
 
 
 def found(text: str) -> Path:
-    """Return the file of the body that a text means: what ``[camera] body`` names."""
+    """Return the file of the body that ``[camera] body`` names."""
     return kept(found_body(text).toml(), ".toml")

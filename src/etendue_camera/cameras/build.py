@@ -1,7 +1,7 @@
 """Write the packaged tables of cameras from copies of their sources: python -m etendue_camera.cameras.build FOLDER
 
 In:  a folder with ``ssf`` (rawtoaces-data) and ``libcamera`` (its vc4 tunings).
-Out: ``data/cameras``: one table per sensitivity, the tunings as they are but for what is not read, both licences.
+Out: ``data/cameras``: one table per sensitivity, the tunings without the parts that nothing reads, both licences.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def main(folder: Path) -> None:
 
 
 def _read_part(key: str, own: dict[str, object]) -> dict[str, object]:
-    """Return what is read of an algorithm."""
+    """Return the parameters of an algorithm that this package reads."""
     if key == "rpi.alsc":
         return {"luminance_lut": own["luminance_lut"]} if "luminance_lut" in own else {}
     if key == "rpi.agc":

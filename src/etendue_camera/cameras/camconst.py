@@ -2,7 +2,8 @@
 
 In:  the content of the file, JSON with comments.
 Out: ``Constants`` by camera name.
-The file is GPL-3: the user's copy is read (Debian package ``rawtherapee-data``), nothing of it is packaged.
+The file is under GPL-3. The user's own copy is read (Debian package ``rawtherapee-data``); this package contains none
+of it.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _TRAILING = re.compile(r'("(?:[^"\\\n]|\\.)*")|,(?=\s*[\]}])')
 
 @dataclass(frozen=True)
 class Constants:
-    """What the file says of a camera; None or empty where it says nothing.
+    """The values that the file has for a camera; None or empty where it has none.
 
     ``matrix`` (3, 3) is from XYZ under D65 to the camera's channels; ``white`` the level at the base ISO, ``by_iso``
     levels by ISO.
@@ -44,7 +45,7 @@ def constants(data: bytes, name: str) -> dict[str, Constants]:
     Raises
     ------
     ValueError
-        In one line, if the content is not of this form.
+        If the content does not have this form; the message has one line.
     """
     try:
         text = data.decode("utf-8")
@@ -79,7 +80,9 @@ def _entry(entry: dict[str, Any]) -> Constants:
 
 
 def _levels(value: Any) -> tuple[float | None, tuple[tuple[float, float], ...]]:
-    """Return the level of the lowest ISO of at least 100, and levels by ISO; the least of several channels."""
+    """Return the level at the lowest ISO from 100 up, and the levels by ISO; of several channels the smallest level
+    counts.
+    """
     if value is None:
         return None, ()
     if not isinstance(value, list) or not value or not isinstance(value[0], dict):

@@ -1,6 +1,7 @@
-"""Where the user's own copies of databases are, and an index of the lens database.
+"""The user's own copies of camera and lens databases, and an index of the lens database.
 
-In:  the places where packages put them, and ``ETENDUE_CAMERAS``: folders and files, separated as in ``PATH``.
+In:  the folders in which packages install databases, and ``ETENDUE_CAMERAS``: folders and files, separated as in
+     ``PATH``.
 Out: paths; mounts, cameras and lens names of the lens database with the file of each. The index is cached.
 """
 
@@ -23,7 +24,7 @@ from etendue_camera.field.lens_calibration import Lens
 
 VARIABLE = "ETENDUE_CAMERAS"
 INSTALL = "apt install liblensfun-data-v1, or pip install lensfunpy; ETENDUE_CAMERAS may name another copy of it"
-_FORM = "3"  # of the index
+_FORM = "3"  # version of the cached index
 _PLACES = (
     "/usr/share/lensfun/version_2",
     "/usr/share/lensfun/version_1",
@@ -35,7 +36,7 @@ _UPDATES = "~/.local/share/lensfun/updates/version_1"
 
 @dataclass(frozen=True)
 class Index:
-    """The lens database without its calibrations. ``lenses``: the files that have entries of a name."""
+    """The lens database without its calibrations. ``lenses``: for each lens name, the files with entries of it."""
 
     folder: Path
     mounts: dict[str, tuple[str, ...]]
@@ -44,11 +45,11 @@ class Index:
     refused: tuple[tuple[str, str], ...]
 
     def source(self) -> str:
-        """Return where an entry is from, without the place on this machine."""
+        """Return the source of an entry, without its path on this machine."""
         return "lensfun database (https://lensfun.github.io)"
 
     def entries(self, name: str) -> list[Lens]:
-        """Return all entries of a name, each with the mounts of bodies that take it."""
+        """Return all entries of a lens name, each with the mounts of the bodies that take it."""
         whole = read_database(self.folder / file for file in self.lenses[name])
         every = Database(mounts=self.mounts)
         own = [one for one in whole.lenses if full_name(one.maker, one.model) == name]
@@ -56,7 +57,7 @@ class Index:
 
 
 def given_files(suffix: str, name: str = "") -> Iterator[Path]:
-    """Yield the files with a suffix, or a name, that ``ETENDUE_CAMERAS`` names, or that lie in folders it names."""
+    """Yield the files with this suffix or name that ``ETENDUE_CAMERAS`` lists, or that lie in a folder it lists."""
     for text in os.environ.get(VARIABLE, "").split(os.pathsep):
         path = Path(text).expanduser()
         if not text:
@@ -66,7 +67,7 @@ def given_files(suffix: str, name: str = "") -> Iterator[Path]:
 
 
 def installed_files(*places: str) -> list[Path]:
-    """Return the places where packages put their files; none if ``ETENDUE_CAMERAS`` is ``none``."""
+    """Return the paths at which packages install their files; no path if ``ETENDUE_CAMERAS`` is ``none``."""
     return [] if os.environ.get(VARIABLE) == "none" else [Path(text).expanduser() for text in places]
 
 
@@ -94,7 +95,7 @@ def lens_index() -> Index | None:
     Raises
     ------
     ValueError
-        If a file of it cannot be read.
+        If one of its files cannot be read.
     """
     folder = lens_folder()
     if folder is None:

@@ -1,6 +1,6 @@
-"""Read what a DNG file says of its camera: levels, pattern, colour matrices, noise, shading and distortion of the lens.
+"""Read the camera data in a DNG file: levels, pattern, colour matrices, noise, shading and distortion of the lens.
 
-In:  the content of a file; nothing of the picture is decoded.
+In:  the content of a file; its picture is not decoded.
 Out: ``Raw``.
 Sources: Adobe, Digital Negative Specification 1.7.1 (2023), chapters 4 and 7; TIFF 6.0.
 """
@@ -31,7 +31,7 @@ WARP_RECTILINEAR, VIGNETTE_RADIAL, GAIN_MAP = 1, 3, 9
 
 @dataclass(frozen=True)
 class Raw:
-    """What a DNG says; None or empty where it says nothing.
+    """The camera data of a DNG; None or empty where the file has none.
 
     ``noise``: scale S and offset O of each plane: a value x from 0 to 1 has the variance S x + O. ``matrices``: by
     calibration illuminant (EXIF light source), from XYZ to the camera. ``warp``: (planes, 6) terms of WarpRectilinear;
@@ -52,7 +52,9 @@ class Raw:
     other: tuple[int, ...]
 
     def full_scale(self) -> float | None:
-        """Return the charge (electron) at white at the file's ISO: 1/S of the plane of least noise; None without."""
+        """Return the charge (electron) at white level and the file's ISO: 1/S of the plane with the least noise; None
+        without a noise profile.
+        """
         return 1.0 / min(s for s, _ in self.noise) if self.noise else None
 
     def read_noise(self) -> float | None:
@@ -73,7 +75,9 @@ class Raw:
         return 1.0 / gain
 
     def real(self, r: FloatArray) -> FloatArray | None:
-        """Return the real heights of ideal ones, both 1 at the corner, (heights, planes), by WarpRectilinear."""
+        """Return the real height of each ideal height, both relative to the corner, (heights, planes), by
+        WarpRectilinear.
+        """
         if self.warp is None:
             return None
         square = r[:, None] ** 2
@@ -82,12 +86,12 @@ class Raw:
 
 
 def raw(data: bytes, name: str) -> Raw:
-    """Return what a file's content says.
+    """Return the camera data of a file's content.
 
     Raises
     ------
     ValueError
-        In one line, if it is no DNG or a length in it is impossible.
+        If the content is not a DNG, or declares an impossible length; the message has one line.
     """
     try:
         if data[:2] not in (b"II", b"MM") or len(data) < 8:
@@ -124,7 +128,7 @@ def raw(data: bytes, name: str) -> Raw:
 
 
 def _directories(data: bytes, order: str) -> Iterator[dict[int, Any]]:
-    """Yield the tags of every directory, also those that others name; each is read once."""
+    """Yield the tags of every directory, including directories that other directories refer to; each is read once."""
     todo, seen = [struct.unpack(f"{order}I", data[4:8])[0]], set[int]()
     while todo:
         place = todo.pop(0)
@@ -166,7 +170,9 @@ def _text(value: bytes) -> str:
 
 
 def _pattern(own: dict[int, Any]) -> str:
-    """Return the letters of the colour filter array, rows separated by / unless it is 2 x 2; '' without."""
+    """Return the letters of the colour filter array, with rows separated by / unless it is 2 x 2; '' if the file has
+    none.
+    """
     if PATTERN not in own:
         return ""
     rows, columns = (int(one) for one in own.get(PATTERN_DIM, (2, 2)))
@@ -187,7 +193,7 @@ def _noise(values: Any) -> tuple[tuple[float, float], ...]:
 
 
 def _opcodes(own: dict[int, Any]) -> dict[str, Any]:
-    """Return the opcodes that are read; they are big-endian whatever the file is."""
+    """Return the opcodes that this module reads. Opcodes are big-endian, even in little-endian files."""
     warp, vignette, other = None, (), list[int]()
     for tag in OPCODES:
         block = bytes(own.get(tag, b""))

@@ -19,7 +19,7 @@ from etendue.pipeline import toml
 
 @dataclass(frozen=True)
 class Value:
-    """A value and where it is from; source ``typical``: a stand-in, because no source gives one."""
+    """A value and its source. The source ``typical`` marks a stand-in for a value that no source gives."""
 
     value: Any
     source: str
@@ -33,7 +33,7 @@ class Value:
 
 @dataclass(frozen=True)
 class Named:
-    """What a name stands for."""
+    """The body or lens that a name denotes."""
 
     title: str
     kind: str
@@ -42,7 +42,7 @@ class Named:
     facts: Mapping[str, Value] = field(default_factory=dict)
 
     def toml(self) -> str:
-        """Return the text of its file, the same for equal values."""
+        """Return the text of its file; equal values give equal texts."""
         parts = {"camera": self.camera, "facts": self.facts}
         document = {
             "title": self.title,
@@ -54,7 +54,9 @@ class Named:
 
 
 def kept(text: str, ending: str) -> Path:
-    """Return the path of a file with this text in the cache folder, or in a temporary one if that cannot be written."""
+    """Return the path of a file with this text, in the cache folder or, if that is not writable, in a temporary
+    folder.
+    """
     name = hashlib.sha256(text.encode()).hexdigest() + ending
     for folder in (cache.folder() / "cameras", Path(tempfile.gettempdir()) / "etendue-cameras"):
         path = folder / name

@@ -1,7 +1,7 @@
-"""Files of other programs that say something of a camera: what they hold as a body, in the form of a sensor file.
+"""Files of other programs with data of a camera, converted to a body in the form of a sensor file.
 
 In:  a path.
-Out: ``Named``, or the text of a sensitivity table; a file that holds no camera values is refused by name.
+Out: ``Named``, or the text of a sensitivity table; an error names a file without camera values.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ def is_path(text: str) -> bool:
 
 
 def named_in(path: Path) -> Named:
-    """Return what a file says of its camera, with stand-ins for the rest.
+    """Return the camera of a file, with stand-ins for values that the file does not have.
 
     Raises
     ------
     RequestError
-        In one line: the file is of no known form, or holds many cameras.
+        If the file has no known format, or contains several cameras; the message has one line.
     """
     try:
         if path.suffix.casefold() == ".dng":
@@ -66,7 +66,7 @@ def named_in(path: Path) -> Named:
 
 
 def table_in(path: Path) -> str | None:
-    """Return the sensitivity table of a file as CSV; None if it holds none."""
+    """Return the sensitivity table of a file as CSV; None if the file has none."""
     data = plain_files.content(path, LARGEST_RAW)
     return sensitivity(data, path.name).csv() if b'"spectral_data"' in data[:LARGEST_JSON] else None
 
@@ -93,7 +93,7 @@ def _of_sensitivity(data: bytes, path: Path) -> Named:
 
 
 def _of_raw(own: dng.Raw) -> Named:
-    """Return the values of a DNG; its noise profile gives charges at its ISO."""
+    """Return the values of a DNG. Its noise profile determines charges (electron) at the ISO of the file."""
     given = bodies.stand_ins("full frame")
     source = f"DNG of {own.model}"
     facts = {"pixels": Value(f"{own.width} x {own.height}", source)}

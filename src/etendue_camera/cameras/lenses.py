@@ -32,7 +32,7 @@ def index() -> Index:
     Raises
     ------
     RequestError
-        If there is none, with the commands that install one; or it cannot be read.
+        If there is no database (the message has the commands that install one), or it cannot be read.
     """
     try:
         found = lens_index()
@@ -44,7 +44,7 @@ def index() -> Index:
 
 
 def full_lens_name(text: str) -> str:
-    """Return the name of the lens that a text means; one that cannot be used is refused with its reason."""
+    """Return the full name of the lens that the user typed; an error gives the reason if that lens cannot be used."""
     packaged = module_lenses()
     try:
         return meant(text, packaged, "lens", LISTED)
@@ -61,7 +61,7 @@ def full_lens_name(text: str) -> str:
 
 
 def lens(name: str) -> tuple[Named, LensFile]:
-    """Return a lens by its full name, and its file."""
+    """Return the lens with this full name, and its file."""
     if name in module_lenses():
         return _module_lens(name)
     own = index()
@@ -118,5 +118,5 @@ def _module_lens(name: str) -> tuple[Named, LensFile]:
 
 
 def found(text: str) -> Path:
-    """Return the file of the lens that a text means: what ``[camera] lens`` names."""
+    """Return the file of the lens that ``[camera] lens`` names."""
     return kept(lens(full_lens_name(text))[0].toml(), ".toml")

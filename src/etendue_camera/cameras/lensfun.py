@@ -1,7 +1,7 @@
 """Read the XML files of a lensfun database: mounts, cameras, lenses.
 
 In:  the content of a file, or of all files of a folder.
-Out: ``Database``. Every lens entry is there, or refused with its name and the reason.
+Out: ``Database``: every lens entry, either accepted or listed with its name and the reason of its refusal.
 Source: the form of lensfun's database, versions 1 and 2.
 """
 
@@ -21,7 +21,7 @@ from etendue_camera.field.lens_calibration import MODELS, Lens, Point
 
 LICENCE = "CC BY-SA 3.0"
 LARGEST = 16 << 20  # bytes of one file
-DEEPEST = 8  # elements within each other; the database has five
+DEEPEST = 8  # nesting depth of elements; the database has five
 _TERMS = {
     ("distortion", "poly3"): ("k1",),
     ("distortion", "poly5"): ("k1", "k2"),
@@ -51,7 +51,7 @@ class Camera:
 
 @dataclass
 class Database:
-    """What some files hold. ``refused``: name of an entry and why it is not among ``lenses``."""
+    """The content of some files. ``refused``: the name of each entry that is not in ``lenses``, and the reason."""
 
     mounts: dict[str, tuple[str, ...]] = field(default_factory=dict)
     cameras: list[Camera] = field(default_factory=list)
@@ -71,12 +71,12 @@ class Database:
 
 
 def read_database(files: Iterable[Path]) -> Database:
-    """Return what all these files hold together.
+    """Return the joint content of all these files.
 
     Raises
     ------
     ValueError
-        If a file is no database of lensfun.
+        If a file is not part of a lensfun database.
     """
     whole = Database()
     for path in sorted(files):
@@ -89,7 +89,7 @@ def read_database(files: Iterable[Path]) -> Database:
 
 
 def parsed(data: bytes, name: str) -> Database:
-    """Return what one file holds; entities, and elements nested deeper than any of the database, are refused."""
+    """Return the content of one file; XML entities, and elements nested deeper than in the database, are refused."""
     root = _tree(data, name)
     if root.tag != "lensdatabase":
         raise ValueError(f"{name} is no lensfun database: its first element is <{root.tag[:40]}>")
@@ -110,7 +110,7 @@ def parsed(data: bytes, name: str) -> Database:
 
 
 def _tree(data: bytes, name: str) -> ElementTree.Element:
-    """Return the root of an XML text, read by expat without entities."""
+    """Return the root element of an XML text, parsed by expat without entities."""
     builder, depth = ElementTree.TreeBuilder(), 0
     parser = expat.ParserCreate()
 
@@ -138,7 +138,7 @@ def _tree(data: bytes, name: str) -> ElementTree.Element:
         parser.Parse(data, True)
     except expat.ExpatError as error:
         raise ValueError(f"{name} is no XML: {error}") from None
-    except (LookupError, UnicodeError) as error:  # an encoding that does not exist, or another than it says
+    except (LookupError, UnicodeError) as error:  # the declared encoding does not exist, or is not the actual one
         raise ValueError(f"{name} is no XML: {error}") from None
     return builder.close()
 
@@ -148,7 +148,7 @@ def _texts(one: ElementTree.Element, tag: str) -> list[str]:
 
 
 def _text(one: ElementTree.Element, tag: str) -> str:
-    """Return the text of an element; of several, the one without a language, or the first."""
+    """Return the text of an element. If there are several, return the one without a language, otherwise the first."""
     plain = [part for part in one.findall(tag) if part.get("lang") is None]
     found = plain or one.findall(tag)
     return " ".join((found[0].text or "").split())[:200] if found else ""
@@ -219,7 +219,9 @@ def _point(kind: str, part: ElementTree.Element) -> Point:
 def _ranges(
     one: ElementTree.Element, model: str, points: Mapping[str, tuple[Point, ...]]
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the ranges of focal length and aperture: stated, else from the name, else from the calibration."""
+    """Return the ranges of focal length and aperture: as stated, otherwise from the name, otherwise from the
+    calibrations.
+    """
     named = {tag: one.find(tag) for tag in ("focal", "aperture")}
     focal, aperture = (_stated(element) for element in named.values())
     if focal is None and (match := _FOCAL.search(model)):

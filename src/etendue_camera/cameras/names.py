@@ -1,7 +1,7 @@
 """Names of cameras and lenses as people type them.
 
-In:  a text, and the names that there are.
-Out: the one that is meant, or what is nearest.
+In:  a typed text, and all existing names.
+Out: the matching name, or the nearest names.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ _BRANDS = {
     "fujifilm": "Fujifilm",
     "samsung techwin": "Samsung",
 }
-LONGEST = 200  # characters; nothing is searched for a longer text
+LONGEST = 200  # characters; a longer text matches nothing
 _MARK = re.compile(r"\b(?:mark|mk)[ .-]*(iii|ii|iv|vi|v|\d)\b")
-_ALPHA = re.compile(r"\b(?:a|alpha ?)(\d+[a-z]*)(?:[ -]+(iii|ii|iv|vi|v)\b)?")  # what Sony sells ILCE-7RM2 as: a7R II
+# Sony's model code and trade name: ILCE-7RM2 is sold as a7R II.
+_ALPHA = re.compile(r"\b(?:a|alpha ?)(\d+[a-z]*)(?:[ -]+(iii|ii|iv|vi|v)\b)?")
 _ROMAN = {"ii": "2", "iii": "3", "iv": "4", "v": "5", "vi": "6"}
 
 
@@ -68,12 +69,13 @@ def matching(text: str, names: Iterable[str]) -> list[str]:
 
 
 def meant(text: str, names: Iterable[str], what: str, listed: str) -> str:
-    """Return the one name that a text means: equal but for case and punctuation, else the only one with its words.
+    """Return the one name that matches a text: equal except for case and punctuation, otherwise the only one with all
+    of its words.
 
     Raises
     ------
     RequestError
-        If none is meant, with the nearest; or several, with the first few.
+        If no name matches (the message gives the nearest names), or several do (it gives the first few).
     """
     known = list(dict.fromkeys(names))
     if len(text) > LONGEST:
@@ -84,7 +86,7 @@ def meant(text: str, names: Iterable[str], what: str, listed: str) -> str:
     equal = [name for name in known if plain(name) == own]
     if len(equal) == 1:
         return equal[0]
-    # 'D800' is part of 'D800E': a name whose words all stand whole in it comes first
+    # 'D800' is a part of 'D800E': names that contain each typed word as a whole word come first
     found = [name for name in known if own and own in plain(name)] or matching(text, known)
     whole = [name for name in found if set(words(text)) <= set(words(name))]
     found = whole if len(whole) == 1 else found

@@ -50,7 +50,7 @@ def sensitivity(data: bytes, name: str) -> Sensitivity:
     Raises
     ------
     ValueError
-        In one line: what is missing, of another type, not finite or not ascending.
+        If a value is missing, has the wrong type, is not finite or does not ascend; the message has one line.
     """
     try:
         document = json.loads(data)

@@ -22,12 +22,12 @@ def packaged_tuning(name: str) -> Tuning:
 
 
 def values_of_tuning(name: str, given: Mapping[str, Value]) -> tuple[dict[str, Value], dict[str, Value]]:
-    """Return camera values of a packaged tuning, at the pitch and bits that are given, and other facts it states."""
+    """Return the camera values of a packaged tuning for the given pitch and bits, and other facts that it states."""
     return _values(packaged_tuning(name), f"{SOURCE}, src/ipa/rpi/vc4/data/{name}.json", given)
 
 
 def values_of(data: bytes, name: str, given: Mapping[str, Value]) -> tuple[dict[str, Value], dict[str, Value]]:
-    """Return the same of a tuning's content."""
+    """Return the same values and facts from the content of a tuning."""
     return _values(tuning(data, name), name, given)
 
 
@@ -63,9 +63,10 @@ def _values(own: Tuning, source: str, given: Mapping[str, Value]) -> tuple[dict[
 
 
 def lens_of_tuning(name: str, body: str, crop_factor: float, words: str) -> tuple[LensFile, float]:
-    """Return the lens of a packaged tuning's shading table, and the rms of the table less its polynomial.
+    """Return the lens that the shading table of a packaged tuning describes, and the rms difference between the table
+    and its polynomial.
 
-    The gains that flatten the table become 1 + k1 r^2 + k2 r^4 + k3 r^6 by least squares, r = 1 at the corner.
+    The inverse of the gains is fitted by 1 + k1 r^2 + k2 r^4 + k3 r^6 by least squares, with r = 1 at the corner.
     """
     own = packaged_tuning(name)
     found = own.fall_off()

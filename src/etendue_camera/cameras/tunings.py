@@ -21,12 +21,12 @@ SOURCE = "https://github.com/raspberrypi/libcamera"
 LICENCE = "BSD-2-Clause"
 TOP = 65535
 GRID = (12, 16)  # rows and columns of the shading tables of target bcm2835
-DEFAULTS = (2.5, 2.67)  # slopes that stand in many files unmeasured
+DEFAULTS = (2.5, 2.67)  # noise slopes that many files contain as unmeasured defaults
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """What a tuning says of a sensor; None where it says nothing.
+    """The values that a tuning has for a sensor; None where it has none.
 
     ``black`` is in 16 bits, ``slope`` in sqrt(DN) of 16 bits at analogue gain 1, ``shading`` the gains (12, 16) that
     flatten the luminance of the module's lens, ``matrices`` colour matrices by colour temperature, ``lux`` the
@@ -46,17 +46,19 @@ class Tuning:
         return (TOP - self.black) / self.slope**2 if self.slope else None
 
     def gain(self, bits: int) -> float | None:
-        """Return the conversion gain, DN/electron, of a converter of so many bits at analogue gain 1; a gain of g
-        multiplies it.
+        """Return the conversion gain (DN/electron) of a converter with this many bits at analogue gain 1; an analogue
+        gain g multiplies it by g.
         """
         return self.slope**2 * (2**bits - 1) / TOP if self.slope else None
 
     def looks_like_a_default(self) -> bool:
-        """Return whether the slope is one that stands in many files unmeasured."""
+        """Return whether the noise slope is one that many files contain as an unmeasured default."""
         return self.slope is not None and any(abs(self.slope - one) < 5e-3 for one in DEFAULTS)
 
     def fall_off(self) -> tuple[FloatArray, FloatArray] | None:
-        """Return distances from the centre relative to the half diagonal, and relative illumination there, by cells."""
+        """Return, for each cell of the shading table, its distance from the centre over half the diagonal, and the
+        relative illumination there.
+        """
         if self.shading is None:
             return None
         rows, columns = self.shading.shape
@@ -73,7 +75,7 @@ def tuning(data: bytes, name: str) -> Tuning:
     Raises
     ------
     ValueError
-        In one line, for a file that is none, or for a number out of range.
+        If the file is not a tuning, or a number is out of range; the message has one line.
     """
     try:
         document = json.loads(data)

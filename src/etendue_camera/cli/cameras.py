@@ -1,4 +1,4 @@
-"""Tables of bodies and lenses that exist.
+"""Tables of real camera bodies and lenses.
 
 In:  a name, words to search for, or a file of another program.
 Out: values with their sources on the terminal or as JSON; a file for a pipeline.
@@ -34,7 +34,7 @@ def cameras_command(name: str | None, lenses: bool, search: str | None, output: 
 
 
 def _text(whole: Named, name: str, output: Path) -> str:
-    """Return what is written: the body or lens as TOML, or a table of the file as CSV."""
+    """Return the text to write: the body or lens as TOML, or a table of the file as CSV."""
     if output.suffix != ".csv":
         return whole.toml()
     tables: dict[str, str] = {}
@@ -52,7 +52,7 @@ def _text(whole: Named, name: str, output: Path) -> str:
 
 
 def _named(name: str, only_lenses: bool) -> Named:
-    """Return the body or lens that a text means."""
+    """Return the body or lens with the name that the user typed."""
     faults: list[str] = []
     if not only_lenses:
         try:

@@ -125,7 +125,7 @@ def dynamic_range_elgamal(
     Returns
     -------
     (...) array, dB
-        -inf if the dark charge fills the well, +inf if there is room and no noise at all.
+        -inf if the dark charge fills the well, +inf if it does not and there is no noise.
 
     Raises
     ------

@@ -122,9 +122,9 @@ def measure(
     noise of the dark current subtracted. `full_well` is the mean beyond saturation, without the fraction of a level
     step by which `saturation_capacity` is low.
 
-    Intervals are those of a delete-a-group jackknife over 8 x 8 blocks of pixels with Student's t: pixels are the
-    independent sample, of temporal noise and of patterns alike. Row and column patterns are counted
-    in DSNU, but their interval is then too narrow. Coverage of 95 % intervals: `python benchmarks/emva.py`.
+    Intervals are those of a delete-a-group jackknife over 8 x 8 blocks of pixels with Student's t: pixels are taken as
+    independent samples of both temporal noise and patterns. Row and column patterns are counted in DSNU, but their
+    interval is then too narrow. Coverage of 95 % intervals: `python benchmarks/emva.py`.
     """
     time = np.asarray(times, dtype=float)
     _check(time, light, dark, confidence)
@@ -136,7 +136,7 @@ def measure(
     quiet = y.variance[0] < 1.1 * d.variance[0] + 0.005 * y.variance[0].max()
     beyond = np.flatnonzero(quiet & (np.arange(time.size) > peak) & (signal[0] > 0.9 * signal[0, peak]))
     saturates = beyond.size > 0
-    top = signal[0, peak]  # without saturation: of the brightest level
+    top = signal[0, peak]  # if nothing saturates, take the signal of the brightest level
     used = (signal[0] > 0) & (signal[0] <= 0.7 * top)
     if np.count_nonzero(used) < 3 or not np.any(excess[0][used] > 0):
         raise ValueError(
@@ -293,7 +293,7 @@ def _slope(signal: NDArray, excess: NDArray, used: NDArray, y: _Levels, d: _Leve
 
 
 def _dark_noise(d: _Levels, gain: NDArray, origin: NDArray) -> NDArray:
-    """Return the temporal dark variance without that of the dark charge, DN^2, by replicate."""
+    """Return the temporal dark variance without the shot noise of the dark charge, DN^2, by replicate."""
     charge = gain[:, None] * (d.mean - origin[:, None])
     least = d.variance[0] - charge[0]
     expected = np.maximum(np.median(least) + charge[0], 0.1 * np.median(d.variance[0]))
@@ -302,8 +302,8 @@ def _dark_noise(d: _Levels, gain: NDArray, origin: NDArray) -> NDArray:
 
 
 def _half(signal: NDArray, top: float, frames: NDArray) -> int:
-    """Return the level for patterns: among those from 30 to 70 % of saturation the one with most frames, then nearest
-    to half.
+    """Return the level at which patterns are measured: among levels from 30 to 70 % of saturation, the one with the
+    most frames; among equals, the one nearest to half of saturation.
     """
     near = np.abs(signal / top - 0.5)
     many = np.where(near <= 0.2, frames, 0)

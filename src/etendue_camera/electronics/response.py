@@ -1,7 +1,7 @@
-"""A response that bends: output charge that falls behind the collected charge.
+"""Non-linear response: the output charge grows more slowly than the collected charge.
 
 In:  charge (electrons), the relative loss at full scale, its order.
-Out: charge after the bend, and the inverse.
+Out: output charge (electrons), and its inverse.
 Sources: Janesick 2007, "Photon Transfer", ch. 7 (V/V and V/e- non-linearity: the capacitance of the sense node grows
 with its charge, the gain of the source follower falls): to lowest order a loss that is a power of the signal.
 """
@@ -16,14 +16,14 @@ ROUNDS = 60  # of the inverse; Newton from above needs 4 to 8, and 60 only at th
 
 
 def bent(charge: ArrayLike, bend: float, order: float, full: float) -> NDArray:
-    """Return the charge after a response that bends.
+    """Return the output charge of a non-linear response.
 
     Parameters
     ----------
     charge : (...) array, electrons
-        Any sign: at or below 0 nothing bends.
+        Any sign; charge at or below 0 is returned unchanged.
     bend : float, dimensionless
-        Relative loss at ``full``, at least 0 and below 1 / (order + 1), so that the response rises up to there.
+        Relative loss at ``full``, at least 0 and below 1 / (order + 1), so that the response rises up to ``full``.
     order : float
         Power of the loss, 0.5 to 8: 1 for a capacitance that grows with its charge.
     full : float, electrons
@@ -32,7 +32,7 @@ def bent(charge: ArrayLike, bend: float, order: float, full: float) -> NDArray:
     Returns
     -------
     (...) array, electrons, dtype of the charge
-        q (1 - bend (q / full)^order); beyond its turning point the value there, so that it never falls.
+        q (1 - bend (q / full)^order); beyond the maximum of this function its maximum, so that the output never falls.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def bent(charge: ArrayLike, bend: float, order: float, full: float) -> NDArray:
 
 
 def unbent(charge: Floats, bend: float, order: float, full: float) -> NDArray:
-    """Return the charge before a response that bends: the inverse of `bent`.
+    """Return the charge before a non-linear response: the inverse of `bent`.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def unbent(charge: Floats, bend: float, order: float, full: float) -> NDArray:
     Returns
     -------
     (...) array of float64, electrons
-        At or beyond the turning point of the response, the turning point.
+        For outputs at or above the maximum of the response, the charge at that maximum.
 
     Raises
     ------
@@ -75,9 +75,9 @@ def unbent(charge: Floats, bend: float, order: float, full: float) -> NDArray:
 
     Notes
     -----
-    Newton's method on a concave function from the left: it converges from below without overshoot.
-    Error: 2e-15 relative for charges up to ``full`` and bends up to half of the largest; towards the turning point it
-    grows as the root of the rounding.
+    Newton's method on a concave function, started on the left, converges from below without overshoot. Error: 2e-15
+    relative for charges up to ``full`` and bends up to half of the largest; near the maximum of the response the error
+    grows to the square root of the rounding error.
     """
     check(bend, order, full)
     wanted = np.asarray(charge, dtype=np.float64) / full
@@ -97,12 +97,12 @@ def unbent(charge: Floats, bend: float, order: float, full: float) -> NDArray:
 
 
 def _turning(bend: float, order: float) -> float:
-    """Return the share of full scale where the response turns, at most 1e9."""
+    """Return the charge at the maximum of the response over ``full``, at most 1e9."""
     return float(np.exp(min(-np.log(bend * (order + 1)) / order, np.log(1e9))))
 
 
 def check(bend: float, order: float, full: float) -> None:
-    """Raise ValueError where a response would fall before full scale."""
+    """Raise ValueError if the response would fall below full scale."""
     require.that(0.5 <= order <= 8, f"response_order is {order!r}; it must be from 0.5 to 8")
     require.that(
         0 <= bend < 1 / (order + 1),

@@ -15,7 +15,8 @@ import scipy
 
 from etendue_camera.arrays import FloatArray
 
-PHASES = np.linspace(0.0, 0.5, 65)  # of a step, above the nearest integer: the error is odd about it
+# Places above the nearest integer, in steps; the error is an odd function about the integer.
+PHASES = np.linspace(0.0, 0.5, 65)
 SPREAD = 1.5  # steps of noise, above which the error of a mean is below 1e-19 of a step
 
 
@@ -70,8 +71,8 @@ def both(first: float, second: float, confidence: float) -> float:
     return large + small - 2 * math.sqrt((1 - confidence) * large * small)
 
 
-SHEPPARD = 1 / 12  # of a squared step: added by rounding to a variance that is spread over several codes
-SHOWN = 0.6  # steps of noise above which this holds for any mean, within 3e-3 of a squared step
+SHEPPARD = 1 / 12  # squared steps that rounding adds to the variance of a signal that is spread over several codes
+SHOWN = 0.6  # steps of noise above which that holds for any mean, within 3e-3 squared steps
 
 
 def in_front(low: float, high: float) -> tuple[float, float]:

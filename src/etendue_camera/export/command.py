@@ -1,7 +1,7 @@
 """Implementation of ``etendue export``: select cells and files, and write each file completely or not at all.
 
 In:  the folder of an archive, the request.
-Out: files; what was written and what could not be.
+Out: files; the list of files written, and of pictures that could not be written.
 """
 
 from __future__ import annotations
@@ -223,7 +223,7 @@ def _refuse_unsaid(shelf: Shelf, frame: ArchivedFrame) -> None:
 
 
 def raw_frame(shelf: Shelf, frame: ArchivedFrame) -> dng.RawFrame:
-    """Return all that a DNG states about a cell."""
+    """Return the digital numbers of a cell and the metadata that a DNG contains."""
     speed = shelf.parameter(frame, "iso", 0.0)  # the ISO that was set, or else that of the gain
     speed = speed or shelf.parameter(frame, "base_iso", 0.0) * shelf.parameter(frame, "analogue_gain", 1.0)
     time = shelf.beside(frame, "integration_time")  # from metering if there is any; 0.008 in any precision

@@ -16,7 +16,8 @@ WELL_KNOWN = ((2, 2), (6, 6))  # periods that LibRaw and programs based on it su
 def mask_of(shelf: Shelf, frame: ArchivedFrame) -> tuple[str, ...] | None:
     """Return one period of the mask; None if all pixels have the same filter, or no stage has a pattern.
 
-    A mask belongs to the sensor: in a window that starts at an odd row, the rows of a Bayer mask are exchanged.
+    A mask is counted from the first pixel of the sensor: in a window that starts at an odd row, the rows of a Bayer
+    mask are exchanged.
 
     Raises
     ------

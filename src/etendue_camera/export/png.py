@@ -21,7 +21,7 @@ def array_of(frame: ArchivedFrame) -> xarray.DataArray:
     Raises
     ------
     ArchiveError
-        If it is missing, or differs from what was written.
+        If the array is missing or differs from the recorded digest.
     """
     values, known = frame.picture(), frame.group.data[frame.variable]
     dims = [str(dim) for dim in known.dims[known.ndim - np.ndim(values) :]]

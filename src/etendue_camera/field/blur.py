@@ -39,7 +39,7 @@ from etendue_camera.field.psf_kernels import Centre, Light, Sampler
 
 Method = Literal["auto", "eigen", "tiles"]
 
-_EIGEN_SHARE = 0.6  # of the allowed error for bilinear interpolation, where truncating the expansion needs the rest
+_EIGEN_SHARE = 0.6  # fraction of the allowed error for bilinear interpolation; truncating the expansion gets the rest
 _KERNEL_SHARE = 0.1  # of the tolerance for truncated kernel tails
 _HEIGHT_SHARE = 0.1  # of the tolerance for linear interpolation between heights
 _CALL = 3.5e5  # call overhead of one tile (40 us), in the unit N log2 N of a transform
@@ -47,7 +47,7 @@ _CALL = 3.5e5  # call overhead of one tile (40 us), in the unit N log2 N of a tr
 
 @dataclass(frozen=True)
 class BlurChoice:
-    """How a field-dependent blur is computed.
+    """The chosen method for a field-dependent blur.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Prepared:
     coefficients: tuple[FloatArray, ...] = ()  # by plane: (count, nodes y, nodes x)
 
     def take(self, planes: slice) -> Prepared:
-        """Return the same for a slice of the planes."""
+        """Return these preparations for a slice of the planes."""
         return replace(self, mix=self.mix[planes], bases=self.bases[planes], coefficients=self.coefficients[planes])
 
     @property
@@ -227,8 +227,8 @@ def prepare(
 
 @dataclass(frozen=True, eq=False)
 class _Offer:
-    """One way to compute the blur from the kernels of a grid, as in `BlurChoice`, with the expansion if there is
-    one.
+    """One way to compute the blur from the kernels of a grid, with the fields of `BlurChoice` and, for eigen-PSFs, the
+    expansion.
     """
 
     method: str
@@ -254,7 +254,7 @@ def _offers(
     tiled = [] if method == "eigen" else [_tiled(levels[0], y.size, x.size, sampler.size, extra)]
     if method == "tiles":
         return tiled
-    # its run time does not depend on the grid: the finer grid leaves more of the error for truncation
+    # The run time of eigen-PSFs does not depend on the grid; a finer grid leaves more of the error for truncation.
     planes = (levels[-1].kernels[:, :, number] for number in range(sampler.wavelengths))
     return [*tiled, _expanded(levels[-1], planes, allowed, count, extra)]
 
@@ -270,9 +270,7 @@ def _tiled(level: node_grids.Level, ny: int, nx: int, size: int, extra: float) -
 def _expanded(
     level: node_grids.Level, planes: Iterable[FloatArray], allowed: float, count: int, extra: float
 ) -> _Offer:
-    """Return an eigen-PSF offer with as many terms as the worst of some planes of kernels (nodes y, nodes x, size,
-    size) needs.
-    """
+    """Return an eigen-PSF offer with enough terms for every plane of kernels (nodes y, nodes x, size, size)."""
     found = [expansion(kernels, allowed - level.error, count) for kernels in planes]
     most, worst = max(len(terms) for _, terms, _ in found), max(error for *_, error in found)
     terms = tuple((basis, coefficients) for basis, coefficients, _ in found)

@@ -1,7 +1,8 @@
-"""What was measured of one lens: distortion, lateral colour and fall-off at some focal lengths, apertures, distances.
+"""Measurements of one lens: its distortion, lateral colour and fall-off at several focal lengths, apertures and
+distances.
 
 In:  calibration points of a lens; a focal length (mm), an f-number, a distance in focus (m).
-Out: real image heights by colour, relative illumination, both by ideal or real height in mm.
+Out: the real image height of each colour by ideal height, mm; the relative illumination (1) by real height, mm.
 Sources: the models and the interpolation of lensfun 0.3.4 (``lens.cpp``, ``mod-coord.cpp``, ``mod-color.cpp``,
 ``mod-subpix.cpp``). Heights of 1 are half the short side of the calibrated sensor; for fall-off, half its diagonal.
 """
@@ -24,8 +25,8 @@ MODELS = {
     "tca": {"linear": 2, "poly3": 6},
     "vignetting": {"pa": 3},
 }  # terms of each model
-FARTHEST = 1000.0  # m; the distance that stands for infinity in calibrations
-POWER = 3.5  # of the distance between calibration points in the weights of fall-off
+FARTHEST = 1000.0  # m; the distance that calibrations use for infinity
+POWER = 3.5  # exponent of the distance to a calibration point in the weights of fall-off
 RANKS = (
     (1.41, 2),
     (1.31, 4),
@@ -40,7 +41,9 @@ COLOURS = (460.0, 540.0, 600.0)  # nm: blue, green and red of a camera in daylig
 
 @dataclass(frozen=True)
 class Point:
-    """One calibration: the terms of a model at a focal length; of fall-off also at an f-number and a distance (m)."""
+    """One calibration: the terms of a model, measured at one focal length; for fall-off also at one f-number and
+    distance (m).
+    """
 
     model: str
     terms: tuple[float, ...]
@@ -51,7 +54,8 @@ class Point:
 
 @dataclass(frozen=True)
 class Lens:
-    """One entry of a lens. ``mounts`` are its own, ``fits`` all mounts of bodies that take it without an adapter.
+    """One entry of a lens in the database. ``mounts``: its own mounts; ``fits``: mounts of all bodies that take it
+    without an adapter.
 
     ``crop_factor`` and ``aspect`` (long over short side) are those of the sensor of the calibration.
     """
@@ -77,9 +81,10 @@ class Lens:
         return self.half_diagonal() / math.hypot(self.aspect, 1.0)
 
     def heights(self, ideal_mm: FloatArray, focal: float) -> FloatArray:
-        """Return real heights, mm, (heights, blue green red).
+        """Return the real height (mm) of each ideal height in blue, green and red, (heights, 3).
 
-        Heights beyond the first fold of any colour are those of its tangent there, so that all ascend.
+        A polynomial may fold back at large heights. Beyond the first fold of a colour its curve continues along the
+        tangent, so that real heights always ascend.
         """
         unit = self.half_side()
         r = np.asarray(ideal_mm) / unit
@@ -88,7 +93,9 @@ class Lens:
         return unit * colours
 
     def relative(self, height_mm: FloatArray, focal: float, aperture: float, distance_m: float) -> FloatArray | None:
-        """Return the relative illumination at real heights; None if it was not measured near these settings."""
+        """Return the relative illumination (1) at real heights; None if no fall-off was measured near these
+        settings.
+        """
         terms = weighted(self.vignetting, self.focal, focal, aperture, min(distance_m, FARTHEST))
         if terms is None:
             return None
@@ -97,11 +104,11 @@ class Lens:
 
 
 def chosen(entries: Sequence[Lens], crop_factor: float) -> Lens:
-    """Return the entry that fits a sensor of this crop factor (0: unknown).
+    """Return the entry for a sensor with this crop factor; 0 means that the crop factor is unknown.
 
-    Entries of one name differ in the sensor of their calibration. They are ranked as in lensfun 0.3.4: best is a
-    sensor a little smaller than the calibrated one; one more than 4 % larger is not covered. If none covers it, or
-    nothing is known of it, the entry of the largest sensor is taken.
+    Entries of one name were calibrated on different sensors. They are ranked as in lensfun 0.3.4: the best one was
+    calibrated on a sensor slightly larger than the given one, and an entry does not cover a sensor more than 4 % larger
+    than its own. If no entry covers the sensor, or its crop factor is unknown, the entry of the largest sensor is used.
     """
     require.that(len(entries) > 0, "a lens needs at least one entry")
     ranks = [_rank(crop_factor / one.crop_factor) for one in entries]
@@ -111,15 +118,17 @@ def chosen(entries: Sequence[Lens], crop_factor: float) -> Lens:
 
 
 def _rank(ratio: float) -> int:
-    """Return lensfun's score for the ratio of the crop factors of body and calibration; 0: not covered."""
+    """Return lensfun's score for the crop factor of the body over that of the calibration; 0 means not covered."""
     return next((score for least, score in RANKS if ratio >= least), 0)
 
 
 def interpolated(points: Sequence[Point], focal: float, kind: str) -> Point | None:
-    """Return the terms at a focal length, by cubic Hermite curves through the calibrated ones; held beyond the ends.
+    """Return the terms at a focal length, interpolated by cubic Hermite curves and constant beyond the calibrated
+    range.
 
-    Terms of distortion are interpolated times their focal length, as are those of lateral colour but its scales.
-    Points of another model than the first are not used. None without points.
+    Terms of distortion, and those of lateral colour except its scales, are multiplied by the focal length before
+    interpolation and divided by it afterwards. Points whose model differs from that of the first are ignored. Without
+    points the result is None.
     """
     own = sorted((one for one in points if one.model == points[0].model), key=lambda one: one.focal)
     if not own:
@@ -132,7 +141,9 @@ def interpolated(points: Sequence[Point], focal: float, kind: str) -> Point | No
 
 
 def _between(own: Sequence[Point], above: int, focal: float, kind: str) -> Point:
-    """Return the terms at a focal length between two calibrations, of which ``above`` is the longer one."""
+    """Return the terms at a focal length between two calibrations; ``above`` is the one with the longer focal
+    length.
+    """
     low, high = own[above - 1], own[above]
     four = (own[above - 2] if above >= 2 else None, low, high, own[above + 1] if above + 1 < len(own) else None)
     t = (focal - low.focal) / (high.focal - low.focal)
@@ -145,7 +156,9 @@ def _between(own: Sequence[Point], above: int, focal: float, kind: str) -> Point
 
 
 def _hermite(y: Sequence[float | None], t: float) -> float:
-    """Return the cubic between the two middle values, whose slopes are half the differences of their neighbours."""
+    """Return the cubic between the two middle of four values; its slope at each is half the difference of the two
+    neighbours.
+    """
     before, low, high, after = y
     assert low is not None and high is not None
     start = high - low if before is None else 0.5 * (high - before)
@@ -161,8 +174,8 @@ def _hermite(y: Sequence[float | None], t: float) -> float:
 def weighted(
     points: Sequence[Point], range_mm: tuple[float, float], focal: float, aperture: float, distance_m: float
 ) -> tuple[float, ...] | None:
-    """Return the terms of fall-off, weighted by distance to the power -3.5 in focal length over its range, 4/aperture
-    and 0.1 m/distance; None if no point is within 1.
+    """Return the terms of fall-off, averaged over the calibrations with weights (distance to them)^-3.5; None if all
+    are farther away than 1. Coordinates are the focal length over its range, 4/aperture and 0.1 m/focus distance.
     """
     total, sums, nearest = 0.0, [0.0, 0.0, 0.0], math.inf
     span = range_mm[1] - range_mm[0]
@@ -181,7 +194,7 @@ def weighted(
 
 
 def distorted(point: Point | None, r: FloatArray) -> FloatArray:
-    """Return real radii of ideal ones, in units of half the short side.
+    """Return the real radius of each ideal radius, both in units of half the short side.
 
     poly3: r (1 - k1 + k1 r^2); poly5: r (1 + k1 r^2 + k2 r^4); ptlens: r (a r^3 + b r^2 + c r + 1 - a - b - c).
     """
@@ -198,7 +211,7 @@ def distorted(point: Point | None, r: FloatArray) -> FloatArray:
 
 
 def dispersed(point: Point | None, r: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the radii of blue, green and red for the real radius of green.
+    """Return the radii of blue, green and red from the real radius of green.
 
     linear: r k; poly3: r (v + c r + b r^2). Terms are kr, kb, or vr, vb, cr, cb, br, bb.
     """

@@ -1,8 +1,8 @@
-"""Files of lenses: what a database of calibrations holds of one lens name, with its source and licence.
+"""Files of lenses: all calibrations that a database has for one lens name, with their source and licence.
 
 In:  a path.
 Out: ``LensFile``, cached until the file changes.
-The form is JSON, so that an archive needs no database to be computed again.
+The file is JSON. An archive keeps a copy, so it can be recomputed without the database.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ENDING = ".lens"
 
 @dataclass(frozen=True)
 class LensFile:
-    """All entries of one name, and where they come from."""
+    """All entries of one lens name, with their source and licence."""
 
     name: str
     source: str
@@ -33,7 +33,7 @@ class LensFile:
     entries: tuple[Lens, ...]
 
     def text(self) -> str:
-        """Return the file's text, the same for equal lenses."""
+        """Return the text of the file; equal lenses have equal texts."""
         document = {
             "form": FORM,
             "name": self.name,
@@ -50,7 +50,7 @@ def lens_file(path: str) -> LensFile:
     Raises
     ------
     ValueError
-        If it cannot be read, or a value is missing, of another type, not finite or out of range.
+        If the file cannot be read, or a value is missing, has the wrong type, is not finite or is out of range.
     """
     return _read(path, file_state(path))
 

@@ -23,8 +23,8 @@ from etendue import plain_files, require
 from etendue_camera.arrays import FloatArray, Floats
 
 _ROWS = 256  # rows of a plane resampled at a time, to bound the memory of double-precision coordinates
-BORDER = 1e-6  # of the frame's rms: light mirrored at the border is not that of the padded plane; measured
-_ALIASES = 64  # images of a wave in a spline, to either side; their sum beyond is below 1e-2 of itself for order 1
+BORDER = 1e-6  # relative to the frame's rms, measured: at the border, light is mirrored here but padded in a transform
+_ALIASES = 64  # aliases of a wave in a spline, to either side; those beyond add less than 1e-2 of the sum for order 1
 _NODES = 1025  # nodes of the spline through the ratio of ideal to real height
 ORDERS = (1, 2, 3, 4, 5)
 Table = tuple[FloatArray, FloatArray, FloatArray]  # ideal heights (n,), wavelengths (L,), real heights (n, L), um
@@ -123,7 +123,7 @@ class DistortionCurve:
         return (1 - share) * values[..., high - 1] + share * values[..., high]
 
     def percent(self, radius_um: Floats, wavelength_um: float) -> Floats:
-        """Return the distortion 100 (r' / r - 1), per cent; on the axis its limit."""
+        """Return the distortion 100 (r' / r - 1) in per cent; on the axis, its limit there."""
         radius = np.asarray(radius_um, dtype=float)
         safe = np.where(radius == 0, 1.0, radius)
         return 100.0 * (
@@ -260,7 +260,7 @@ def radial(
     order: int = 5,
     oversampling: int = 1,
 ) -> FloatArray:
-    """Resample a plane radially: the value at each position is taken from ``ratio(r^2)`` times that position.
+    """Resample a plane radially: each value is read at its position multiplied by ``ratio(r^2)``.
 
     Parameters
     ----------
@@ -333,8 +333,9 @@ def wave_error(order: int, cycles: FloatArray, oversampling: int = 1) -> FloatAr
     Notes
     -----
     Along one axis, a spline of order n through a wave of u cycles/sample is the sum of the waves u + k with amplitudes
-    s(u + k) / sum s, s = sinc^(n + 1) (Unser, section IV): what the wave itself lacks and all others in phase bound its
-    error. Two axes add their errors; the diagonal, with less on each, is compared with one axis.
+    s(u + k) / sum s, s = sinc^(n + 1) (Unser, section IV). The error is bounded by the missing amplitude of the wave
+    itself plus the sum of all other amplitudes. Errors of both axes add; the result is the larger of the errors along
+    one axis and along the diagonal, where each axis has a lower frequency.
     """
 
     def along(u: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""A spectral cube as read: values, wavelengths, level; the user states what the file does not.
+"""A spectral cube: values, wavelengths, level. The user states those that the file does not contain.
 
 In:  a file, its format by extension; command-line options.
 Out: a ``Cube`` that is valid light: wavelengths ascend, values are finite and not negative.
@@ -48,7 +48,7 @@ class Cube:
     wavelength: Any = None
     level: str = ""
     white: Any = None
-    told: tuple[str, ...] = ()  # sources of what is known
+    told: tuple[str, ...] = ()  # where wavelengths, level and white come from
 
 
 def read_cube(path: Path, variable: str = "") -> Cube:
@@ -131,8 +131,8 @@ def wavelengths_of(text: str) -> Any:
 
 
 def in_order(cube: Cube, axes: str) -> Cube:
-    """Return the cube with axes (wavelength, y, x); ``axes``: their order in the file, such as ``yxw``, or '' if the
-    reader knows it.
+    """Return the cube with axes (wavelength, y, x); ``axes``: their order in the file, such as ``yxw``; '' if the
+    reader has already put them in this order.
 
     Raises
     ------

@@ -21,7 +21,7 @@ PATCH = 5  # default side of the white patch, pixels
 
 @dataclass(frozen=True)
 class Said:
-    """The command's options on the content of a file."""
+    """Options of the command that describe the content of a file."""
 
     variable: str
     axes: str

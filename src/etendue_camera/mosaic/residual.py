@@ -65,9 +65,9 @@ from etendue_camera.sensor.cfa import COLOURS, phase
 FIRST_REACH, SECOND_REACH, CHROMA_REACH = 18, 12, 12
 REACH = FIRST_REACH + CHROMA_REACH + SECOND_REACH + CHROMA_REACH
 FLOOR = 1e-4  # of the local mean square: energies well below it (1 % of the local level) carry no information
-EVEN = 1e-5  # of the same: rows and columns have equal weights where both errors are smaller
+EVEN = 1e-5  # of the local mean square: rows and columns have equal weights where both errors are smaller
 PULL = 4e-3  # the same for slopes on green, of the mean of the two colours' squared levels
-CHOICE = 1e5  # smooth and sharp have equal weights where s^4 d is its inverse
+CHOICE = 1e5  # smooth and sharp estimates have equal weights where s^4 d is the inverse of this
 TINY = 1e-30  # of the squared peak: keeps ratios finite where everything is black
 
 

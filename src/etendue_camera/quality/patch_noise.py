@@ -16,7 +16,7 @@ from etendue_camera.electronics.rounding import SHEPPARD, SHOWN, in_front
 
 SMALLEST = 2 * BLOCKS  # minimum size along y and along x, pixels
 LEAST = 4  # minimum number of pixels of a group
-UNSEEN = 3.7  # if so many pixels are expected at another number, 97.5 % of patches contain one
+UNSEEN = 3.7  # if this many pixels of a patch are expected at another code, 97.5 % of patches contain at least one
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,9 @@ class PatchNoise:
     slope: float  # change of the fitted plane over the patch, as a fraction of the mean
     uneven: float  # rms of 8 x 8 block means about that plane, over the mean: neither slope nor fine noise
     uneven_white: float  # expected value of the above if the noise of pixels were independent
-    hidden: bool = False  # rounding hides how much noise there is; the interval of sigma covers all possibilities
+    hidden: bool = (
+        False  # rounding hides the size of the noise; the interval of sigma covers every size that is possible
+    )
 
 
 def patch_noise(
@@ -59,11 +61,11 @@ def patch_noise(
     -----
     A least-squares plane is subtracted first, so that falloff does not count as noise. One frame contains temporal and
     fixed-pattern noise together. Rounding adds 1/12 of the squared step to the variance if noise is at least 0.6 steps;
-    for less noise, the interval covers every noise that could have been there before rounding. The interval is a
+    for less noise, the interval covers every standard deviation that is possible before rounding. The interval is a
     jackknife over 8 x 8 blocks of pixels: correlation between neighbours (as in demosaiced or compressed pictures)
     widens it correctly if it extends over less than a block. In 400 seeds it contained sigma in 94 to 95 % (white
-    noise, 32 x 32 to 128 x 128 pixels), and in 89 (32 x 32) to 94.5 % for noise averaged over 3 x 3 pixels;
-    ``python benchmarks/measure.py`` prints this.
+    noise, 32 x 32 to 128 x 128 pixels), and in 89 (32 x 32) to 94.5 % for noise averaged over 3 x 3 pixels; ``python
+    benchmarks/measure.py`` prints this.
     """
     values = np.asarray(plane, np.float64)
     if values.ndim != 2 or min(values.shape, default=0) < SMALLEST:

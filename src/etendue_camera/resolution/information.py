@@ -75,8 +75,8 @@ def neq(signal: ArrayLike, noise: ArrayLike) -> FloatArray:
     Returns
     -------
     array
-        For photon noise alone the number of photoelectrons, whatever the gain. 0 without signal, infinite for a
-        signal without noise.
+        For photon noise alone the number of photoelectrons, for every gain. 0 without signal, infinite for a signal
+        without noise.
 
     Raises
     ------
@@ -91,7 +91,8 @@ def neq(signal: ArrayLike, noise: ArrayLike) -> FloatArray:
 
 
 def neq_of_channels(signal: ArrayLike, noise: ArrayLike, singular: float = 1e-10) -> FloatArray:
-    """Return the NEQ of several channels combined with optimal weights at each frequency (Hotelling observer).
+    """Return the NEQ of several channels that are combined with the optimal weights at each frequency (Hotelling
+    observer).
 
     Parameters
     ----------
@@ -100,8 +101,8 @@ def neq_of_channels(signal: ArrayLike, noise: ArrayLike, singular: float = 1e-10
     noise : (channel, channel, ...) array
         Noise power on the diagonal, cross power off it: Hermitian.
     singular : float
-        Threshold relative to the largest power: weaker combinations of channels are ignored, as linear dependence
-        caused by stages.
+        Threshold relative to the largest power. Weaker combinations of channels are ignored, because stages can make
+        channels linearly dependent.
 
     Returns
     -------

@@ -1,6 +1,6 @@
 """Noise power spectra: propagation of independent pixel noise through stages, and periodograms.
 
-In:  impulse responses of a chain for each place of the mosaic's cell, with the variance there; or frames of noise.
+In:  impulse responses of a chain and noise variances, for each site of the mosaic's unit cell; or frames of noise.
 Out: cross power of channels at spatial frequencies (cycles/pixel), squared unit of the picture per pixel.
 Sources: linear propagation, power = sum over places of v |H|^2; Bartlett's mean of periodograms.
 """
@@ -103,8 +103,8 @@ def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
 
 
 def expected_periodogram(responses: ArrayLike, variance: ArrayLike, block: int) -> ComplexArray:
-    """Return the expectation of `periodograms` for propagated noise: its power as blurred by a square of ``block``
-    pixels.
+    """Return the expected value of `periodograms` for propagated noise: its power spectrum, blurred by the transform of
+    a square of ``block`` pixels.
 
     Exact: the covariance at each lag times the fraction of pixel pairs with that lag in the square (Bartlett's
     triangle). ``responses`` and ``variance`` as in `spectra` and `carried_power`. Returns (channel, channel, block,

@@ -5,7 +5,8 @@ Out: a root between them.
 Source: Chandrupatla 1997, Advances in Engineering Software 28, 145: inverse quadratic interpolation where it is safe,
 otherwise bisection.
 
-``scipy.optimize.brentq`` finds the same roots. Importing it takes 0.2 s, more than a resolution of one camera.
+``scipy.optimize.brentq`` finds the same roots. Its import takes 0.2 s, longer than the stage ``resolution`` takes for
+one camera.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from collections.abc import Callable
 
 from etendue import require
 
-EXACT = 4 * 2.0**-52  # of the root, in which rounding hides it
+EXACT = 4 * 2.0**-52  # relative width within which rounding hides the root
 MOST = 200  # evaluations; bisection alone needs 60 for all digits
 
 
@@ -25,10 +26,10 @@ def between(f: Callable[[float], float], low: float, high: float, within: float)
     Parameters
     ----------
     f : callable
-        Of opposite signs at both places, or 0 at one.
+        Its signs at ``low`` and ``high`` differ, or it is 0 at one of them.
     low, high : float
     within : float
-        The root is no farther away than this, or than 4 units in its last place.
+        Allowed error of the root; at least 4 units in its last place are allowed in any case.
 
     Raises
     ------
@@ -60,7 +61,7 @@ def between(f: Callable[[float], float], low: float, high: float, within: float)
 
 
 def _next(a: float, b: float, c: float, fa: float, fb: float, fc: float) -> float:
-    """Return the share of the way from ``a`` to ``b`` at which to look next."""
+    """Return the next place to evaluate, as a fraction of the way from ``a`` to ``b``."""
     if fb == fc or fa == fb or fa == fc:
         return 0.5
     place, level = (a - b) / (c - b), (fa - fb) / (fc - fb)

@@ -237,7 +237,7 @@ def _refined(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edg
         turned = cycles * size * (np.cos(phase) * rings.sine - np.sin(phase) * rings.cosine)
         squared = rings.y**2 + rings.x**2
         design = np.stack([turned * rings.x / squared, -turned * rings.y / squared], axis=1)
-        # what waves of one common phase do not explain, for the change of angle caused by a shift of the centre
+        # residual that waves of one common phase leave; a shift of the centre changes the angle of every pixel
         rest = rings.rest + (rings.b[rings.ring] * rings.cosine + rings.c[rings.ring] * rings.sine)
         rest = rest - size * (np.cos(phase) * rings.cosine + np.sin(phase) * rings.sine)
         step = np.linalg.lstsq(design, rest, rcond=None)[0]

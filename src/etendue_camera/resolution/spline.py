@@ -1,11 +1,12 @@
 """Cubic splines through curves of contrast.
 
-In:  values at rising places.
+In:  values at ascending places.
 Out: the curve between them, and its integral.
-Sources: the cubic spline with continuous second derivative, whose third derivative is continuous at the second and the
-last but one place too ("not a knot"): de Boor, A Practical Guide to Splines, chapter IV.
+Sources: the cubic spline with a continuous second derivative and the not-a-knot end condition, which makes the third
+derivative continuous at the second place and at the last but one (de Boor, A Practical Guide to Splines, chapter IV).
 
-``scipy.interpolate`` has the same curve. Importing it takes 0.3 s, more than a resolution of one camera.
+``scipy.interpolate`` has the same curve. Its import takes 0.3 s, longer than the stage ``resolution`` takes for one
+camera.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ class Spline:
     terms: FloatArray
 
     def __call__(self, x: Array) -> FloatArray:
-        """Return the values at places; beyond the ends the last polynomials go on."""
+        """Return the values at places; beyond the ends, the first and the last polynomial are extrapolated."""
         x = np.asarray(x, dtype=float)
         step = np.clip(np.searchsorted(self.places, x, side="right") - 1, 0, self.places.size - 2)
         d, (a, b, c, e) = x - self.places[step], self.terms[:, step]
@@ -79,8 +80,8 @@ def _of_a_parabola(h: FloatArray, slope: FloatArray) -> FloatArray:
 
 
 def _rise(places: FloatArray, h: FloatArray, slope: FloatArray) -> FloatArray:
-    """Return the first derivatives at all places, (n, curves). The equations of both ends are taken out of those of
-    their neighbours, which keeps every diagonal as large as what is beside it.
+    """Return the first derivatives at all places, (n, curves). The equations of both ends are substituted into those of
+    their neighbours, which keeps the matrix diagonally dominant.
     """
     first, last = places[2] - places[0], places[-1] - places[-3]
     before = ((h[0] + 2 * first) * h[1] * slope[0] + h[0] ** 2 * slope[1]) / first
@@ -96,8 +97,9 @@ def _rise(places: FloatArray, h: FloatArray, slope: FloatArray) -> FloatArray:
 
 
 def _tridiagonal(lower: FloatArray, diagonal: FloatArray, upper: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve a system of equations whose diagonal dominates, (n, curves), by cyclic reduction: each round couples places
-    twice as far apart, and squares the share of their neighbours, until it is below rounding.
+    """Solve a diagonally dominant tridiagonal system for (n, curves) right-hand sides by cyclic reduction. Each round
+    doubles the distance between coupled places and squares the relative size of the coupling; the rounds end when it is
+    below rounding.
     """
     apart, n = 1, len(diagonal)
     while apart < n and max((np.abs(lower) / diagonal).max(), (np.abs(upper) / diagonal).max()) > 1e-17:

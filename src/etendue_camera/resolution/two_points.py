@@ -259,8 +259,8 @@ def _first_rise(
 
 
 def _saddle(spread: SpreadFunction, separation: float, within: float = 0.0) -> tuple[float, float]:
-    """Return ratio and offset of a peak; the ratio is stationary there, so that the peak is solved only to the root of
-    ``within``.
+    """Return ratio and offset of a peak. The ratio is stationary at the peak, so an error of sqrt(within) in its place
+    suffices.
     """
     half = 0.5 * separation
 

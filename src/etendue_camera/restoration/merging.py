@@ -41,7 +41,7 @@ def usable(frames: NDArray, level: ArrayLike, margin: int) -> NDArray[np.bool_]:
 def pooled(frames: NDArray, times: ArrayLike, used: NDArray[np.bool_]) -> NDArray:
     """Return the light per time: the sum of the used frames over the sum of their times.
 
-    Where no frame is used, take that of the shortest.
+    Where no frame is used, return the light of the shortest one.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ In:  the name of an array, its letters row by row ("RG/GB"), one letter, or a ta
 Out: a ``Mask``; one value per pixel; the index of each pixel's channel; positions beyond the border.
 Sources: Bayer, US patent 3971065 (1976). Quad-Bayer: each site of a Bayer cell four pixels large. RGBW: Compton and
 Hamilton, US patent 8139130 (2012), with panchromatic pixels on a checkerboard. X-Trans: the 6 x 6 cell of Fujifilm's X
-sensors as raw converters know it. RCCC: one red and three clear pixels, of driver-assistance cameras.
+sensors, as used by raw converters. RCCC: one red and three clear pixels, of driver-assistance cameras.
 
 A letter is a name, and the column of a sensitivity table: R, G, B, W or C for clear, anything else by table. Masks are
 periodic and belong to the sensor: pixel (i, j) has the letter at (i mod rows, j mod columns), whatever window is read.

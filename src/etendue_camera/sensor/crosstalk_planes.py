@@ -1,5 +1,5 @@
-"""Crosstalk of full planes: what a pixel of each channel would collect at every position, with the neighbours of the
-mask.
+"""Crosstalk of full planes: the charge that a pixel of each channel would collect at every position, with the
+neighbours that it has in the mask.
 
 In:  planes (channel, y, x) of photocurrent; the pixel kernels of the channels (`crosstalk.kernels`); the mask.
 Out: planes (channel, y, x), blurred and mixed as a mosaic would be; the transfer functions between channels.
@@ -37,8 +37,8 @@ def channel_transfer(
     fy: FloatArray,
     fx: FloatArray,
 ) -> NDArray:
-    """Return transfer functions between channels: the response of one channel's pixels to detail behind another's
-    filter.
+    """Return transfer functions between channels: the response of one channel's pixels to detail behind the filters of
+    another.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def _spectra(along: FloatArray, frequency: FloatArray) -> NDArray:
 
 
 def plane_kernels(kernel: FloatArray, mask: Mask) -> FloatArray:
-    """Return kernels between channels: what arrives in a pixel of one of them from the pixels of another.
+    """Return kernels between channels: the charge that a pixel of one channel receives from pixels of another.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ from etendue_camera.spectra.spdx import ENDING, read_spdx
 FloatArray = npt.NDArray[np.float64]
 Edges = Sequence[float] | FloatArray
 Outside = Literal["zero", "hold"]
-REMEMBERED = 256 << 10  # bytes of the largest file whose numbers are kept, beside 31 others
+REMEMBERED = 256 << 10  # bytes of the largest file whose numbers are cached; up to 32 files are
 
 
 # ------------------------------------------------------------------------------------------------ bin means
@@ -153,11 +153,11 @@ def _read_csv(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
         return read_spdx(path)
     content = plain_files.table(path)
     names, table = _parsed(path, content) if len(content) <= REMEMBERED else _parsed.__wrapped__(path, content)
-    table = table.copy()  # as if it had been read again
+    table = table.copy()  # a copy, so that a caller cannot change the cached arrays
     return list(names), table[:, 0], table[:, 1:]
 
 
-@lru_cache(maxsize=32)  # by content: planning reads a table several times
+@lru_cache(maxsize=32)  # cached by content, because planning reads a table several times
 def _parsed(path: Path, content: bytes) -> tuple[list[str], FloatArray]:
     try:
         text = content.decode("utf-8-sig")

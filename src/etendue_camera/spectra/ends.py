@@ -47,8 +47,8 @@ HELD_TABLES = {"ColorChecker": (380.0, 730.0, 10.0), "basis of RGB": (380.0, 780
 
 
 def held_in_the_infrared(name: str, lowest: float, highest: float) -> list[str]:
-    """Return `held_note` for a library table with extended end values; nothing below 780 nm, where the effect is hardly
-    visible.
+    """Return `held_note` for a library table whose end values are used beyond its range. Return nothing if the bands
+    lie below 780 nm and do not begin before the table, because the effect is then hardly visible.
     """
     first, last, step = HELD_TABLES[name]
     return (

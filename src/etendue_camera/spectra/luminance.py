@@ -174,7 +174,8 @@ def _unseen(name: str) -> str:
 def luminance_notes(name: str, lowest: float, highest: float) -> list[str]:
     """Return notes on a light of known luminance of which only ``lowest`` to ``highest`` (nm) is rendered.
 
-    colour-science is used only where the range does not decide.
+    colour-science, which is slow to import, is used only if the light or the rendered range may end within the visible
+    range.
     """
     if line_of(name) is not None:
         return []

@@ -5,6 +5,6 @@ from __future__ import annotations
 from etendue.plugins.discovery import table_file as spectrum
 
 LIBRARY = "colour-science"  # instead of a path: a table of this library
-ENDINGS = (".csv", ".spdx")  # of files with tables by wavelength
+ENDINGS = (".csv", ".spdx")  # extensions of files with tables by wavelength
 
 __all__ = ["ENDINGS", "LIBRARY", "spectrum"]

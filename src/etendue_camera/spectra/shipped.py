@@ -5,7 +5,7 @@ Out: plain read-only float64 arrays, bit-identical to the library's own.
 
 ``data/spectra.npz`` contains them, built by ``python -m etendue_camera.spectra.build`` from the version of
 colour-science recorded in it; a test compares all with the library. If another version is installed, its own tables are
-used: from the library once, then from the user's cache folder. Names that are not among them are looked up in the
+used: they are read from the library once and then from the user's cache folder. Other names are looked up in the
 library itself.
 """
 
@@ -38,14 +38,14 @@ def arrays() -> Arrays:
     version = authority.colour_version()
     if str(found[VERSION]) == version:
         return found
-    # and of the code that would rebuild them
+    # the key includes the code that rebuilds the tables
     key = f"{version} {digest_of(data + Path(authority.__file__).read_bytes())}"
     kept = cache.read("spectra", key)
     if kept is not None:
         try:
             return unpacked(kept)
         except (ValueError, KeyError, EOFError, OSError, zipfile.BadZipFile):
-            pass  # damaged: rebuilt
+            pass  # a damaged file is rebuilt
     found = made()
     cache.write("spectra", key, packed(found))
     return found

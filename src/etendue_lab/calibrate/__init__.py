@@ -1,1 +1,3 @@
-"""A sensor file from real frames, and its check against them."""
+"""Calibration of a sensor: a sensor file from real frames, and a comparison of the calibrated sensor with these
+frames.
+"""

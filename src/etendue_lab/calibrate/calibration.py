@@ -1,6 +1,6 @@
 """A sensor calibrated from frames.
 
-In:  a measurement, one site of its colour filter array.
+In:  a measurement, and one site of its colour filter array.
 Out: ``SensorModel``.
 """
 
@@ -25,13 +25,13 @@ def calibrate(frames: FrameSet, site: Site = MONO, channel: str = "W", confidenc
     Raises
     ------
     RequestError
-        The frames hold no photon transfer curve.
+        The frames give no photon transfer curve.
     """
     curve = transfer.curve(frames, site)
-    transfer.figures(frames, curve, site)  # refuses what is no curve
+    transfer.figures(frames, curve, site)  # raises an error if the frames give no curve
     response = response_fit.fit(curve)
     dark, light = transfer.patterns(frames, curve, site)
-    if light is not None:  # a response that bends shows less of the pixels' differences than of the signal
+    if light is not None:  # a non-linear response reduces differences between pixels more than the signal itself
         used = np.flatnonzero(curve.between(0.05, transfer.RANGE))
         s = response.straight(curve.exposure[used])
         weight = np.array([len(curve.levels[i].frames) for i in used]) * curve.signal[0, used]
@@ -99,7 +99,9 @@ def _patterns(model: SensorModel, gain: Estimate) -> None:
 
 
 def _growth(model: SensorModel) -> Estimate | None:
-    """Put the spread of the dark current, where a test accepts it; return its share of the dark pattern, DN."""
+    """Add the rms spread of the dark current to the model if a test finds it significant; return its contribution to
+    the dark pattern, DN.
+    """
     growth, current = model.growth, model.values.get("dark_current")
     if growth is None or current is None:
         return None
@@ -127,7 +129,9 @@ def _growth(model: SensorModel) -> Estimate | None:
 
 
 def _widen_black(model: SensorModel) -> None:
-    """Add to the error of the black level that of the mean of few lines: a pattern of lines is no noise of pixels."""
+    """Widen the interval of the black level by the uncertainty that row and column patterns cause. A mean over a few
+    lines varies more than a mean over as many independent pixels.
+    """
     one, gain, shape = model.values["black_level"], model.response.gain, model.curve.dark[0].shape
     wide = (one.high - one.low) / 2
     for name, count in (("row_pattern", shape[0]), ("column_pattern", shape[1])):

@@ -1,4 +1,4 @@
-"""The loop closed: the fitted camera's frames beside the real ones, level by level, unscaled.
+"""Comparison of a calibrated sensor with the real frames, level by level, without rescaling.
 
 In:  a measurement, its calibration.
 Out: rows of levels: mean, variance, spatial spread, histogram distance, row and column spectra; measured and predicted.
@@ -21,9 +21,9 @@ from etendue_lab.frames.frame_set import FrameSet
 from etendue_lab.frames.moments import MONO, LevelMoments, Site
 from etendue_lab.frames.transfer import Curve
 
-BETWEEN = (0.02, 0.9)  # of saturation, where the check is judged
+BETWEEN = (0.02, 0.9)  # fractions of saturation between which levels count for the verdicts
 LIMITS = {"variance_rms": 0.012, "variance_worst": 0.03, "mean_worst": 0.005}
-SIDE = 256  # pixels of simulated frames, at most
+SIDE = 256  # maximum rows and columns of simulated frames
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class _Simulated:
 
 
 def check(frames: FrameSet, model: SensorModel, site: Site = MONO, seed: int = 0) -> Document:
-    """Return the check: rows of levels and its verdicts."""
+    """Return a row for each level, and the verdicts."""
     curve, fit = model.curve, model.response
     step = site[2]
     shape = tuple(min(size // step, SIDE) for size in frames.shape)
@@ -58,7 +58,7 @@ def check(frames: FrameSet, model: SensorModel, site: Site = MONO, seed: int = 0
         signal = float(curve.signal[0, i])
         at_mean = float(fit.variance_at(np.array(signal), np.array(dark))) if clear else math.nan
         low, high = _interval(own, curve)
-        # means of levels move with the light and with the black level; so does all of a histogram
+        # the lamp and the black level drift, which shifts the mean of a level and its whole histogram
         moved = math.hypot(fit.mean_error * signal, black)
         rows.append(
             {
@@ -108,8 +108,8 @@ def _verdicts(rows: list[Document], scatter: float) -> Document:
         "spatial_at_stack": stack["spatial_predicted"] / stack["spatial"] - 1 if stack else math.nan,
         "spatial_error_at_stack": stack["spatial_error"] / stack["spatial"] if stack else math.nan,
     }
-    # what sampling gives to variances, and the scatter of the light to means, is no fault of the camera
-    # the sum of squares that 97.5 % of cameras at the limit stay below
+    # Limits apply to the camera alone: the sampling error of variances and the scatter of the light are subtracted.
+    # ``chance`` is the mean square that 97.5 % of cameras exactly at the limit stay below.
     most = (sampling / 1.96) ** 2 + LIMITS["variance_rms"] ** 2
     chance = float(scipy.special.chdtri(max(variance.size, 1), 0.025)) / max(variance.size, 1)
     judged_by = {
@@ -139,7 +139,7 @@ def _simulated(sensor: SimulatedSensor, time: float, light: float, count: int) -
 
 
 def _drift(curve: Curve) -> float:
-    """Return the standard deviation of the dark level between levels, DN, about its line over time."""
+    """Return the standard deviation of the means of dark levels, DN, about a straight line over exposure time."""
     means = np.array([one.mean[0] for one in curve.dark])
     if len(means) < 4:
         return max(one.drift for one in curve.dark)
@@ -167,13 +167,14 @@ def _distance(one: Array, other: Array) -> float:
 
 
 def _chance(own: LevelMoments, other: Array, moved: float) -> float:
-    """Return the distance that 95 % of pairs of samples of one distribution stay below, if one is shifted by a normal
-    deviate of ``moved`` DN; pixels of a still pattern count once.
+    """Return the distance that 95 % of pairs of samples from one distribution stay below, if one of them is shifted by
+    a normal deviate with standard deviation ``moved`` (DN). A fixed pattern is the same in all frames, so each pixel
+    counts once.
     """
     codes = np.arange(other.size)
     mean = float((codes * other).sum() / other.sum())
     spread = math.sqrt(float(((codes - mean) ** 2 * other).sum() / other.sum()) + 1 / 12)
-    # a shift d of a normal distribution moves its cumulative distribution by at most d / (sqrt(2 pi) spread)
+    # a shift by d changes the cumulative distribution of a normal by at most d / (sqrt(2 pi) spread)
     shift = 1.96 * moved / (math.sqrt(2 * math.pi) * spread)
     return math.hypot(1.36 * math.sqrt(1 / own.pixels + own.frames / float(other.sum())), shift)
 

@@ -1,7 +1,7 @@
-"""The dark of a sensor: black level, dark current, read noise and what of it moves in lines.
+"""The dark signal of a sensor: black level, dark current, read noise, and temporal row and column noise.
 
 In:  dark levels of a photon transfer curve, the fitted response.
-Out: their values in a ``SensorModel``, or what would be needed.
+Out: their values in a ``SensorModel``, or the frames that are needed to determine them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ALONE = "; the dark has one exposure time, whose dark charge is in it"
 
 
 def put_dark(model: SensorModel, gain: Estimate, interval: Jackknife) -> None:
-    """Put black level, dark current and read noise into a model."""
+    """Add black level, dark current and read noise to a model."""
     _black_level(model, interval)
     charge = _dark_current(model, gain, interval)
     if model.curve.hidden:
@@ -38,13 +38,14 @@ def _weight(model: SensorModel) -> Array:
 def _black_level(model: SensorModel, interval: Jackknife) -> None:
     curve = model.curve
     origin = interval.of(curve.dark_origin, "DN")
-    # the means of dark frames move together; their scatter over levels is part of the black level's error
+    # All pixels of a dark frame drift together, so the scatter of level means counts in the interval of the black
+    # level.
     means = np.array([one.mean[0] for one in curve.dark])
     times = np.array([one.time for one in curve.dark])
     line = 0.0 if curve.dark_slope is None else float(curve.dark_slope[0]) * (times - times.mean())
     scatter = means - np.nan_to_num(line)
     drift = float(scatter.std(ddof=1)) / math.sqrt(len(means)) if len(means) > 3 else max(o.drift for o in curve.dark)
-    # a dark that is cut off or rounded away has its mean anywhere within a step, or the noise
+    # If dark values are clipped or lost in rounding, their mean is uncertain by the noise or by half a step.
     blind = math.sqrt(max(model.response.floor, 0.0) + 0.25) if model.response.floor is not None else 0.0
     lines = 1.96 * math.sqrt(float(curve.line_error(float(sum(one.frames for one in curve.dark)))))
     if curve.dark_slope is not None:
@@ -55,7 +56,7 @@ def _black_level(model: SensorModel, interval: Jackknife) -> None:
 
 
 def _dark_current(model: SensorModel, gain: Estimate, interval: Jackknife) -> float:
-    """Put the dark current; return the mean dark charge of the dark frames, DN."""
+    """Add the dark current to the model; return the mean dark charge of the dark frames, DN."""
     curve = model.curve
     times = np.array([one.time for one in curve.dark])
     if curve.hidden:
@@ -79,7 +80,9 @@ def _dark_current(model: SensorModel, gain: Estimate, interval: Jackknife) -> fl
 
 
 def _slope_error(model: SensorModel) -> float:
-    """Return the half width of a 95 % interval that moving lines give to the slope of the dark means, DN/s."""
+    """Return the half width (DN/s) of the 95 % interval of the slope of the dark means that row and column noise
+    causes.
+    """
     curve, weight = model.curve, _weight(model)
     times = np.array([one.time for one in curve.dark])
     good = ~np.isnan(times)
@@ -90,7 +93,9 @@ def _slope_error(model: SensorModel) -> float:
 
 
 def _dark_slope(model: SensorModel, slopes: Array, gain: Estimate, interval: Jackknife) -> float:
-    """Put the dark current of dark frames at several times; return their mean dark charge, DN."""
+    """Add the dark current from dark frames at several exposure times to the model; return their mean dark
+    charge, DN.
+    """
     curve = model.curve
     slope = interval.of(slopes, "")
     means, times = np.array([one.mean[0] for one in curve.dark]), np.array([one.time for one in curve.dark])
@@ -101,7 +106,7 @@ def _dark_slope(model: SensorModel, slopes: Array, gain: Estimate, interval: Jac
     t = float(scipy.special.stdtrit(max(x.size - 2, 1), 0.975))
     wide = math.hypot(slope.high - slope.value, t * over, _slope_error(model))
     hot, how = 0.0, "slope of the dark mean over time"
-    if (growth := model.growth) is not None and growth.outliers:  # told apart from the others
+    if (growth := model.growth) is not None and growth.outliers:  # hot pixels are counted separately
         hot = float(growth.outlier_values.sum()) / growth.pixels
         how += f"; {growth.outliers} pixels that differ from the others, {hot / gain.value:.3g} of the mean, apart"
     own = (slope.value - hot) / gain.value
@@ -111,7 +116,7 @@ def _dark_slope(model: SensorModel, slopes: Array, gain: Estimate, interval: Jac
 
 
 def _hidden_noise(model: SensorModel, gain: Estimate) -> None:
-    """Put the read noise that light levels show where the dark does not."""
+    """Add the read noise as derived from light levels, for frames whose dark noise is clipped or lost in rounding."""
     why, floor, wide = model.curve.hidden, model.response.floor or 0.0, 1.96 * model.response.errors["floor"]
     model.needs |= {"row_noise": why, "column_noise": why}
     if floor > wide:
@@ -122,7 +127,9 @@ def _hidden_noise(model: SensorModel, gain: Estimate) -> None:
 
 
 def _read_noise(model: SensorModel, gain: Estimate, interval: Jackknife, charge: float) -> None:
-    """Put the temporal noise of the dark, less that of so many DN of dark charge, and its parts in lines."""
+    """Add the temporal noise of dark frames, without the shot noise of a dark ``charge`` (DN), and its row and column
+    parts.
+    """
     curve, weight = model.curve, _weight(model)
     row, column = (_lines(model, axis) for axis in ("row", "column"))
     whole = (np.stack([one.variance for one in curve.dark], 1) * weight).sum(1) / weight.sum()
@@ -148,7 +155,7 @@ def _size(model: SensorModel, axis: str) -> tuple[int, int]:
 
 
 def _lines(model: SensorModel, axis: str) -> float:
-    """Return the variance of temporal offsets of lines, DN^2; 0 where a test does not accept them."""
+    """Return the variance of temporal row or column offsets, DN^2; 0 if a test does not find them significant."""
     dark, weight, (count, length) = model.curve.dark, _weight(model), _size(model, axis)
     own = np.array([getattr(one, f"{axis}_variance") for one in dark])
     mean = float((own * weight).sum() / weight.sum())

@@ -1,7 +1,8 @@
-"""The lens from an edge photograph: the width of a Gaussian blur, beside the pixel's own.
+"""Blur of a lens from a photograph of an edge: the width of a Gaussian, in addition to the blur of the pixel.
 
 In:  a raw frame of a slanted edge, a calibrated sensor, the pixel's pitch and aperture.
-Out: the blur's width (um) with its interval, and how far the response is from that of such a blur.
+Out: the rms width of the Gaussian (um) with its interval, and the largest difference between its response and the
+     measured one.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from etendue_lab.frames.frame_set import FrameSet, Window, sha256
 from etendue_lab.frames.moments import Site
 from etendue_lab.frames.reading import frame_of
 
-METHOD = 5e-4  # of MTF50: error of the method, beside noise
-BEND = 3  # degree of the polynomial along the edge: distortion bends it
+METHOD = 5e-4  # fraction of MTF50: error of the method, added to that by noise
+BEND = 3  # degree of the polynomial that follows the edge, which distortion bends
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class EdgePhotograph:
 
 @dataclass(frozen=True)
 class EdgeBlur:
-    """Blur of a lens about one edge."""
+    """Blur of a lens, measured at one edge."""
 
     sigma: Estimate  # um, rms width of its point spread function along one axis
     mtf50: Estimate  # cycles/pixel, of lens and pixel
@@ -69,8 +70,8 @@ def pixel_otf(frequency: Array | float, angle: float, aperture: float) -> Array:
 
 
 def width_of(mtf50: float, angle: float, aperture: float) -> float:
-    """Return the width (pixels) of the Gaussian that, behind a pixel, halves the contrast at a frequency; 0 where the
-    pixel alone halves it below.
+    """Return the rms width (pixels) of the Gaussian that, together with a pixel, reduces contrast to one half at a
+    frequency; 0 if the pixel alone does so at a lower frequency.
 
     exp(-2 pi^2 sigma^2 f^2) P(f) = 1/2, solved for sigma.
     """
@@ -96,7 +97,7 @@ def edge_blur(
         rows, columns = codes.shape
         if window.x + window.width > columns or window.y + window.height > rows:
             raise RequestError(f"--edge-window: beyond the {columns} x {rows} pixels of {path}")
-        # whole periods of a mosaic, so that its sites stay
+        # cut whole periods of the mosaic, so that its sites keep their colours
         window = Window(window.x - window.x % 2, window.y - window.y % 2, window.width, window.height)
         codes = codes[window.y : window.y + window.height, window.x : window.x + window.width]
     image, sites = np.zeros(codes.shape), np.zeros(codes.shape, bool)
@@ -133,7 +134,7 @@ def edge_blur(
 
 
 def _linear(codes: Array, model: SensorModel) -> Array:
-    """Return codes above black without the bend, in electrons."""
+    """Return codes above black as electrons, with the non-linear response inverted."""
     fit = model.response
     charge = (codes - model.values["black_level"].value) / fit.gain
     return np.asarray(response.unbent(charge, max(fit.bend, 0.0), fit.order, fit.full / fit.gain))

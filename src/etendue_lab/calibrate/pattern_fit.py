@@ -1,7 +1,7 @@
-"""Fixed patterns in their parts: waves, rows and columns, shading, outliers, and what is left: white.
+"""Fixed patterns, separated into waves, rows and columns, shading, outliers, and a white remainder.
 
 In:  patterns of groups of frames.
-Out: each part's size with its interval, where a test at 1 % over the number of tests accepts it.
+Out: the rms of each part with its interval, for parts that are significant at 1 % divided by the number of tests.
 Sources: EMVA 1288 release 4 (linear): spectrograms and defect pixels. Waves: Fisher's test of the largest line of a
 spectrum, each line refined in frequency by maximum likelihood.
 """
@@ -21,8 +21,8 @@ from etendue_lab.frames.patterns import Pattern
 
 LEVEL = 0.01
 MOST_WAVES = 8
-DEGREE = 3  # of the shading
-OUTLIER = 5.0  # robust standard deviations
+DEGREE = 3  # degree of the shading polynomial
+OUTLIER = 5.0  # outliers lie farther than this many robust standard deviations from the median
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,14 @@ class PatternFit:
     surface: Array = field(default_factory=lambda: np.zeros((DEGREE + 1, DEGREE + 1)))  # Legendre coefficients
     pixels: int = 0
     frames: int = 0
-    chance: float = 1.0  # p value of the white part: that there is none
+    chance: float = 1.0  # p value of the hypothesis that there is no white part
     tests: list[str] = field(default_factory=list)
 
 
 def fit(found: Pattern, shaded: bool) -> PatternFit:
-    """Take a pattern apart. ``shaded``: a polynomial of the third degree is taken out first: light is uneven."""
+    """Separate a pattern into its parts. ``shaded``: first subtract a polynomial of the third degree, because the light
+    is not uniform.
+    """
     result = PatternFit(root(found.variance()), Estimate(math.nan, math.nan, math.nan, ""))
     shape = found.mean.shape
     result.pixels, result.frames = shape[0] * shape[1], found.frames
@@ -77,7 +79,7 @@ def fit(found: Pattern, shaded: bool) -> PatternFit:
     if result.outliers:
         result.outlier_values = rest.mean[outliers]
         result.outlier_extremes = (float(rest.mean[outliers].min()), float(rest.mean[outliers].max()))
-    # without outliers the mean is another
+    # the mean without outliers differs from the mean of all pixels
     centre = rest.groups.mean(axis=(1, 2), where=mask, keepdims=True)
     rest = Pattern(np.where(mask, rest.groups - centre, 0.0), rest.frames)
     white = rest.variance()
@@ -86,7 +88,8 @@ def fit(found: Pattern, shaded: bool) -> PatternFit:
         for name, axis in (("rows", 1), ("columns", 0))
     }
     crossed = {name: _crossed(one.groups) for name, one in lines.items()}
-    alone = (white.value - sum(crossed.values())) / (1 - 1 / shape[0] - 1 / shape[1])  # without rows and columns
+    # Variance of the part without rows and columns.
+    alone = (white.value - sum(crossed.values())) / (1 - 1 / shape[0] - 1 / shape[1])
     for name, axis in (("rows", 1), ("columns", 0)):
         groups = lines[name].groups
         count = groups.size // len(groups)
@@ -107,25 +110,25 @@ def fit(found: Pattern, shaded: bool) -> PatternFit:
 
 
 def _crossed(groups: Array) -> float:
-    """Return the variance over pixels from products of different groups."""
+    """Return the variance over pixels, from products of different groups, which contain no temporal noise."""
     k = len(groups)
     return float(((groups.sum(0) ** 2 - (groups**2).sum(0)) / (k * (k - 1))).mean())
 
 
 def root(square: Estimate) -> Estimate:
-    """Return the root of a variance; its upper end is above 0."""
+    """Return the square root of a variance; the upper end of its interval is above 0."""
     high = square.high if square.high > 0 else square.high - square.value
     value, low, high = (math.sqrt(max(one, 0.0)) for one in (square.value, square.low, high))
     return Estimate(value, low, high, "")
 
 
 def square(one: Estimate) -> Estimate:
-    """Return the square of a size."""
+    """Return the square of an estimate."""
     return Estimate(one.value**2, one.low**2, one.high**2, "")
 
 
 def less(one: Estimate, other: Estimate) -> Estimate:
-    """Return a variance without an independent part."""
+    """Return a variance minus that of an independent part."""
     value = one.value - other.value
     low = math.hypot(one.value - one.low, other.high - other.value)
     high = math.hypot(one.high - one.value, other.value - other.low)
@@ -136,7 +139,7 @@ def smooth(plane: Array) -> Array:
     """Return the Legendre coefficients of the polynomial of the third degree through a plane, by least squares."""
     y, x = (np.linspace(-1, 1, size) for size in plane.shape)
     by, bx = (np.polynomial.legendre.legvander(one, DEGREE) for one in (y, x))
-    # a tensor basis on a full grid: coefficients from the two sides, those above the degree dropped
+    # on a full grid the basis is a product: solve along each axis, and drop terms above the total degree
     inverse = [np.linalg.pinv(one) for one in (by, bx)]
     coefficients = inverse[0] @ plane @ inverse[1].T
     degrees = np.add.outer(np.arange(DEGREE + 1), np.arange(DEGREE + 1))
@@ -152,30 +155,30 @@ def drawn(surface: Array, shape: tuple[int, ...]) -> Array:
 def _outliers(plane: Array) -> tuple[Array, Array]:
     middle = np.median(plane)
     robust = 1.4826 * float(np.median(np.abs(plane - middle)))
-    # of so many normal pixels none is expected beyond
+    # among this many normally distributed pixels, none is expected beyond
     most = max(OUTLIER, float(-scipy.special.ndtri(0.5 * LEVEL / plane.size)))
     outliers = np.abs(plane - middle) > most * robust
     return ~outliers, outliers
 
 
 def _without_waves(rest: Pattern, result: PatternFit) -> Pattern:
-    """Take out waves one by one while the largest line of the spectrum is beyond what noise gives."""
+    """Subtract waves one by one while the largest line of the spectrum is higher than noise explains."""
     shape = rest.mean.shape
     for number in range(MOST_WAVES):
         plane = rest.mean - rest.mean.mean()
         power = np.abs(np.fft.rfft2(plane)) ** 2
-        power[0, :2] = power[:2, 0] = power[-1, 0] = 0.0  # the mean, and shading over the frame
+        power[0, :2] = power[:2, 0] = power[-1, 0] = 0.0  # ignore the mean, and shading over the frame
         background = float(np.median(power)) / math.log(2)
         at = np.unravel_index(int(power.argmax()), power.shape)
         p = min(1.0, power.size * math.exp(-min(float(power[at]) / background, 700.0)))
-        line = at[0] == 0 or at[1] == 0  # a row or a column pattern lies on these
+        line = at[0] == 0 or at[1] == 0  # row and column patterns also lie on the axes
         if p >= LEVEL / MOST_WAVES or (line and float(power[at]) < 20 * _beside(power, at)):
             result.tests.append(f"a wave beyond {number}: p = {p:.2g}, accepted below {LEVEL / MOST_WAVES:.2g}")
             break
         wave = _refined(plane, (float(at[0]) / shape[0], float(at[1]) / shape[1]))
         result.waves.append(wave)
         rest = rest.without(wave.drawn(shape))
-    # each again without the others
+    # refine each wave with the others subtracted
     for i, wave in enumerate(result.waves if len(result.waves) > 1 else []):
         rest = rest.without(-wave.drawn(shape))
         result.waves[i] = _refined(rest.mean - rest.mean.mean(), (wave.along_y, wave.along_x))
@@ -184,13 +187,13 @@ def _without_waves(rest: Pattern, result: PatternFit) -> Pattern:
 
 
 def _beside(power: Array, at: tuple[np.intp, ...]) -> float:
-    """Return the usual power on the axis of a line that lies on one."""
+    """Return the median noise power on the axis on which a spectral line lies."""
     own = power[:, 0] if at[1] == 0 else power[0]
     return float(np.median(own)) / math.log(2)
 
 
 def _refined(plane: Array, start: tuple[float, float]) -> Wave:
-    """Return the wave of least squares near a frequency."""
+    """Return the least-squares wave near a frequency."""
     y, x = np.arange(plane.shape[0]), np.arange(plane.shape[1])
 
     def transform(f: Array) -> complex:
@@ -204,5 +207,5 @@ def _refined(plane: Array, start: tuple[float, float]) -> Wave:
     fy, fx = np.array(start) + np.clip(found.x, -0.7, 0.7) * scale
     value = transform(np.array([fy, fx]))
     fy, fx = (float((one + 0.5) % 1.0 - 0.5) for one in (fy, fx))
-    half = 1 if (2 * fy) % 1 == 0 and (2 * fx) % 1 == 0 else 2  # at the Nyquist frequency both halves are one
+    half = 1 if (2 * fy) % 1 == 0 and (2 * fx) % 1 == 0 else 2  # at the Nyquist frequency, f and -f are the same line
     return Wave(half * abs(value) / plane.size, fy, fx, float(np.angle(value) / (2 * np.pi)))

@@ -1,4 +1,5 @@
-"""Gain and response of a sensor from means and variances of levels: the simplest model that the residuals accept.
+"""Gain and response of a sensor from means and variances of levels: the simplest model that the residuals do not
+reject.
 
 In:  a photon transfer curve.
 Out: gain, rate, bend with standard errors, and the tests that chose the model.
@@ -21,22 +22,22 @@ from etendue_lab.frames.transfer import Curve
 
 LEVEL = 0.01
 ORDERS = (1.0, 2.0, 3.0)
-EXTRAS = {  # what means may have beside gain and bend; the first scale of each
+EXTRAS = {  # further parameters of the means, besides gain and bend: description, and initial scale
     "offset": ("light outside the exposure time", 0.1),
     "lamp": ("light that is not proportional to its label", 0.01),
     "leak": ("dark charge that the one exposure time of the dark does not tell", 1.0),
 }
 DOUBT = 0.05
 PARTS = 4
-SEEN = 0.45  # DN^2: above it rounding adds 1/12 to a variance within 0.1 %, whatever the mean
+SEEN = 0.45  # DN^2: above this variance, rounding adds 1/12 within 0.1 % for any mean
 CLIPPED = 1e-3  # largest share of pixels at the top code
 
 
 def fit(curve: Curve) -> ResponseFit:
-    """Fit the response of a curve; levels up to 95 % of saturation in which hardly a pixel clips."""
+    """Fit the response of a curve to levels up to 95 % of saturation in which at most `CLIPPED` of the pixels clip."""
     clipped = np.array([one.share_at(curve.top) if one.top == curve.top else 0.0 for one in curve.moments])
     used = curve.between(0.0, 0.95) & (clipped <= CLIPPED)
-    if curve.hidden:  # nor is the noise of faint levels seen
+    if curve.hidden:  # the noise of faint levels is then hidden too
         cut = np.array([one.histogram[0] / one.histogram.sum() for one in curve.moments])
         used &= (curve.variance[0] > SEEN) & (cut <= CLIPPED)
         if np.count_nonzero(used) < 3:
@@ -67,7 +68,7 @@ def fit(curve: Curve) -> ResponseFit:
     )  # fmt: skip
     problem = problem.with_sound_labels()
     best, *_ = problem.with_own_scatter().chosen()
-    problem = problem.with_own_scatter(best)  # about the chosen model, from sampling errors alone
+    problem = problem.with_own_scatter(best)  # repeat for the chosen model, starting from sampling errors alone
     best, tests, others = problem.chosen()
     if not problem.sound.all():
         odd = ", ".join(f"{one:.6g}" for one in light[~problem.sound])
@@ -109,7 +110,9 @@ def _charge(curve: Curve, used: Array) -> tuple[Array, float]:
 
 
 def _after(curve: Curve, used: Array) -> Array:
-    """Return by how much exposure times exceed the only one of the dark, s; all 0 where that tells nothing."""
+    """Return by how much each exposure time exceeds the only exposure time of dark frames, s; all 0 if the dark current
+    cannot be derived from this.
+    """
     times = np.array([one.time for one in curve.moments])[used]
     known = np.array([one.time for one in curve.dark])
     if curve.dark_slope is not None or np.isnan(times).any() or np.isnan(known).any():
@@ -117,7 +120,7 @@ def _after(curve: Curve, used: Array) -> Array:
     after = np.where(np.isclose(times, known[0], rtol=1e-6, atol=0), 0.0, times - known[0])
     light = curve.exposure[used]
     apart = after - light * (light @ after) / (light @ light)
-    # of times that are proportional to the light, dark charge cannot be told from light
+    # if exposure times are proportional to the light, dark charge cannot be distinguished from light
     return after if np.ptp(times) > 0 and float(apart.std()) > 0.05 * float(after.std()) else np.zeros(times.size)
 
 
@@ -127,7 +130,9 @@ def _flat(curve: Curve) -> float:
 
 
 def _scatter(light: Array, signal: Array, statistical: Array) -> float:
-    """Return the relative scatter of means about a smooth response beyond statistics, from neighbouring levels."""
+    """Return the relative scatter of means about a smooth response, in excess of sampling errors, from neighbouring
+    levels.
+    """
     if light.size < 6:
         return 0.0
     share, x = signal / light, light
@@ -139,7 +144,7 @@ def _scatter(light: Array, signal: Array, statistical: Array) -> float:
         return 0.0
     own = 1.4826 * np.median(np.abs(middle[keep] / share[1:-1][keep])) / math.sqrt(1.5)
     usual = float(np.median((statistical / signal)[1:-1][keep]))
-    # the median of thirty levels is known to a fifth: what is within it is no scatter of its own
+    # the median of thirty levels is uncertain by a fifth; a smaller excess is not significant
     return math.sqrt(max(float(own) ** 2 - usual**2, 0.0)) if own > 1.4 * usual else 0.0
 
 
@@ -151,14 +156,14 @@ class _Problem:
     dark: Array
     errors: tuple[Array, Array]
     full: float
-    charge: Array  # DN, of the dark at each level
+    charge: Array  # DN, dark charge at each level
     usual: float  # DN, the dark charge at which ``dark`` was measured
-    after: Array  # s, beyond the only exposure time of the dark; all 0: dark charge is known, or cannot be told
-    sound: Array  # levels whose means fit their light
-    hidden: bool  # the dark does not show its noise
+    after: Array  # s, from `_after`; all 0: dark charge is known, or cannot be derived
+    sound: Array  # levels whose means agree with their light
+    hidden: bool  # the noise of dark frames is clipped or lost in rounding
 
     def residuals(self, fit: ResponseFit) -> tuple[Array, Array]:
-        """Return residuals of means, and of variances at the measured means, over their errors."""
+        """Return the residuals of means, and of variances at the measured means, divided by their standard errors."""
         return (
             ((fit.mean(self.light, self.charge, self.after) - self.signal) / self.errors[0])[self.sound],
             (self.expected(fit) - self.variance) / self.errors[1],
@@ -169,12 +174,12 @@ class _Problem:
         return fit.variance_at(self.signal, self.dark - fit.gain * self.usual, self.charge)
 
     def flexible(self, loss: str = "linear") -> ResponseFit:
-        """Return the closest of all models."""
+        """Return the model with the smallest residuals of all."""
         return min((self.fitted(one, self.extras, loss) for one in (0.0, *ORDERS)), key=lambda one: one[1])[0]
 
     @property
     def extras(self) -> tuple[str, ...]:
-        """What means may have beside gain and bend."""
+        """The further parameters that these data may determine."""
         return tuple(one for one in EXTRAS if one != "leak" or self.after.any())
 
     def names(self, fit: ResponseFit) -> list[str]:
@@ -183,8 +188,8 @@ class _Problem:
         return found + [one for one in EXTRAS if getattr(fit, one)] + (["floor"] if self.hidden else [])
 
     def with_sound_labels(self) -> _Problem:
-        """Leave out means that lie far from what their light gives: beyond 8 robust errors and 0.3 %."""
-        # with wide errors and a loss that grows as the distance, one wrong label moves the others little
+        """Exclude means that differ from the fitted response by more than 8 robust standard deviations and 0.3 %."""
+        # wide errors and a linear loss keep one wrong label from affecting the fit of the others
         wide = replace(self, errors=(np.hypot(self.errors[0], 1e-3 * self.signal), self.errors[1]))
         found, sound = wide.flexible("soft_l1"), self.sound
         for _ in range(3):
@@ -198,7 +203,9 @@ class _Problem:
         return replace(self, sound=sound)
 
     def with_own_scatter(self, fit: ResponseFit | None = None) -> _Problem:
-        """Add to the errors of means, and of variances, what scatters beyond them: the same share of every level."""
+        """Increase the errors of means and variances to match their actual scatter, by the same fraction of every
+        level.
+        """
         fit = fit or self.flexible()
         variances = (self.variance - self.expected(fit)) / self.variance
         means = ((self.signal - fit.mean(self.light, self.charge, self.after)) / self.signal)[self.sound]
@@ -225,7 +232,7 @@ class _Problem:
         return ResponseFit(order=order or 1.0, full=self.full, brightest=float(self.light.max()), **known)
 
     def fitted(self, order: float, extras: tuple[str, ...], loss: str = "linear") -> tuple[ResponseFit, float]:
-        """Return the best model of a kind, and its sum of squares."""
+        """Return the best model with these parameters, and its sum of squares."""
         rate = float((self.signal * self.light).sum() / (self.light**2).sum())
         gain = float(np.median((self.variance - self.dark) / self.signal))
         most = 0.95 / (order + 1) if order else 0.0
@@ -234,7 +241,7 @@ class _Problem:
         known |= {one: (0.0, EXTRAS[one][1], -0.5 if one == "lamp" else -np.inf, np.inf) for one in extras}
         known |= {"floor": (0.1, 0.1, 0.0, np.inf)} if self.hidden else {}
         start, scale, lower, upper = (list(one) for one in zip(*known.values(), strict=True))
-        with np.errstate(all="ignore"):  # of trial steps
+        with np.errstate(all="ignore"):  # trial steps may overflow
             found = scipy.optimize.least_squares(
                 lambda v: np.concatenate(self.residuals(self.model(v, order, list(known)))),
                 start, x_scale=scale, bounds=(lower, upper), loss=loss, xtol=1e-14, ftol=1e-14, gtol=1e-14,
@@ -242,16 +249,19 @@ class _Problem:
         return self.model(found.x, order, list(known)), 2 * float(found.cost)
 
     def chosen(self) -> tuple[ResponseFit, list[str], list[ResponseFit]]:
-        """Add to constant gain what an F test accepts: a bend of one of three orders, and `EXTRAS`.
+        """Start from constant gain and add every parameter that an F test accepts: a bend of one of three orders, and
+        `EXTRAS`.
 
-        Also return other models that the data leave in doubt: bends of another order, a lamp that is not proportional.
+        Also return other models that the data do not exclude: a bend of another order, a lamp that is not proportional
+        to its labels.
         """
         share, tests = LEVEL / (len(ORDERS) + len(self.extras)), list[str]()
-        # the bend is tested beside what could be taken for one, but the lamp, which needs a bend that is known
+        # Test the bend together with parameters that resemble one, except the lamp, which can be tested only once the
+        # bend is known.
         extras = tuple(one for one in self.extras if one != "lamp")
         order = self._bend(extras, share, tests)
         order, kept = self._kept(order, extras, share, tests)
-        # means and variances that ask for different bends: the light is not that of its labels
+        # if means and variances require different bends, the light is not proportional to its labels
         with_ = {one: self.fitted(one, (*kept, "lamp")) for one in (0.0, *ORDERS)}
         best = min(with_, key=lambda one: with_[one][1])
         fit, cost = self.fitted(order, kept)
@@ -285,8 +295,8 @@ class _Problem:
     def _kept(
         self, order: float, extras: tuple[str, ...], share: float, tests: list[str], sure: tuple[str, ...] = ()
     ) -> tuple[float, tuple[str, ...]]:
-        """Return those of ``extras`` without which the fit is worse, and the order of the bend that goes with them: one
-        that needs fewer is simpler.
+        """Return those of ``extras`` without which the fit is significantly worse, and the order of the bend that fits
+        best with them. An order that needs fewer extras is preferred.
         """
         kept = extras
         for one in extras:
@@ -304,7 +314,9 @@ class _Problem:
         return order, kept
 
     def without_parts(self, fit: ResponseFit) -> Array:
-        """Return standard errors from fits without each quarter of the levels, by light (a jackknife of blocks)."""
+        """Return standard errors from fits that omit one quarter of the levels at a time, in order of light (a block
+        jackknife).
+        """
         order, names, found = fit.order if fit.bend else 0.0, self.names(fit), []
         for left in np.array_split(np.arange(self.light.size), PARTS):
             keep = np.setdiff1d(np.arange(self.light.size), left)
@@ -314,14 +326,16 @@ class _Problem:
                 errors=(self.errors[0][keep], self.errors[1][keep]),
             )  # fmt: skip
             one, _ = rest.fitted(order, tuple(one for one in EXTRAS if one in names))
-            # the lamp's excess is that at one light
+            # the excess of the lamp refers to the brightest light, which differs between these fits
             one = replace(one, lamp=one.lamp * fit.brightest / one.brightest)
             found.append([getattr(one, name) for name in names])
         values = np.array(found)
         return np.asarray(np.sqrt((PARTS - 1) / PARTS * ((values - values.mean(0)) ** 2).sum(0)))
 
     def covariance(self, fit: ResponseFit, lack: tuple[float, float]) -> Array:
-        """Return the covariance of the parameters; errors are scaled up by the lack of fit of their kind."""
+        """Return the covariance of the parameters; errors of means and of variances are each scaled up by their lack of
+        fit.
+        """
         names = self.names(fit)
         values = [getattr(fit, name) for name in names]
         order = fit.order if fit.bend else 0.0
@@ -340,7 +354,7 @@ class _Problem:
 
 
 def _extra(away: Array, own: Array, freedom: int) -> float:
-    """Return the scatter beside known errors; 0 where a chi-squared test at 1 % finds none."""
+    """Return the scatter in excess of known errors; 0 if a chi-squared test at 1 % finds none."""
     freedom = max(freedom, 1)
     if float((away**2 / own**2).sum()) <= float(scipy.special.chdtri(freedom, LEVEL)):
         return 0.0

@@ -1,8 +1,8 @@
 """The response of a sensor: mean and variance of a level from its light.
 
-In:  gain, rate, bend, and what the light adds of its own.
+In:  gain, rate, bend, and deviations of the light from its labels.
 Out: expected means and variances, DN above the dark.
-Sources: Janesick 2007 (photon transfer with a response that bends): of a signal s, the mean is g(s) and its variance
+Sources: Janesick 2007 (photon transfer with a non-linear response): a signal s gives the mean g(s) and the variance
 g'(s)^2 (K s + dark).
 """
 
@@ -21,29 +21,31 @@ class ResponseFit:
     """The fitted response. Errors are standard errors, scaled by the lack of fit."""
 
     gain: float  # DN/electron, at the dark
-    rate: float  # DN per photon, or per unit of light, at little light
+    rate: float  # DN per photon, or per unit of light, in the limit of no light
     bend: float
     order: float
     full: float  # DN above the dark where the bend is defined
     brightest: float  # light where ``lamp`` is defined
     offset: float = 0.0  # DN, of all light levels: light outside the exposure time
     lamp: float = 0.0  # relative excess of the brightest light over its label
-    leak: float = 0.0  # DN/s, dark charge of the time beyond that of the only dark level
-    floor: float | None = None  # DN^2, variance without light, where the dark does not show it
+    leak: float = 0.0  # DN/s, dark charge per time in excess of the exposure time of the only dark level
+    floor: float | None = None  # DN^2, variance without light, if dark frames do not show it
     errors: dict[str, float] = field(default_factory=dict)
     tests: tuple[str, ...] = ()
     lack: tuple[float, float] = (1.0, 1.0)  # rms of residuals of means and variances over their own errors
-    mean_scatter: float = 0.0  # relative, of means of neighbouring levels: of the light
-    mean_error: float = 0.0  # relative, of means about the response
+    mean_scatter: float = 0.0  # relative scatter of the light, from means of neighbouring levels
+    mean_error: float = 0.0  # relative error of means about the response
     used: Array = field(default_factory=lambda: np.zeros(0))
     freedom: float = 1.0
 
     def straight(self, light: Array) -> Array:
-        """Return the signal without a bend."""
+        """Return the signal before the bend."""
         return np.asarray(self.rate * light * (1 + self.lamp * light / self.brightest) + self.offset)
 
     def mean(self, light: Array, charge: Array | float = 0.0, after: Array | float = 0.0) -> Array:
-        """Return the expected signal on a dark charge of so many DN, ``after`` seconds more than the dark level's."""
+        """Return the expected signal (DN) above a dark charge (DN), for an exposure time ``after`` seconds longer than
+        that of the dark level.
+        """
         s = self.straight(light) + self.leak * after
         return self.bent(s + charge) - self.bent(np.asarray(charge))
 
@@ -54,8 +56,8 @@ class ResponseFit:
         return np.asarray(1 - self.bend * (self.order + 1) * (np.maximum(s, 0) / self.full) ** self.order)
 
     def variance_at(self, signal: Array, dark: Array, charge: Array | float = 0.0) -> Array:
-        """Return the expected temporal variance at a measured mean, DN above the dark; ``charge``: of the dark, DN,
-        whose noise is not in ``dark``.
+        """Return the expected temporal variance at a measured mean, DN above the dark. ``charge``: dark charge, DN,
+        whose shot noise ``dark`` does not include.
         """
         signal = signal + charge
         s = signal

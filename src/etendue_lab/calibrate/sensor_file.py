@@ -1,7 +1,7 @@
-"""The sensor file of a calibration: a preset like the packaged ones.
+"""The sensor file of a calibration, in the form of the packaged sensors.
 
 In:  calibrated channels, the frames' digests.
-Out: TOML: every value with its interval and how it was found.
+Out: TOML: every value with its interval and the method by which it was measured.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from etendue_lab.calibrate.edge_blur import EdgeBlur
 from etendue_lab.calibrate.sensor_model import SensorModel
 from etendue_lab.frames.frame_set import FrameSet
 
-PITCH = 5.0  # um, where none is given
+PITCH = 5.0  # um, if none is given
 UNKNOWN = (
     ("read_noise", "read_noise", "0"),
     ("dsnu", "dsnu", "0"),
     ("dark_current", "dark_current_density", '"0 A cm-2"'),
 )
-QUIET = 1e-6  # a size that is given as found, where 0 would mean: as the stage says
+QUIET = 1e-6  # written in place of 0, because 0 would select the default of the stage
 
 
 class _Writer:
@@ -39,7 +39,7 @@ class _Writer:
         ]  # fmt: skip
 
     def put(self, key: str, name: str, scale: float = 1.0, unit: str = "", table: str = "camera") -> None:
-        """Write the mean of the channels, with an interval that holds the interval of each."""
+        """Write the mean over channels, with an interval that contains the intervals of all channels."""
         found = [model.values[name] for model in self.models if name in model.values]
         if not found:
             return
@@ -55,7 +55,7 @@ def text(
     models: list[SensorModel], frames: FrameSet, pitch: float | None, aperture: float, digests: dict[str, str],
     blur: EdgeBlur | None = None,
 ) -> str:  # fmt: skip
-    """Return the sensor file of a calibration; charges are those of pixels, whatever pitch and aperture."""
+    """Return the sensor file of a calibration; charges are per pixel and do not depend on pitch and aperture."""
     area, file = (pitch or PITCH) ** 2, _Writer(models)
     about = f"{len(frames.frames)} frames of {frames.shape[1]} x {frames.shape[0]} pixels"
     file.lines += [
@@ -69,7 +69,7 @@ def text(
     if any("dark_current" in model.values for model in models):
         file.put("dark_current_density", "dark_current", ELEMENTARY_CHARGE / (area * 1e-8), "A cm-2")
         file.put("sensor_dark_nonuniformity", "dark_nonuniformity")
-    for name, key, zero in UNKNOWN:  # as in the check, not the usual value of other sensors
+    for name, key, zero in UNKNOWN:  # the value that the check used, rather than the default of other sensors
         if (need := models[0].needs.get(name)) and not any(name in model.values for model in models):
             file.entry("camera", key, zero, f"not known: needs {need}", "typical")
     _put_full_well(models, area * aperture**2, file.entry, file.put)
@@ -122,7 +122,7 @@ def _put_electronics(file: _Writer) -> None:
 
 
 def _put_channels(models: list[SensorModel], entry: Callable[..., None]) -> None:
-    """State gain and black level of every channel, where there are several; the camera has their means."""
+    """Write gain and black level of every channel, if there are several; the camera uses their means."""
     for model in models if len(models) > 1 else []:
         for name in ("gain", "black_level"):
             one = model.values[name]
@@ -131,7 +131,7 @@ def _put_channels(models: list[SensorModel], entry: Callable[..., None]) -> None
 
 
 def _put_lens(blur: EdgeBlur, entry: Callable[..., None]) -> None:
-    """State the blur of a lens, a parameter of the stage lens_gaussian."""
+    """Write the blur of a lens, as the parameter of the stage lens_gaussian."""
     sigma = blur.sigma
     note = (
         f"95 % interval {sigma.low:.5g} to {sigma.high:.5g} um; parameter of the stage lens_gaussian: a sensor adds no "
@@ -145,7 +145,7 @@ def _put_lens(blur: EdgeBlur, entry: Callable[..., None]) -> None:
 def _put_full_well(
     models: list[SensorModel], area: float, entry: Callable[..., None], put: Callable[..., None]
 ) -> None:
-    """State the measured full well, or a definition that the top code reaches first."""
+    """Write the measured full well or, if the top code is reached first, a full well that never clips."""
     well = [model.values["full_well"] for model in models if "full_well" in model.values]
     if well:
         put("full_well_density", "full_well", 1 / area, "electron um-2")
@@ -157,7 +157,7 @@ def _put_full_well(
 
 
 def _put_efficiency(models: list[SensorModel], entry: Callable[..., None]) -> None:
-    """State the quantum efficiency at the light used, if every channel has one."""
+    """Write the quantum efficiency for the light used, if every channel has one."""
     efficiency = [model.values["quantum_efficiency"].value for model in models if "quantum_efficiency" in model.values]
     if len(efficiency) == len(models):
         letters = _by_letter(models, efficiency)
@@ -169,7 +169,7 @@ def _put_efficiency(models: list[SensorModel], entry: Callable[..., None]) -> No
 
 
 def _waves(model: SensorModel, entry: object) -> None:
-    """State waves as parameters of a stage of the role of periodic patterns."""
+    """Write waves as parameters of a stage with the role of periodic patterns."""
     put = entry
     if model.dark is None or not callable(put):
         return

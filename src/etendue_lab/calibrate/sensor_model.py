@@ -1,4 +1,4 @@
-"""A calibrated sensor: every parameter with its interval and how it was found.
+"""A calibrated sensor: every parameter with its interval and the method by which it was measured.
 
 In:  values by name.
 Out: ``SensorModel``.
@@ -17,14 +17,16 @@ from etendue_lab.frames import transfer
 
 @dataclass
 class SensorModel:
-    """The parameters of a sensor: ``values`` by name, ``how`` each was found."""
+    """The parameters of a sensor. ``values``: estimates by name; ``how``: the method of each; ``needs``: for missing
+    ones, the frames that would determine them.
+    """
 
     channel: str
     curve: transfer.Curve
     response: ResponseFit
     dark: PatternFit | None
     light: PatternFit | None
-    growth: PatternFit | None  # of the dark with time, DN/s
+    growth: PatternFit | None  # growth of the dark pattern with exposure time, DN/s
     bits: int
     values: dict[str, Estimate] = field(default_factory=dict)
     how: dict[str, str] = field(default_factory=dict)
@@ -36,7 +38,7 @@ class SensorModel:
 
 
 def over_gain(one: Estimate, gain: Estimate, unit: str) -> Estimate:
-    """Divide an estimate in DN by the gain, whose error joins its own."""
+    """Divide an estimate in DN by the gain, and include the error of the gain."""
     value = one.value / gain.value
     own = value * (gain.high - gain.value) / gain.value
     low = value - math.hypot((one.value - one.low) / gain.value, own)

@@ -17,7 +17,7 @@ from etendue_lab.calibrate.sensor_model import SensorModel
 
 
 class SimulatedSensor:
-    """A sensor with the parameters of a calibration and patterns of its own."""
+    """A sensor with the parameters of a calibration and newly drawn fixed patterns."""
 
     def __init__(self, model: SensorModel, shape: tuple[int, int], seed: int = 0) -> None:
         self.model, self.shape = model, shape
@@ -40,7 +40,7 @@ class SimulatedSensor:
             self.offset += wave.drawn(shape) / gain
 
     def _add_outliers(self, plane: Array, found: PatternFit, scale: float) -> None:
-        """Give pixels anywhere the values that were found, in the same share."""
+        """Give the measured outlier values to random pixels; the fraction of outliers is as measured."""
         if found.outliers:
             count = self._rng.binomial(plane.size, found.outliers / found.pixels)
             where = self._rng.integers(0, plane.size, count)
@@ -57,14 +57,15 @@ class SimulatedSensor:
         return float(response.bent(np.array(well), max(fit.bend, 0.0), fit.order, fit.full / fit.gain)) * fit.gain
 
     def light_of(self, signal: float) -> float:
-        """Return the light whose mean is a signal, DN above the dark."""
+        """Return the light for which the mean is this signal, DN above the dark."""
         fit = self.model.response
         straight = response.unbent(signal / fit.gain, max(fit.bend, 0.0), fit.order, fit.full / fit.gain) * fit.gain
         proportional = max((float(straight) - fit.offset) / fit.rate, 0.0)
         if not fit.lamp:
             return proportional
         share = 4 * fit.lamp * proportional / fit.brightest
-        return 2 * proportional / (1 + math.sqrt(max(1 + share, 0.0)))  # of L (1 + a L / L_max)
+        # Positive root of L (1 + a L / L_max) = proportional.
+        return 2 * proportional / (1 + math.sqrt(max(1 + share, 0.0)))
 
     def frames(self, time: float, light: float, count: int) -> Array:
         """Return frames of one exposure; ``light`` in the unit of the calibration, 0 in the dark."""

@@ -23,7 +23,9 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Geometry:
-    """What frames of uniform light do not tell: the pixel, and an edge for the lens."""
+    """Inputs that frames of uniform light do not determine: the geometry of the pixel, and an edge photograph for the
+    lens.
+    """
 
     pitch: float | None = None  # um
     aperture: float | None = None  # side of the light-sensitive square over the pitch
@@ -40,7 +42,7 @@ def calibrated(
     Raises
     ------
     RequestError
-        It is no measurement, or holds no photon transfer curve.
+        The path is not a measurement, or its frames give no photon transfer curve.
     """
     frames = open_frames(path, Window.read(window) if window else None, pattern)
     places = sites(frames)

@@ -23,7 +23,7 @@ PERCENT = ("dark_nonuniformity", "light_excess", "prnu", "prnu_total", "quantum_
 
 
 def print_calibration(document: Document) -> None:
-    """Print parameters with intervals, what would be needed for others, and the check."""
+    """Print parameters with intervals, the frames that missing parameters need, and the check."""
     console = _out()
     console.print(
         f"{escape(document['measurement'])}: {document['frames']} frames of {document['columns']} x {document['rows']} "
@@ -134,7 +134,7 @@ def calibrate_command(
     if output is not None:
         write_whole(output.parent, {output.name: text.encode()})
         if pitch is None:
-            document["notes"].append("pixel_pitch is assumed in it: give --pitch UM; charges hold whatever it is")
+            document["notes"].append("its pixel pitch is assumed: give --pitch UM; charges do not depend on it")
         document["notes"].append(f'[camera] sensor = "./{output.name}" uses {output}')
     if figure is not None:
         from etendue_lab.calibrate.drawing import photon_transfer

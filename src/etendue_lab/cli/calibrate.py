@@ -41,11 +41,11 @@ from etendue.cli.saying import command, later
 @options.JSON
 @later("etendue_lab.calibrate.terminal:calibrate_command")
 def calibrate() -> None:
-    """Calibrate a sensor from real frames: flat fields and dark frames, two or more of each exposure.
+    """Calibrate a sensor from real frames: flat fields and dark frames, at least two of each at every exposure.
 
     FRAMES: a folder of PNG, TIFF or DNG files, a .npz file, a CSV table (file, time_s, photons or relative_light,
-    kind), or the descriptor of an EMVA reference set. The sensor file has every value with its
-    95 % interval and how it was found; [camera] sensor = "./FILE.toml" uses it, and so does an axis of a sweep.
+    kind), or the descriptor of an EMVA reference set. The sensor file contains every value with its 95 % interval and
+    the method by which it was found. Use it with [camera] sensor = "./FILE.toml", or as a value of a sweep.
 
-    Exit codes: 0 done, 2 invalid request, 3 the check found a level beyond its limits.
+    Exit codes: 0 done, 2 invalid request, 3 a check found a level outside its limits.
     """

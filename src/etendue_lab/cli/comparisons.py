@@ -37,17 +37,17 @@ from etendue.cli.saying import command, later
 def compare() -> None:
     """Rank alternatives, plugins included, by quality against run time.
 
-    --axis demosaic.use takes every installed stage that writes what the file's stage `demosaic` writes, reads no more
-    than it does, and declares no other role; demosaic.use=a,b takes these two, and '{ use = "mine", iterations = 5 }'
-    takes one with parameters. Any stage and any parameter can be the axis. Light, mosaic and noise are computed once
-    and shared by all alternatives after them.
+    --axis demosaic.use takes every installed stage that writes the same variables as the file's stage `demosaic`, reads
+    no other variables than that stage, and declares no other role; demosaic.use=a,b takes these two, and '{ use =
+    "mine", iterations = 5 }' takes one with parameters. Any stage and any parameter can be the axis. Light, mosaic and
+    noise are computed once and shared by all alternatives after them.
 
-    The reference is what the same pixels would give without noise and mosaic, at every pixel, through the same later
+    The reference is the picture of a camera whose pixels measure all channels without noise, followed by the same later
     stages. PSNR is measured on linear values where the axis takes effect: on the stage's own picture, or on rgb_camera
     for earlier stages. "encoded", CIEDE2000, zipper and false colour are measured on the finished picture. A stage that
-    reads and writes only rgb_camera (sharpening, denoising) is left out of the reference: it is compared with the
-    picture that did not need it. Any other axis before the pixels or after the demosaicer (f_number, display.display)
-    affects the reference too: each value then has its own reference, and alternatives are ranked by PSNR of the encoded
+    reads and writes only rgb_camera (sharpening, denoising) is left out of the reference: its result is compared with
+    an undisturbed picture. Any other axis before the pixels or after the demosaicer (f_number, display.display) also
+    changes the reference: each value then has its own reference, and alternatives are ranked by PSNR of the encoded
     picture. A border of 10 pixels is ignored. MTF50 comes from a second, noise-free run of the same camera with a
     slanted edge. Time is that of the stage alone on one thread.
 
@@ -100,7 +100,7 @@ def quality() -> None:
 
     For every cell of the sweep: PSNR of camera primaries and of the encoded picture, SSIM of its luma, CIEDE2000 and
     S-CIELAB of the displayed light, SNR, visible noise in a uniform region, dynamic range. Blur, aberrations,
-    distortion, glare and sharpening are left out of the ideal camera; its pixels, light and colours are those of the
+    distortion, glare and sharpening are left out of the ideal camera; it has the same pixels, light and colours as the
     camera.
 
     Exit codes: 0 done, 2 invalid request, 3 some cells failed.
@@ -125,6 +125,7 @@ def noise() -> None:
     """Report noise after every stage of a camera that views a grey card: predicted, and measured in noise frames.
 
     The prediction uses shot noise, read noise, fixed patterns, rounding, and the response of the stages after the
-    mosaic to one pixel. Stages that adapt to their picture adapt to noise and differ from the prediction. Correlations
-    between channels and between neighbours say how coloured and how coarse the noise looks.
+    mosaic to one pixel. Stages that adapt to their picture also adapt to its noise; their measured noise differs from
+    the prediction. Correlations between channels indicate how coloured the noise looks, correlations between
+    neighbouring pixels how coarse it looks.
     """

@@ -26,14 +26,16 @@ from etendue.cli.saying import command, later
 @options.gather
 @later("etendue_lab.emva.terminal:emva_command")
 def emva() -> None:
-    """Measure a sensor according to EMVA 1288 release 4 (linear): values with intervals, beside the expected ones.
+    """Measure a sensor according to EMVA 1288 release 4 (linear). Values are printed with intervals and with the
+    expected values.
 
-    For a pipeline FILE, raw frames of uniform light and of the dark are taken with the lens removed, two at each
-    exposure time: system gain, read noise, dark current, full well, DSNU, PRNU, linearity, saturation, sensitivity
-    threshold, dynamic range and SNR for each channel. For an ARCHIVE, the frames are those stored: a uniform scene
-    swept over reflectance (0 and 1) and integration time, two frames each, as in pipelines/emva.toml; each camera of
-    the sweep is measured. For real FRAMES: a folder of PNG, TIFF or DNG files, a .npz file, a CSV table (file, time_s,
-    photons or relative_light, kind), or the descriptor of an EMVA reference set; two or more frames of each exposure.
+    For a pipeline FILE, the lens is removed, and two raw frames of uniform light and two dark frames are simulated at
+    each exposure time. The results are system gain, read noise, dark current, full well, DSNU, PRNU, linearity,
+    saturation, sensitivity threshold, dynamic range and SNR for each channel. For an ARCHIVE, the frames are those
+    stored: a uniform scene swept over reflectance (0 and 1) and integration time, two frames each, as in
+    pipelines/emva.toml; each camera of the sweep is measured. For real FRAMES: a folder of PNG, TIFF or DNG files, a
+    .npz file, a CSV table (file, time_s, photons or relative_light, kind), or the descriptor of an EMVA reference set;
+    two or more frames of each exposure.
 
     Exit codes: 0 done, 2 invalid request, 3 some channels could not be measured.
     """

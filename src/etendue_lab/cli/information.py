@@ -73,11 +73,12 @@ def information() -> None:
 def losses() -> None:
     """Compute each stage's share of the lost contrast, signal-to-noise ratio and colour.
 
-    Shares are Shapley values: what a stage adds to the loss, averaged over all orders in which the stages could be made
-    real, starting from the ideal camera; they sum to the loss. They refer to the loss before other stages win some
-    back; a stage below 0 wins back. Contrast (mean up to Nyquist) and SNR of a grey card are counted in decibels, in
-    which blurs and gains add up, colour as mean squared CIEDE2000 to the ideal camera of `quality`. What two stages
-    lose together is predicted from the values and the pair interactions, and compared with the camera without both.
+    Shares are Shapley values. Starting from the ideal camera, each ideal stage is replaced by the real one; the share
+    of a stage is the loss that its replacement adds, averaged over all orders of replacement. The shares sum to the
+    total loss. A stage that reduces the loss, such as sharpening, has a negative share. Contrast (mean up to Nyquist)
+    and SNR of a grey card are given in decibels, in which blurs and gains add up; colour is given as the mean squared
+    CIEDE2000 to the ideal camera of `quality`. The joint loss of two stages is predicted from their shares and their
+    interaction, and compared with that of the camera without both.
 
     For numerical error by stage, see `etendue accuracy`.
     """

@@ -67,5 +67,5 @@ def measure() -> None:
     in pixels from the upper left corner. If no region is given, the strongest slanted edge is found automatically.
     Reads PNG, JPEG, TIFF, and raw files without demosaicing them (pip install 'etendue[raw]').
 
-    Exit codes: 0 done, 2 invalid request, or a region does not show what it should.
+    Exit codes: 0 done, 2 invalid request, or a region does not show the expected target.
     """

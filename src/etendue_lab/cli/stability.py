@@ -22,14 +22,15 @@ def stability() -> None:
 
     Every installed stage, plugins included, is run at the ends and corners of every range that it declares, at zero and
     infinity where allowed, and inside; in single, double and long double precision; with dark, bright, undefined or
-    negative inputs; with inputs and parameters changed in their last bit, and followed for jumps over their ranges.
-    Uniform light must stay uniform to the rim, mirrored and shifted pictures must give mirrored and shifted results; no
-    picture may reach the next or another thread; noise must have the declared mean and variance, and no correlation;
-    codes must be rounded to the nearest; a neutral parameter must change nothing. Built-in stages are held to stored
-    references. Then kernels are compared with closed forms evaluated to many digits, and whole cameras are run at
-    extremes. If STAGE is given, only those stages are tested.
+    negative inputs; and with inputs and parameters changed in their last bit. The whole ranges of inputs and parameters
+    are searched for jumps. Uniform light must stay uniform up to the border, mirrored and shifted pictures must give
+    mirrored and shifted results; no picture may affect the next one or another thread; noise must have the declared
+    mean and variance, and no correlation; codes must be rounded to the nearest; a neutral parameter must change
+    nothing. Built-in stages are compared with stored references. Then kernels are compared with closed forms evaluated
+    to many digits, and whole cameras are run at extreme settings. If STAGE is given, only those stages are tested.
 
-    Errors are relative to the largest output value; the condition number says how much a small change grows.
+    Errors are relative to the largest output value; the condition number is the factor by which a small relative change
+    grows.
 
     Exit codes: 0 all passed, 1 a check failed, 2 invalid request.
     """

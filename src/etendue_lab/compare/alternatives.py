@@ -43,7 +43,9 @@ def camera_of(
 
 
 def values_of(asked: AxisRequest, nodes: Sequence[Node], registry: Registry) -> tuple[Any, list[str]]:
-    """Return the values of the axis: as requested, else what is installed, with notes on what could not be used."""
+    """Return the values of the axis: the requested ones, otherwise all installed alternatives, with notes on those that
+    cannot be used.
+    """
     if asked.values is None and asked.key == SENSOR:
         return preset_names(), []
     node = next((n for n in nodes if n.name == asked.stage), None)
@@ -61,7 +63,7 @@ def values_of(asked: AxisRequest, nodes: Sequence[Node], registry: Registry) -> 
 
 
 def wanted_of(branched: Branched) -> tuple[StageVariable, ...]:
-    """Return what is measured, and the white points needed for colour differences."""
+    """Return the variables to measure, and the white points that colour differences need."""
     places = [*branched.places()]
     for variable in ("white_xyz", "white"):
         node = writer(branched.nodes, variable)
@@ -84,7 +86,7 @@ def planned(
     except RequestError as whole:
         asked_wrongly = (
             asked.values is not None
-            and any(  # a word or value that does not fit, rather than an incompatible stage
+            and any(  # the request itself is invalid, not only one of the alternatives
                 fault.place.startswith(f"sweep.{asked.key}") for fault in whole.faults
             )
         )
@@ -116,7 +118,7 @@ def keeping_inputs(plan: Plan, asked: AxisRequest) -> Plan:
 
 
 def _as_asked(error: RequestError, asked: AxisRequest) -> RequestError:
-    """Return the same faults, at the place where the axis was written."""
+    """Return the same faults, with the option or line in which the axis was written as their place."""
     key = f"sweep.{asked.key}"
     own = f"--axis {asked.key}"
     wrong = [f for f in error.faults if f.place.startswith(key)]

@@ -31,7 +31,7 @@ SENSOR = "sensor"  # the name of the axis of camera presets
 
 @dataclass(frozen=True)
 class AxisRequest:
-    """A requested axis; ``values`` None: whatever is installed."""
+    """A requested axis. ``values`` is None for all installed alternatives."""
 
     key: str
     values: tuple[Any, ...] | Document | None
@@ -43,7 +43,7 @@ class AxisRequest:
 
     @property
     def named(self) -> bool:
-        """Whether its values are names: of stages, sensors, bodies or lenses."""
+        """Whether its values are the names of stages, sensors, bodies or lenses."""
         return self.swaps or self.key in preset_keys()
 
     @property
@@ -89,7 +89,7 @@ def labels_of(values: Sequence[Any], units: str) -> list[str]:
         elif isinstance(value, bool):
             text = str(value).lower()
         elif isinstance(value, float):
-            text = f"{value:.12g}{unit}"  # as exact as an axis is
+            text = f"{value:.12g}{unit}"  # the number of digits with which an axis is stored
         else:
             text = f"{value}{unit}" if isinstance(value, int | Decimal) else str(value)
         labels.append(text if text not in labels else f"{text} ({len(labels) + 1})")
@@ -159,8 +159,8 @@ def check_writes(asked: AxisRequest, node: Node, registry: Registry) -> None:
 
 
 def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
-    """Return installed stages that write what a stage writes and read no more, and errors of stages that cannot be
-    loaded.
+    """Return the installed stages that can replace a stage, and the errors of stages that cannot be loaded. A
+    replacement writes the same variables and reads no variable that the stage does not read.
 
     Transfer functions of earlier stages may always be read. The stage itself comes first. Stages that declare another
     role (``Stage.role``) and those that only serve in references are excluded.
@@ -187,16 +187,17 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
 def without_sweep(pipeline: PipelineFile) -> tuple[PipelineFile, Document]:
     """Return the camera without its sweep, and the values taken instead.
 
-    A value that the file gives beside the sweep (under ``[camera]``, by the sensor, in the stage's own table) is used;
-    otherwise the first value of the sweep.
+    For each axis this is the value that the file gives outside its sweep (under ``[camera]``, in the sensor file, or in
+    the table of the stage), otherwise the first value of the sweep.
     """
     at: dict[str, AxisValue] = {}
     words = pipeline.table.words()
-    for key in sorted(pipeline.sweep, key=lambda key: key not in words):  # a sensor sets values of the others
+    # The value of a sensor axis determines those of other axes.
+    for key in sorted(pipeline.sweep, key=lambda key: key not in words):
         own = own_value(pipeline, key)
         value = _first(pipeline.sweep[key]) if own is None else own
         if value is None:
-            continue  # a fault that the planner reports
+            continue  # the planner reports this fault
         named = key in words and isinstance(value, Mapping)
         at[key] = str(value.get("label", value.get(key, ""))) if named else value
         if own is None or key in words:
@@ -220,7 +221,7 @@ def one_camera(pipeline: PipelineFile) -> tuple[PipelineFile, list[str]]:
 
 
 def own_value(pipeline: PipelineFile, key: str) -> Any:
-    """Return what a file gives for an axis beside its sweep, as written; None if nothing."""
+    """Return the value that a file gives for an axis outside its sweep, as written; None if it gives none."""
     stage, _, name = key.rpartition(".")
     if not stage:
         if key in pipeline.table.words():

@@ -4,11 +4,10 @@ In:  a pipeline without a sweep, its nodes, the compared stage.
 Out: the pipeline with the reference's stages appended, and the pairs of variables to compare.
 
 The reference branches off at ``photon_rate`` and has every channel at every pixel: no mask, an ideal exposure, no
-demosaicing; every later stage is duplicated. Before the demosaicer, full planes are a mosaic run plane by plane:
-corrections of the mosaic are applied to each plane as to the mosaic of a sensor with one filter. Stages that move
-charge behind the mask are replaced by a stage of the same role on ``photon_rate``. Both branches read the same light,
-white and colour matrix, computed once. If the compared stage is in both branches, its axis also drives the reference's
-stage.
+demosaicing; every later stage is duplicated. Before the demosaicer, corrections of the mosaic are applied to each full
+plane separately, as if it were the mosaic of a sensor with one filter. Stages that move charge behind the mask are
+replaced by a stage of the same role on ``photon_rate``. Both branches read the same light, white and colour matrix,
+computed once. If the compared stage is in both branches, its axis also drives the reference's stage.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from etendue_lab.compare import installed
 
 CAMERA, TRISTIMULUS = "rgb_camera", "xyz_scene"
 LIGHT, CHARGE, MOSAIC = "photon_rate", "photocurrent", "mosaic_linear"
-PLANE = (MOSAIC, "clipping_level")  # what each plane has of its own: its values and its clipping level
+PLANE = (MOSAIC, "clipping_level")  # variables that differ between planes: values and clipping level
 PICTURES = (CAMERA, TRISTIMULUS, "rgb_linear", "xyz_display", "rgb_display")
 
 
@@ -157,7 +156,7 @@ class ReferenceBranch:
         self.notes: list[str] = []
 
     def add(self, node: Node, use: str, origin: Mapping[str, str]) -> str:
-        """Add a stage to the reference, with the parameters that it shares with the stage that it replaces."""
+        """Add a stage to the reference; parameters that the replaced stage also has are copied from it."""
         own = parameters_of(self.registry.load(use))
         values = {k: v for k, v in self.entries[node.name].values.items() if k in own}
         return self.put(f"reference_{node.name}", use, origin, values)
@@ -168,7 +167,9 @@ class ReferenceBranch:
         return name
 
     def follow(self, node: Node, use: str, name: str) -> None:
-        """If the compared stage was added, record the copy that the axis also drives, if it has the parameter."""
+        """If a copy of the compared stage was added and has the parameter, record it, so that the axis also sets its
+        parameter.
+        """
         if node.name == self.compared and self.parameter in parameters_of(self.registry.load(use)):
             self.counterpart = name
         elif node.name == self.compared:
@@ -265,6 +266,8 @@ def _changes(node: Node, variable: str) -> bool:
 
 
 def _restores(node: Node) -> bool:
-    """Return whether a stage only improves camera values: it is then compared with a picture that did not need it."""
+    """Return whether a stage only improves camera values. The reference of such a stage is free of the defects that it
+    corrects.
+    """
     reads = {d.variable for d in reads_of(node.kind).values() if not d.variable.startswith("*.")}
     return reads == {CAMERA} and CAMERA in node.writes and node.kind.role in RESTORING

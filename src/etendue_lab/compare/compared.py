@@ -80,7 +80,7 @@ class Reader:
         )
 
     def why(self, position: int) -> str:
-        """Return what went wrong at a value of the axis: the message of the first stage that failed."""
+        """Return why a value of the axis has no result: the message of the first stage that failed."""
         for node in self.plan.nodes:
             report = self.outcome.reports.get(self.ref(node.name, position))
             if report is not None and report.status == "failed" and self.dims & set(node.axes):

@@ -104,7 +104,7 @@ def _measured(
         return crossing(edge / flat, _pixels(sigma, made, position))
 
     axis = next((a for a in made.axes if a.dim != scene), None)
-    if axis is None:  # nothing in a noise-free camera depends on it
+    if axis is None:  # a noise-free camera does not depend on the compared axis
         both = [dict.fromkeys(range(len(values)), mtf50(where, 0)) for where in (place, reference)]
     else:
         both = [{i: mtf50(where, i) for i in range(len(axis.values))} for where in (place, reference)]

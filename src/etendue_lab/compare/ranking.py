@@ -251,7 +251,8 @@ def _crops(found: Comparison) -> bytes:
     if not best:
         return b""
     reference = found.reference_pictures[best[0][1]]
-    placed = all(at in found.planes for _, at in best)  # else crops of several sizes have nothing in common
+    # Otherwise crops of different sizes would not show the same part of the scene.
+    placed = all(at in found.planes for _, at in best)
     alike = [(row, at) for row, at in best if placed or found.pictures[at].shape == reference.shape]
     if len(alike) < len(best):
         labels = [row.label for row, at in best if (row, at) not in alike]

@@ -1,11 +1,11 @@
 """Comparison of alternatives: quality against run time, on the pipeline's own camera.
 
-In:  a pipeline, an axis (`axis.Asked`), the number of timing runs, whether noise is included.
+In:  a pipeline, an axis (`axis.AxisRequest`), the number of timing runs, whether noise is included.
 Out: a ``Comparison``: a row for each alternative, best first, and the pictures to show.
 
 The alternatives are one axis of one run: everything before them, including its random numbers, is computed once and
-shared. The reference (`branches`) is what the same pixels would give without noise and mosaic. If the axis also reaches
-the reference, each value has its own reference, and the ranking uses what remains comparable: the finished pictures.
+shared. The reference (`branches`) is the picture that the same pixels would give without noise and mosaic. If the axis
+also affects the reference, each value has its own reference, and the ranking compares the encoded pictures.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Comparison:
     units: str = ""  # of the axis
     rank_by: str = "psnr"  # metric that ranks the rows
     own_reference: bool = False  # whether each value has its own reference
-    named: bool = False  # whether the values were named in the request, rather than found among what is installed
+    named: bool = False  # whether the request names the values; otherwise they are all installed alternatives
     pictures: dict[int, Array] = field(default_factory=dict)  # by position: (3, y, x), encoded
     reference_pictures: dict[int, Array] = field(default_factory=dict)
     planes: dict[int, Plane] = field(default_factory=dict)  # position of their pixels
@@ -78,7 +78,9 @@ class Comparison:
 
     @property
     def lacking(self) -> bool:
-        """Whether a requested value was refused, or all but one were: the requested comparison did not take place."""
+        """Whether a requested value, or all alternatives but one, were refused, so that the requested comparison is
+        incomplete.
+        """
         refused, left = (sum((row.status == "refused") == which for row in self.rows) for which in (True, False))
         return refused > 0 and (self.named or left < 2)
 
@@ -97,14 +99,11 @@ def compare(
 
     Parameters
     ----------
-    pipeline : as read; a sweep is replaced by the values that the file gives beside it, else by its first values
-    asked : the axis
-    repeat : number of timing runs of each alternative; the fastest is kept
-    expected : whether noise and rounding are left out (expected values)
-    options : how the run is done
-    progress : ``plan -> Progress`` for the main run, or None
-    edges : whether MTF50 is measured, in a second run with a slanted edge
-    ready : called once the request is known to be valid, before anything is computed
+    pipeline : as read; a sweep is replaced by the values that the file gives outside it, otherwise by its first values
+    asked : the axis repeat : number of timing runs of each alternative; the fastest is kept expected : whether noise
+    and rounding are left out (expected values) options : how the run is done progress : ``plan -> Progress`` for the
+    main run, or None edges : whether MTF50 is measured, in a second run with a slanted edge ready : called once the
+    request is known to be valid, before anything is computed
 
     Raises
     ------
@@ -198,8 +197,8 @@ def _references(reader: Reader, branched: Branched, file: str) -> dict[int, Arra
 
 
 def rank_by(rows: Iterable[ComparedRow]) -> str:
-    """Return the metric that ranks rows whose references differ: the encoded picture, since on a common linear scale a
-    dark picture has little to lose.
+    """Return the metric for rows whose references differ. It uses the encoded picture, because on a common linear scale
+    a darker picture has smaller errors.
     """
     return "psnr_encoded" if all(row.psnr_encoded is not None for row in rows if row.psnr is not None) else "psnr_white"
 
@@ -262,7 +261,9 @@ def _row(reader: Reader, branched: Branched, position: int, label: str, repeat: 
 
 
 def _viewing_white(reader: Reader, branched: Branched, position: int) -> Any:
-    """Return the white to which the viewing eye is adapted: the target of the balance, else that of the scene."""
+    """Return the white to which the viewer is adapted: the target of the white balance, otherwise the white of the
+    scene.
+    """
     assert branched.colour is not None
     name = branched.colour.ours[0]
     stage = reader.plan.cells[reader.ref(name, position)].stage
@@ -296,7 +297,7 @@ def seconds_of(reader: Reader, position: int, repeat: int) -> float | None:
 def _on_the_references(
     references: dict[int, Array], rows: list[ComparedRow], reader: Reader, branched: Branched
 ) -> list[str]:
-    """Return notes on the pictures that the table was measured on."""
+    """Return notes on properties of the pictures behind the table."""
     labels = {row.position: row.label if reader.own_reference else "" for row in rows if row.position in references}
     notes, variable = [], branched.linear.reference[1]
     over = {i: float((r > 1).any(axis=0).mean()) if variable == "rgb_camera" else 0.0 for i, r in references.items()}

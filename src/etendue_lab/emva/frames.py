@@ -29,7 +29,7 @@ def measured(path: Path, window: str | None, pattern: str | None) -> Document:
     Raises
     ------
     RequestError
-        It is no measurement, or holds no photon transfer curve.
+        The path is not a measurement, or its frames give no photon transfer curve.
     """
     frames = open_frames(path, Window.read(window) if window else None, pattern)
     channels, notes = [], list(frames.notes)
@@ -78,7 +78,7 @@ def measured(path: Path, window: str | None, pattern: str | None) -> Document:
 
 
 def print_measured(document: Document) -> None:
-    """Print measured values with their intervals, or what would be needed."""
+    """Print measured values with their intervals; for missing values, the frames that they need."""
     console = _out()
     console.print(
         f"{escape(document['measurement'])}: {document['frames']} frames of {document['columns']} x {document['rows']} "

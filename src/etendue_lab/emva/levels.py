@@ -231,7 +231,7 @@ def _last(plan: Plan, cell: Cell, variable: str) -> Cell | None:
 
 
 def lit(plan: Plan, options: Options | None) -> dict[str, float]:
-    """Return photoelectrons per second by channel, for the light as it is."""
+    """Return photoelectrons per second by channel, for the unscaled light."""
     cell = plan.of(raw_node(plan).name)[0]
     return photon_rates(plan, cell, mask_of(_stages(plan, cell)), options)
 

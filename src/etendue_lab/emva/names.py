@@ -1,4 +1,4 @@
-"""Names of the figures of EMVA 1288 as they are shown."""
+"""Displayed names of the EMVA 1288 metrics."""
 
 NAMES = {
     "gain": "system gain K",

@@ -35,11 +35,12 @@ SIMULATED = (
 )  # range over metrics of the share of intervals that held the true value: benchmarks/emva.py, 900 sensors of 2 kinds
 HIDDEN = ("read_noise", "dark_current", "dsnu")  # metrics distorted by rounding where it hides the noise of the dark
 SHEET = ("gain", "read_noise", "dark_current", "full_well", "prnu", "quantum_efficiency")
+# Metrics that are uncertain by a step between levels, which the interval over pixels does not include.
 STEPPED = (
     "saturation_capacity",
     "dynamic_range",
     "snr_max",
-)  # known to a step between levels, which the interval over pixels does not include
+)
 UNITS = {
     "gain": "DN/electron",
     "read_noise": "electron",
@@ -59,7 +60,9 @@ class Expected(dict[str, float]):
 
     @classmethod
     def of(cls, sheet: Mapping[str, float], time: float) -> Expected:
-        """Derive them from what stages declare; ``time``: of the level at which patterns are measured."""
+        """Derive them from the declarations of stages; ``time``: exposure time of the level at which patterns are
+        measured.
+        """
         found = cls({name: sheet[name] for name in SHEET if name in sheet})
         if "dsnu" in sheet:
             found["dsnu"] = math.hypot(sheet["dsnu"], sheet.get("dark_spread", 0.0) * time)

@@ -47,10 +47,11 @@ SERIES = frozenset({"bracketing", "metering"})  # roles that set how a frame is 
 BELOW = tuple(np.linspace(0.035, 0.7, 11))  # fractions of saturation: the photon transfer curve
 ABOVE = (0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98, 1.0, 1.02, 1.05, 1.1, 1.3, 1.6, 2.0)
 FRAMES = 2
+# Largest fraction of the full well that dark current may fill, at saturation and at the longest exposure time.
 AT_FIRST, AT_LAST = (
     0.05,
     0.3,
-)  # share of the full well that dark current may fill, at saturation and at the longest time
+)
 DIM = 1e-3  # relative to the best channel; below it a channel counts as blind
 Told = Callable[[Plan], Progress] | None
 
@@ -94,7 +95,7 @@ def of_pipeline(
 
 
 def of_archive(folder: Path, registry: Registry, options: Options | None = None) -> EmvaReport:
-    """Measure a sensor from the raw frames of an archive.
+    """Measure a sensor in the raw frames of an archive.
 
     Raises
     ------
@@ -103,7 +104,7 @@ def of_archive(folder: Path, registry: Registry, options: Options | None = None)
     RequestError
         It holds no raw frames of light and dark at several times.
     """
-    describe_archive(folder)  # refuses what is not an archive or is damaged
+    describe_archive(folder)  # raises an error if the folder is not an archive or is damaged
     stored = Stored(folder)
     pipeline = recorded(folder).pipeline()
     plan = make_plan(pipeline, registry)
@@ -167,8 +168,8 @@ def _windowed(pipeline: PipelineFile, registry: Registry, pixels: int) -> Pipeli
 def _asking(
     pipeline: PipelineFile, registry: Registry, shares: tuple[float, ...], reflectances: tuple[float, ...]
 ) -> PipelineFile:
-    """Insert a series of exposures, as multiples of the camera's own, before the exposure; sweep over light and
-    dark.
+    """Insert a stage that makes a series of frames before the exposure; their exposure times are multiples of the
+    camera's exposure time. Sweep over a bright and a dark scene.
     """
     use = next(registry.fitting(lambda kind: kind.role == "bracketing" and "brackets" in parameters_of(kind)), "")
     if not use:
@@ -194,7 +195,7 @@ def _lamp(
     rates = lit(plan, options)
     well, dark, time = saturation(plan)
     best = max(rates.values())
-    if not best > 0:  # also if unknown
+    if not best > 0:  # the comparison is false for NaN, an unknown rate
         raise RequestError("the scene's light produces no photoelectrons: nothing to measure", pipeline.file)
     if not 0 < well < np.inf:
         raise RequestError(

@@ -1,1 +1,1 @@
-"""Real frames: flat fields and dark frames of a camera, from files of many kinds."""
+"""Real frames: flat fields and dark frames of a camera, read from several file formats."""

@@ -20,12 +20,12 @@ from etendue.errors import RequestError
 from etendue_camera.arrays import Array
 from etendue_lab.frames.frame_set import MOST_FRAMES, Frame, FrameSet, as_codes
 
-MOST_BYTES = 1 << 28  # of one frame
+MOST_BYTES = 1 << 28  # maximum bytes of one frame
 KEYS = "light (level, frame, y, x) with light_time_s, and dark (level, frame, y, x) with dark_time_s"
 
 
 class ArrayMember:
-    """An array of a ``.npz`` or ``.npy`` file, seen as (frame, y, x)."""
+    """An array (frame, y, x) of a ``.npz`` or ``.npy`` file."""
 
     def __init__(self, path: Path, member: str) -> None:
         self.path, self.member = path, member
@@ -45,7 +45,9 @@ class ArrayMember:
         return _opened(self.path, self.member)
 
     def read(self, index: int) -> Array:
-        """Return frame ``index``; frames are read forwards, so any other order starts the file again."""
+        """Return frame ``index``. The stream can only be read forwards; an earlier frame reads the file again from its
+        start.
+        """
         try:
             if self._file is None or index < self._next:
                 if self._file is not None:
@@ -64,7 +66,7 @@ class ArrayMember:
 
 
 class _Member(io.BufferedReader):
-    """A member of an archive, which is closed with it."""
+    """A member of a ZIP archive; closing the member closes the archive."""
 
     def __init__(self, archive: zipfile.ZipFile, name: str, file: IO[bytes]) -> None:
         super().__init__(archive.open(name))  # type: ignore[arg-type]
@@ -88,7 +90,7 @@ def _opened(path: Path, member: str) -> IO[bytes]:
 
 
 def _labels(path: Path, member: str) -> Any:
-    """Return times or light of levels: a small array, whose size is known before it is unfolded."""
+    """Return exposure times or light of levels: a small array, whose size is checked before it is decompressed."""
     with _opened(path, member) as file:
         shape, dtype, _ = _header(file, path, member)
         size = math.prod(shape)

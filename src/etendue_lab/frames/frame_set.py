@@ -1,4 +1,4 @@
-"""Frames of a measurement, with the exposure of each, read one at a time.
+"""Frames of a measurement with their exposures; frames are read one at a time.
 
 In:  sources: files with one or more frames.
 Out: levels: frames of one exposure time and one light.
@@ -20,8 +20,8 @@ from etendue.errors import RequestError
 from etendue_camera.arrays import Array
 
 MOST_FRAMES = 100_000
-MANY_PIXELS = 1 << 20  # looked at first; every frame is checked as it is read
-MANY_CODES = 8  # different ones, to tell steps from few values
+MANY_PIXELS = 1 << 20  # pixels examined first for the step of codes; every frame is checked when it is read
+MANY_CODES = 8  # minimum number of different codes from which a step is derived
 _BLOCK = 1 << 20
 
 
@@ -43,7 +43,7 @@ class Frame:
     index: int
     time: float  # s; NaN if unknown
     light: float
-    series: str = ""  # of frames taken together: those of two series are two levels, whatever their labels
+    series: str = ""  # frames of one series form a level; two series are two levels even with equal labels
 
     def read(self) -> Array:
         return self.source.read(self.index)
@@ -64,7 +64,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Window:
-    """Rectangle that is used, pixels from the upper left."""
+    """The rectangle to use, pixels from the upper left corner."""
 
     x: int
     y: int
@@ -92,7 +92,7 @@ class FrameSet:
     pattern: str = "mono"  # letters of the colour filter array, row by row
     notes: list[str] = field(default_factory=list)
     window: Window | None = None
-    step: int = 1  # of which all stored codes are multiples: 16 for 12 bits in the upper bits of 16
+    step: int = 1  # all stored codes are multiples of this: 16 for 12 bits in the upper bits of 16
 
     def __post_init__(self) -> None:
         if not self.frames:
@@ -114,7 +114,7 @@ class FrameSet:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns that are used."""
+        """Number of rows and columns that are used."""
         rows, columns = self.frames[0].source.shape
         return (self.window.height, self.window.width) if self.window else (rows, columns)
 
@@ -130,7 +130,7 @@ class FrameSet:
         return np.asarray(found // found.dtype.type(self.step))
 
     def windowed(self, window: Window | None) -> FrameSet:
-        """Return the same with a window, which must lie within the frames."""
+        """Return the same frames with a window, which must lie within them."""
         rows, columns = self.frames[0].source.shape
         if window and not (0 < window.width <= columns - window.x and 0 < window.height <= rows - window.y):
             raise RequestError(
@@ -140,7 +140,7 @@ class FrameSet:
         return replace(self, window=window)
 
     def unshifted(self) -> FrameSet:
-        """Return the same in steps of the converter, if all codes of its frames are multiples of a power of two."""
+        """Return the same frames in steps of the converter, if all codes are multiples of a power of two."""
         known: set[int] = set()
         for frame in (self.frames[i] for i in {0, len(self.frames) // 3, len(self.frames) // 2, len(self.frames) - 1}):
             known.update(int(one) for one in np.unique(self.cut(frame).ravel()[:MANY_PIXELS]))

@@ -23,7 +23,9 @@ MONO: Site = (0, 0, 1)
 
 @dataclass(frozen=True)
 class LevelMoments:
-    """Moments of one level. First axis of arrays: all pixels, then all but each of the 8 x 8 blocks."""
+    """Moments of one level. The first axis of arrays has the value from all pixels, then the values without each of the
+    8 x 8 blocks.
+    """
 
     time: float
     light: float
@@ -31,8 +33,8 @@ class LevelMoments:
     pixels: int
     shape: tuple[int, int]
     mean: Array  # DN
-    variance: Array  # DN^2, temporal, offsets of whole frames removed
-    spatial: Array  # DN^2, of the mean frame, its temporal part removed
+    variance: Array  # DN^2, temporal; offsets of whole frames are removed
+    spatial: Array  # DN^2, over the mean frame; its temporal part is removed
     row_variance: float  # DN^2, temporal, of offsets of whole rows; may be negative
     column_variance: float
     drift: float  # DN, standard deviation of the means of the frames
@@ -44,8 +46,8 @@ class LevelMoments:
         return int(self.histogram.size - 1)
 
     def variance_error(self, lines: tuple[float, float] = (0.0, 0.0)) -> float:
-        """Return the statistical standard error of the temporal variance, DN^2; ``lines``: the part of it that whole
-        rows, and whole columns, share: there are few of them.
+        """Return the sampling standard error of the temporal variance, DN^2. ``lines``: the variances (DN^2) of row and
+        of column offsets, whose sampling error is larger because there are few lines.
         """
         parts = [(float(self.variance[0]), self.pixels), (lines[0], self.shape[0]), (lines[1], self.shape[1])]
         return math.sqrt(2 / (self.frames - 1) * sum(max(own, 0.0) ** 2 / count for own, count in parts))
@@ -60,7 +62,7 @@ def sites(frames: FrameSet) -> dict[str, Site]:
     if frames.pattern == "mono":
         return {"W": MONO}
     letters = frames.pattern.upper()
-    if (window := frames.window) is not None:  # the window's own first site
+    if (window := frames.window) is not None:  # the pattern starts at the first pixel of the window
         letters = "".join(letters[2 * ((window.y + i // 2) % 2) + (window.x + i) % 2] for i in range(4))
     found = {}
     for at, letter in enumerate(letters):
@@ -74,7 +76,7 @@ def sites(frames: FrameSet) -> dict[str, Site]:
 def moments(frames: FrameSet, level: Level, site: Site = MONO) -> LevelMoments:
     """Return the moments of a level, which needs two frames.
 
-    Memory: sums of codes and of their squares, 12 bytes a pixel, beside one frame.
+    Memory: 12 bytes per pixel for the sums of codes and of their squares, plus one frame.
 
     Raises
     ------
@@ -144,7 +146,7 @@ def _moments(
     histogram: Array,
 ) -> LevelMoments:
     centre = float(by_frame.sum()) / count / total.size
-    sums = np.zeros((3, BLOCKS, BLOCKS))  # of the mean frame, its square, the temporal variance
+    sums = np.zeros((3, BLOCKS, BLOCKS))  # sums of the mean frame, of its square, and of the temporal variance
     for band in range(BLOCKS):
         rows = slice(edges[0][band], edges[0][band + 1])
         still = total[rows] / count - centre
@@ -158,7 +160,7 @@ def _moments(
     mean = still_sum / n
     # offsets of whole frames are not pixel noise; removing their variance removes 1/n of the noise too
     variance = (moving_sum / n - drift.var(axis=0, ddof=1)) * n / (n - 1)
-    line_variances = [  # without what both the frame's own offset and the pixels' noise add
+    line_variances = [  # subtract the contributions of the frame's offset and of pixel noise
         float(
             (one - one.mean(axis=1, keepdims=True) - (one - one.mean(axis=1, keepdims=True)).mean(axis=0)).var()
             * count

@@ -1,4 +1,4 @@
-"""Fixed patterns of a measurement, from every frame there is: of the dark, and of the response.
+"""Fixed patterns of a measurement, in the dark and of the response, from all frames.
 
 In:  frames of many levels.
 Out: mean patterns of groups of frames; their variance from products of different groups, free of temporal noise.
@@ -18,13 +18,13 @@ from etendue_lab.frames.frame_set import FrameSet, Level
 from etendue_lab.frames.moments import MONO, Site
 
 GROUPS = 8
-FEWEST = 4  # groups whose scatter tells how patterns move
-LARGEST = 1 << 10  # rows and columns; patterns of larger frames are those of their centre
+FEWEST = 4  # minimum number of groups from whose scatter drifting patterns are recognised
+LARGEST = 1 << 10  # rows and columns; of larger frames, only the centre is used
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """Mean patterns by group of frames, (group, y, x), each without its mean."""
+    """The mean frame of each group of frames, (group, y, x), minus its mean over pixels."""
 
     groups: Array
     frames: int
@@ -34,12 +34,12 @@ class Pattern:
         return np.asarray(self.groups.mean(axis=0))
 
     def without(self, part: Array) -> Pattern:
-        """Return the pattern without a part that all groups share."""
+        """Return the pattern minus a part that all groups have in common."""
         return Pattern(self.groups - part, self.frames)
 
     def less(self, other: Pattern, scale: float) -> Pattern:
-        """Return the pattern less another, group by group: the noise of a group of the other is in no second group,
-        and so in no product of two.
+        """Return the pattern minus another, group by group. The noise of each group of the other pattern then enters
+        only one group, so products of different groups stay free of noise.
         """
         k = min(len(self.groups), len(other.groups))
         one, own = (np.stack([groups[i::k].mean(axis=0) for i in range(k)]) for groups in (self.groups, other.groups))
@@ -51,8 +51,8 @@ class Pattern:
     def variance(self, confidence: float = 0.95) -> Estimate:
         """Return the variance over pixels from products of different groups.
 
-        Its interval joins the jackknife over blocks of pixels with that over groups of frames (four or more): patterns
-        that move between frames are no independent noise of pixels.
+        Its interval combines the jackknife over blocks of pixels with that over groups of frames (four or more),
+        because patterns that drift between frames are not independent from pixel to pixel.
         """
         g = len(self.groups)
 
@@ -68,7 +68,7 @@ class Pattern:
         if g >= 4:
             own = np.array([float(crossed(np.delete(self.groups, i, axis=0))[0]) for i in range(g)])
             moving = (g - 1) * float(np.mean((own - own.mean()) ** 2))
-            # Satterthwaite: the freedom of a sum of two variances
+            # Satterthwaite: degrees of freedom of a sum of two variances
             total = square + moving
             freedom = total**2 / max(square**2 / (blocks - 1) + moving**2 / (g - 1), 1e-300)
             square = total
@@ -78,10 +78,11 @@ class Pattern:
 
 
 def pattern(frames: FrameSet, levels: Iterable[tuple[Level, float, float]], site: Site = MONO) -> Pattern | None:
-    """Return the pattern of levels, each with the offset that is subtracted and the weight of one of its frames.
+    """Return the pattern of levels, each given with a signal and the weight of one of its frames.
 
-    The frame of a level counts as weight x (frame - its mean), so a response is given by weights of 1 / signal times
-    the information of the level; groups are normalised by ``offset``, a signal. None: fewer than two frames.
+    A group is the sum of weight x (frame - its mean) / signal over its frames, divided by the sum of the weights. With
+    a signal in DN the result is relative, as for the pattern of the response; with a signal of 1 it is in DN. None for
+    fewer than two frames.
     """
     first, left, step = site
     given = [(frame, signal, weight) for level, signal, weight in levels for frame in level.frames]
@@ -90,7 +91,7 @@ def pattern(frames: FrameSet, levels: Iterable[tuple[Level, float, float]], site
     groups = min(GROUPS, len(given))
     sums: Array | None = None
     weights = np.zeros(groups)
-    # frames of one level go to different groups, so that every group has all levels
+    # distribute the frames of a level over all groups, so that every group contains every level
     for number, (frame, signal, weight) in enumerate(given):
         codes = _centre(frames.cut(frame)[first::step, left::step]).astype(np.float64)
         if sums is None:
@@ -104,7 +105,7 @@ def pattern(frames: FrameSet, levels: Iterable[tuple[Level, float, float]], site
 
 @dataclass(frozen=True)
 class DarkPatterns:
-    """Patterns of the dark: the mean of all frames, and what grows with the exposure time."""
+    """Patterns in the dark: the mean of all frames, and the growth with exposure time."""
 
     mean: Pattern  # DN
     growth: Pattern | None  # DN/s; None: too few frames at different times
@@ -112,30 +113,32 @@ class DarkPatterns:
 
     @property
     def grows(self) -> bool:
-        """Whether a test at 1 % accepts that it grows."""
+        """Whether the growth is significant at 1 %."""
         return self.growth is not None and self.growth.variance(0.98).low > 0
 
     def at(self, time: float) -> Pattern:
-        """Return the pattern at a time, from all frames; their mean where it does not grow."""
+        """Return the pattern at an exposure time, derived from all frames; the mean pattern if it does not grow."""
         if self.growth is None or not self.grows or not np.isfinite(time):
             return self.mean
         return Pattern(self.mean.groups + self.growth.groups * (time - self.times)[:, None, None], self.mean.frames)
 
 
 def differ(times: Array) -> bool:
-    """Return whether exposure times differ by more than their rounding, one in a million."""
+    """Return whether exposure times differ by more than one part in a million, their rounding."""
     return bool(times.size and np.ptp(times) > 1e-6 * times.max())
 
 
 def dark_patterns(frames: FrameSet, levels: Iterable[Level], site: Site = MONO) -> DarkPatterns | None:
-    """Return the patterns of dark levels; growth by least squares in every group of frames. None: fewer than two."""
+    """Return the patterns of dark levels; the growth is a least-squares slope over time in every group. None for fewer
+    than two frames.
+    """
     first, left, step = site
     given = [frame for level in levels for frame in level.frames]
     if len(given) < 2:
         return None
     groups = most = min(GROUPS, len(given))
     times = np.array([frame.time for frame in given])
-    # every group has two times or more; fewer than four groups do not tell what moves
+    # use the largest number of groups of which each has two different times; below four, drift cannot be recognised
     while groups >= FEWEST and not all(differ(times[i::groups]) for i in range(groups)):
         groups -= 1
     timed = groups >= FEWEST and not np.isnan(times).any()

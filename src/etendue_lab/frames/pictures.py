@@ -111,7 +111,7 @@ def _size(path: Path) -> tuple[int, int]:
     try:
         with unwarned(), Image.open(path) as picture:
             return picture.size[1], picture.size[0]
-    except Exception:  # Pillow does not open all of them; the reader says what is wrong
+    except Exception:  # Pillow does not open all formats; the reader below raises an error with the reason
         try:
             shape = read_picture(str(path), MOST_PIXELS).values.shape
         except ValueError as error:

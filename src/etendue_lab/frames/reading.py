@@ -1,4 +1,4 @@
-"""Open any measurement: a folder, a table, or a file of arrays.
+"""Open a measurement: a folder, a table, or a file of arrays.
 
 In:  a path, a window.
 Out: its frames, with times and light.
@@ -42,7 +42,7 @@ def open_frames(path: Path, window: Window | None = None, pattern: str | None = 
     Raises
     ------
     RequestError
-        It is not a measurement; the message names file and reason.
+        The path is not a measurement; the message names the file and the reason.
     """
     if not path.exists():
         raise RequestError(f"{path}: file not found; give {KINDS}")
@@ -86,7 +86,7 @@ def frame_of(path: Path) -> Array:
     Raises
     ------
     RequestError
-        It is no frame.
+        The file is not a frame.
     """
     found = _sources(path)
     total = np.zeros(found[0][0].shape)
@@ -116,8 +116,8 @@ def _one(path: Path, patterns: set[str]) -> str:
 
 
 def _folder(path: Path) -> FrameSet:
-    """Read a folder: its one table, its one ``.npz``, or pictures with exposure times in sub-folders or names that
-    contain ``dark`` for frames without light.
+    """Read a folder that contains one table, or one ``.npz``, or pictures with exposure times. Dark frames have
+    ``dark`` in their name or in that of their sub-folder.
     """
     inside = sorted(one for one in itertools.islice(path.rglob("*"), MOST_FILES) if one.is_file())
     lists = [one for one in inside if one.suffix.lower() in TABLES and one.parent == path]
@@ -136,7 +136,7 @@ def _folder(path: Path) -> FrameSet:
 
 
 def _pictures(path: Path, pictures: list[Path]) -> FrameSet:
-    """Read pictures in a folder, of which those with ``dark`` in their name or folder saw no light."""
+    """Read the pictures in a folder; those with ``dark`` in the name of file or folder are dark frames."""
     frames, patterns = [], set[str]()
     for one in pictures:
         source = PictureFrame(one)

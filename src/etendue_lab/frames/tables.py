@@ -27,7 +27,7 @@ class Line:
     file: Path
     time: float
     light: float
-    number: int  # of the line
+    number: int  # line number in the table
 
 
 def _text(path: Path) -> str:
@@ -42,9 +42,9 @@ def _text(path: Path) -> str:
 def read_csv(path: Path) -> tuple[list[Line], bool]:
     """Read a table with the columns `COLUMNS`; return its lines, and whether light is in photons.
 
-    A line names one file, or with ``*``, ``?`` or a folder all frames of one exposure.
-    A line of the kind ``dark`` needs no light. Without ``kind``, frames of light 0 are dark. Without light, it is the
-    time (constant light).
+    A line names one file or, by ``*``, ``?`` or a folder, all frames of one exposure. A line of the kind ``dark`` needs
+    no light. Without the column ``kind``, frames with light 0 are dark. Without a column of light, the exposure time is
+    used as relative light (constant lamp).
     """
     table = csv.DictReader(line for line in io.StringIO(_text(path)) if line.strip() and not line.startswith("#"))
     names = {name.strip().lower(): name for name in table.fieldnames or []}
@@ -106,7 +106,7 @@ def read_descriptor(path: Path) -> tuple[list[Line], bool]:
 
 
 def _named(path: Path, name: str | None, number: int) -> list[Path]:
-    """Return the file of a line, or all frames that a name with ``*`` or ``?``, or a folder, stands for."""
+    """Return the file of a line, or all files that match a name with ``*`` or ``?`` or lie in a folder."""
     file = _beside(path, name, number)
     if file.is_dir():
         found = [one for one in file.iterdir() if one.is_file() and not one.name.startswith(".")]

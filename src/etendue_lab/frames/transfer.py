@@ -1,8 +1,9 @@
-"""Photon transfer of real frames: the figures of EMVA 1288, with intervals that know what a line leaves out.
+"""Photon transfer of real frames: the EMVA 1288 metrics, with intervals that include the deviation from a straight
+line.
 
 In:  moments and patterns of light and dark levels.
-Out: figures: value, interval, or what would be needed.
-Sources: EMVA 1288 release 4 (linear): levels weigh equally, as in the standard's own fits.
+Out: for each metric, value and interval, or the frames that are needed to determine it.
+Sources: EMVA 1288 release 4 (linear); all levels have equal weights, as in the fits of the standard.
 """
 
 from __future__ import annotations
@@ -20,26 +21,28 @@ from etendue_lab.frames.frame_set import FrameSet, Level
 from etendue_lab.frames.moments import MONO, LevelMoments, Site, moments
 from etendue_lab.frames.patterns import DarkPatterns, Pattern, dark_patterns, differ, pattern
 
-HIDDEN = 0.24  # DN^2: EMVA 1288 tells no dark noise below it
+HIDDEN = 0.24  # DN^2: below this variance, EMVA 1288 states no dark noise
 STACK = 8  # frames of one level
-RANGE = 0.7  # of saturation, where EMVA 1288 fits lines
+RANGE = 0.7  # fraction of saturation up to which EMVA 1288 fits lines
 NONE = Estimate(math.nan, math.nan, math.nan, "")
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Levels of light above the dark, by ascending mean. Arrays: (replicate, level); replicate 0 has all pixels."""
+    """The photon transfer curve: levels of light by ascending mean. Arrays are (replicate, level); replicate 0 uses all
+    pixels, each other one omits a block.
+    """
 
     levels: list[Level]
     moments: list[LevelMoments]
     mean: Array
     variance: Array
-    dark_mean: Array  # of the dark at the level's time
+    dark_mean: Array  # DN, of dark frames at the exposure time of the level
     dark_variance: Array
     exposure: Array  # (level,) photons per pixel, or relative
     dark: list[LevelMoments]
     dark_levels: list[Level]
-    dark_slope: Array | None  # DN/s by replicate; None: one dark time
+    dark_slope: Array | None  # DN/s by replicate; None if dark frames have one exposure time
     dark_origin: Array  # DN at time 0
     top: int  # highest code
     saturates: bool
@@ -55,12 +58,12 @@ class Curve:
 
     @property
     def full(self) -> float:
-        """Signal of saturation, DN; without saturation that of the brightest level."""
+        """Signal at saturation, DN; without saturation, the signal of the brightest level."""
         return float(self.signal[0, self.peak])
 
     @property
     def hidden(self) -> str:
-        """What would be needed to see the noise of the dark; empty where it is seen."""
+        """The change that would make the dark noise measurable; empty if it is measurable."""
         weight = np.array([one.frames - 1.0 for one in self.dark])
         if sum(float(one.histogram[0]) for one in self.dark) > 1e-3 * sum(one.histogram.sum() for one in self.dark):
             return "a higher black level: the dark is cut off at code 0"
@@ -70,7 +73,7 @@ class Curve:
 
     @property
     def line_noise(self) -> tuple[float, float]:
-        """Variance of the dark that rows, and columns, share, DN^2."""
+        """Temporal variance of row and of column offsets in the dark, DN^2."""
         weight = np.array([one.frames - 1.0 for one in self.dark])
         rows, columns = (
             float((weight * own).sum() / weight.sum())
@@ -82,12 +85,12 @@ class Curve:
         return max(rows, 0.0), max(columns, 0.0)
 
     def line_error(self, frames: Array | float) -> Array:
-        """Return the variance that moving lines give to the mean of so many frames, DN^2: lines are few."""
+        """Return the variance (DN^2) that row and column noise gives to the mean of this many frames."""
         rows, columns = self.line_noise
         return np.asarray((rows / self.dark[0].shape[0] + columns / self.dark[0].shape[1]) / frames)
 
     def between(self, low: float, high: float) -> Array:
-        """Return a mask of levels by the share of saturation."""
+        """Return a mask of the levels between two fractions of saturation."""
         signal = self.signal[0]
         return np.asarray(
             (signal > low * self.full) & (signal <= high * self.full) & (np.arange(signal.size) <= self.peak)
@@ -130,8 +133,8 @@ def curve(frames: FrameSet, site: Site = MONO) -> Curve:
 
 
 def _dark(dark: list[LevelMoments], times: Array) -> tuple[Array, Array, Array | None, Array]:
-    """Return dark mean and variance at the times of the light levels (those of the same time, else of a line over
-    time), and slope and origin of that line.
+    """Return the dark mean and variance at the times of the light levels, from dark frames of the same time or else
+    from a line over time; and slope and origin of that line.
     """
     own = np.array([one.time for one in dark])
     mean, variance = np.stack([one.mean for one in dark], 1), np.stack([one.variance for one in dark], 1)
@@ -158,7 +161,7 @@ def _dark(dark: list[LevelMoments], times: Array) -> tuple[Array, Array, Array |
 
 @dataclass
 class Figures:
-    """Figures by name, and for those that the data do not give what would be needed."""
+    """Metrics by name; for metrics that the data do not determine, the frames that they need."""
 
     values: dict[str, Estimate] = field(default_factory=dict)
     needs: dict[str, str] = field(default_factory=dict)
@@ -171,13 +174,15 @@ class Figures:
 
 
 def patterns(frames: FrameSet, found: Curve, site: Site = MONO) -> tuple[DarkPatterns | None, Pattern | None]:
-    """Return patterns of the dark (DN), and of the response (relative) at all levels of 5 to 70 % of saturation."""
+    """Return the pattern in the dark (DN), and that of the response (relative) from all levels between 5 and 70 % of
+    saturation.
+    """
     dark = dark_patterns(frames, found.dark_levels, site)
     used = np.flatnonzero(found.between(0.05, RANGE))
     signal = found.signal[0]
-    # of a relative response the variance is near 1 / signal: the weight is the signal
+    # the variance of a relative response is about 1 / signal, so the weight is the signal
     light = pattern(frames, [(found.levels[i], float(signal[i]), float(signal[i])) for i in used], site)
-    if dark is not None and light is not None:  # offsets are no response
+    if dark is not None and light is not None:  # subtract offsets, which are not part of the response
         frames_of = np.array([len(found.levels[i].frames) for i in used], float)
         time = float((frames_of * np.array([found.levels[i].time for i in used])).sum() / frames_of.sum())
         light = light.less(dark.at(time), float(frames_of.sum() / (frames_of * signal[used]).sum()))
@@ -185,7 +190,7 @@ def patterns(frames: FrameSet, found: Curve, site: Site = MONO) -> tuple[DarkPat
 
 
 def figures(frames: FrameSet, found: Curve, site: Site = MONO, confidence: float = 0.95) -> Figures:
-    """Return the figures of EMVA 1288.
+    """Return the EMVA 1288 metrics.
 
     Raises
     ------
@@ -212,7 +217,7 @@ def figures(frames: FrameSet, found: Curve, site: Site = MONO, confidence: float
     relative = wide / value
 
     def by_gain(values: Array, unit: str) -> Estimate:
-        """Divide by K, whose lack of fit belongs to the interval."""
+        """Divide by K, and include its lack of fit in the interval."""
         own, error = float(values[0] / gain[0]), interval.t * interval.error(values / gain)
         error = math.hypot(error, own * relative)
         return Estimate(own, own - error, own + error, unit)
@@ -253,14 +258,14 @@ def _patterns(
     if found.hidden:
         result.lacks("dsnu", "electron", found.hidden)
     elif dark is not None:
-        # as in the standard, at the exposure time of the stack, or of half saturation
+        # as in the standard: at the exposure time of the stack, or at half saturation
         half = found.moments[int(np.argmin(np.abs(found.signal[0] - 0.5 * found.full)))]
         stack = max(found.dark, key=lambda one: one.frames)
         own = dark.at((stack if stack.frames >= STACK else half).time)
         result.values["dsnu"] = _root(own.variance(confidence), 1 / gain, relative, "electron")
         if own.frames < 8:
             result.notes.append(
-                f"{own.frames} dark frames: patterns that move between frames are not told from DSNU; 16 or more tell"
+                f"DSNU includes patterns that move between frames: {own.frames} dark frames do not separate them, 16 do"
             )
     if light is None:
         result.lacks("prnu", "", "levels between 5 and 70 % of saturation")
@@ -270,7 +275,7 @@ def _patterns(
 
 
 def _root(square: Estimate, scale: float, relative: float, unit: str) -> Estimate:
-    """Return the root of a variance; an upper end is above 0 whatever came out."""
+    """Return the square root of a variance; the upper end of its interval is always above 0."""
     low, value, high = (math.sqrt(max(one, 0.0)) * scale for one in (square.low, square.value, square.high))
     if high <= 0:
         high = math.sqrt(square.high - square.value) * scale
@@ -311,7 +316,7 @@ def _linearity(x: Array, signal: Array) -> Array:
 
 
 def _errors(found: Curve, used: Array) -> Array:
-    """Return the statistical standard error of the variance of every level, DN^2."""
+    """Return the sampling standard error of the variance of every level, DN^2."""
     light = np.array([2 / (one.frames - 1) / one.pixels for one in found.moments])
     dark = 2 / sum(one.frames - 1 for one in found.dark) / found.dark[0].pixels
     return np.asarray(np.sqrt(light * found.variance[0] ** 2 + dark * found.dark_variance[0] ** 2)[used])
@@ -320,8 +325,8 @@ def _errors(found: Curve, used: Array) -> Array:
 def _slope(x: Array, v: Array, errors: Array, interval: Jackknife) -> tuple[Array, float, float]:
     """Return K by replicate, the half width of its interval, and the lack of fit.
 
-    Beside the jackknife over pixels, scaled by the lack of fit, the interval has the difference to the slope at zero
-    of a parabola, where that is beyond its own error at 1 %.
+    The interval combines the jackknife over pixels, scaled by the lack of fit, with the difference between K and the
+    slope of a parabola at zero, if the curvature of the parabola is significant at 1 %.
     """
     gain = (x * v).sum(1) / (x**2).sum(1)
     residual = (v[0] - gain[0] * x[0]) / errors

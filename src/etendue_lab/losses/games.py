@@ -3,8 +3,8 @@
 In:  a camera viewing a grey card (`FineDetail`).
 Out: the loss in decibels for any set of stages, all others ideal.
 
-Decibels are used because transfer functions multiply: the loss of two blurs together is then nearly the sum of both,
-while contrast itself falls less and less.
+Losses are in decibels because transfer functions multiply: the loss of two blurs together is then nearly the sum of
+their losses.
 """
 
 from __future__ import annotations

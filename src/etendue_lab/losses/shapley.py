@@ -109,7 +109,9 @@ def _exact(asked: Callable[[int], float], n: int) -> tuple[NDArray[np.float64], 
 def _sampled(
     asked: Callable[[int], float], n: int, most: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]:
-    """Sample orders: what each player adds to those before it; for neighbours also their joint effect."""
+    """Sample orders of the players. Record what each player adds to the value of those before it, and for adjacent
+    players also their joint effect.
+    """
     each = fewest(n)
     pairs = most // each
     if pairs < 1:

@@ -120,7 +120,7 @@ class SharedLoss:
     unit: str
     figure: str  # name of the metric shown beside it
     players: tuple[str, ...]
-    loss: Callable[[frozenset[str]], float]  # with some of the players
+    loss: Callable[[frozenset[str]], float]  # loss with only some of the stages real
     figure_of: Callable[[frozenset[str]], float]
 
 

@@ -31,22 +31,21 @@ LEAST, MOST = (
 )  # degrees from the raster; the method's own limits are 2 to 43, with a margin for photographs
 STEEP = 2.0, 43.0  # degrees from the raster of edges that are found automatically
 MISFIT, TIMES = 0.04, 4.0  # relative to the step, and to the noise: rms residual above which it is not a single edge
-ALONE = 0.02  # relative to the step: rms residual up to which the region holds nothing else
-CLEARER = (
-    1.5  # how much better the ratio of step to residual in a strip must be than in a region that holds something else
-)
+ALONE = 0.02  # relative to the step: rms residual up to which the region contains only the edge
+CLEARER = 1.5  # minimum ratio between step/residual in a strip and in a region that contains something else
 TILTED = 1.92  # scale of the effect of level errors on MTF50: covers 96 % of 400 edges in 8 bits without noise
 LOST, COARSER, FINER = 0.0235, 2.0, 8.34  # of MTF50: see `_lost`
+# Mean step of a table below which rewritten edges show mainly rounding; fraction of rounding that is counted twice.
 FINE, TWICE = (
     2.0,
     0.5,
-)  # mean step of a table below which rewritten edges show little but rounding, and how much of it is counted twice
+)
 METHOD = 5e-4  # relative to MTF50: error of the method itself (`slanted_edge`), a lower bound of every interval
 SEEN = 5.0  # times the noise: a step visible by eye; noise alone reaches 3.3
 HIDDEN = "its step is lost in noise"
 TRIED = 0.08, 0.6  # range of MTF50 tested, cycles/pixel: Gaussian blurs of 2 to 0.35 pixels
 TRIED_NOISE, TRIED_STEPS = 0.025, 30.0  # rms of full scale; mean of a JPEG's table, where that of quality 75 is 29
-KINDS = {  # why edges are not found automatically: parts of the reason, and advice
+KINDS = {  # reasons why no edge is found automatically, and the advice for each
     "shorter than 24 pixels": (("shorter than",), "make the chart larger in the picture"),
     "along rows or columns": (
         ("parallel to the pixel axes", "nothing in it is slanted"),
@@ -109,7 +108,9 @@ def measured_edge(photograph: PhotographFile, text: str, channel: str, confidenc
 
 
 def _measured_in(photograph: PhotographFile, region: PixelWindow, channel: str, confidence: float) -> Document:
-    """Measure the one edge of a region; if the region also holds something else, use the strip whose box it is."""
+    """Measure the one edge of a region. If the region also contains something else, use the strip whose bounding box it
+    is.
+    """
     refusal: RequestError | None = None
     whole: Document = {}
     try:
@@ -266,11 +267,12 @@ def _rounding(photograph: PhotographFile, levels: tuple[float, ...], found: Edge
     low, high = levels
     steps = [photograph.step(low), photograph.step(high)]
     if found.written is not None:
-        noise = found.written[0].noise  # the residual is mostly noise of the file and adds no spread
+        noise = found.written[0].noise  # the residual is mostly noise of the file format and adds no spread
     elif not found.snr > 0:
         noise = 0.0
     else:
-        noise = math.sqrt(max(0.0, ((high - low) / found.snr) ** 2 - max(steps) ** 2 / 12))  # without that of rounding
+        # Subtract the noise of rounding.
+        noise = math.sqrt(max(0.0, ((high - low) / found.snr) ** 2 - max(steps) ** 2 / 12))
     wrong = [lasting_error(step, noise) for step in steps]
     return TILTED * both(wrong[0], wrong[1], confidence) / max(high - low, 1e-300)
 
@@ -287,7 +289,7 @@ def _wider(value: float, low: float, high: float, doubt: float, higher: float = 
 
 
 def _said(why: str, seen: bool, image: Array) -> str:
-    """Return why an edge cannot be measured; a visible step is not reported as lost in noise."""
+    """Return the reason why an edge cannot be measured. A step that is visible is never reported as lost in noise."""
     if not seen and float(np.ptp(image)) > 0:
         return HIDDEN
     return "there is no single straight edge between two uniform fields" if why == HIDDEN else why

@@ -75,7 +75,7 @@ def _step(photograph: PhotographFile, name: str, cut: tuple[slice, slice]) -> fl
         for w, plane in zip(photograph.weights, photograph.planes(cut), strict=True)
     ]
     values = photograph.values[cut]
-    same = bool((values == values[..., :1]).all())  # then their rounding is the same, too
+    same = bool((values == values[..., :1]).all())  # equal channels also have equal rounding errors
     return sum(steps) if same else math.hypot(*steps)
 
 

@@ -38,7 +38,8 @@ DOUBTS = {
     "line": "it rises and falls like a line",
     "double": "it rises twice",
 }
-BOTH = (("delta_e", "as_is"), ("exposed", "exposed"))  # of the chart: names in a patch, and of their mean and max
+# Columns of the chart: keys of a patch, of the mean and of the maximum.
+BOTH = (("delta_e", "as_is"), ("exposed", "exposed"))
 UNTRIED = {
     "sharp": "edges this sharp",
     "blurred": "edges this blurred",

@@ -5,7 +5,7 @@ In:  a pipeline; a plan of it with a flat scene, and the arrays of a run.
 Out: the mean of the mosaic and the predicted variance of its pixels by channel; the response of every later picture to
      one pixel.
 
-Noise after the mosaic follows from the responses for any stage, plugins included, and so does the fate of fine detail.
+Noise and fine detail after the mosaic follow from these responses for any stage, plugins included.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def in_front_of_grey(
 
 
 def _sound(entry: StageEntry, registry: Registry) -> StageEntry:
-    """Return a stage that makes defective pixels with none of them."""
+    """Return a stage that makes defective pixels, with its parameters set so that it makes none."""
     if entry.use not in registry or not FLAWS & set(writes_of(kind := registry.load(entry.use))):
         return entry
     shares = {
@@ -75,8 +75,8 @@ def _sound(entry: StageEntry, registry: Registry) -> StageEntry:
 
 
 def another(pipeline: PipelineFile, number: int) -> PipelineFile:
-    """Return a camera of the same kind with its own noise and fixed patterns: another seed and another sensor; 0: the
-    camera itself.
+    """Return a camera with the same parameters but another seed and sensor, and so with other noise and fixed patterns;
+    number 0 is the camera itself.
     """
     if not number:
         return pipeline
@@ -260,7 +260,7 @@ class FlatField:
         return slice(max(0, middle - REACH), min(size, middle + REACH + 4))
 
     def variance_at(self, place: tuple[int, int], found: Mapping[tuple[int, int], float], modelled: bool) -> Any:
-        """Return the variance of the pixels of a mosaic cell, from the light there."""
+        """Return the variance of the pixels of a mosaic cell, from the light at its place."""
         order = list(np.ndindex(self.mask.shape))
         if not modelled:
             return np.array([found[p] for p in order])

@@ -1,6 +1,6 @@
 """Differences between a picture and that of the ideal camera: every metric of one cell.
 
-In:  two ``Shot``: what a camera and its ideal made of the same scene.
+In:  two ``Shot``: the pictures of one scene by a camera and by its ideal.
 Out: metrics by name, NaN where there is nothing to measure; the map of colour differences.
 """
 
@@ -32,7 +32,8 @@ UNITS = {
     "visible_noise": "1",
 }
 FLAT_SIZES = (64, 48, 32, 24, 16, 10)  # of a flat region, pixels; the largest available is used
-MARGIN = 3  # pixels around it that are flat too, so that blur brings nothing in
+# Width of the surroundings that must be flat too, pixels, so that blur does not spread other content into the region.
+MARGIN = 3
 FLATNESS = 2e-3  # standard deviation over mean up to which a region counts as flat
 DARKEST, BRIGHTEST, GREY = 0.02, 0.95, 0.18  # of white, in luminance: range of a region, and preferred value
 
@@ -43,7 +44,7 @@ class Shot:
 
     rgb_camera: Any
     gains: Any = None  # (channel,), applied to ``rgb_camera`` by a balance of the mosaic
-    time: float | None = None  # s, if metered
+    time: float | None = None  # integration time, s, if a stage meters it
     rgb_linear: Any = None
     rgb_display: Any = None
     to_xyz: Any = None  # (3, 3), of the display: linear RGB to XYZ, Y = 1 for its white
@@ -143,8 +144,8 @@ def without_slope(patch: Array) -> Any:
 
 
 def _as_exposed(shot: Shot, ideal: Shot) -> Any:
-    """Return camera primaries as with the exposure time and gains of the ideal camera, so that metering and white
-    balance do not count as errors.
+    """Return camera primaries, scaled to the exposure time and gains of the ideal camera, so that differences of
+    metering and white balance do not count as errors.
     """
     scale = np.ones(len(shot.rgb_camera))
     for gains, sign in ((shot.gains, -1), (ideal.gains, 1)):

@@ -5,10 +5,11 @@ Out: another pipeline, what was left out of it, and notes for the comparison.
 
 Left out are stages that spread or move light before the pixel (blur, aberrations, distortion, glare, the low-pass
 filter), stages that work on camera primaries after the demosaicer (sharpening, denoising: the ideal picture needs
-none), and stages that find white on the mosaic or balance it there, since the ideal camera knows the white of its
-light. The demosaicer is replaced by three stages that work on every channel at every pixel: no mask, an ideal exposure,
-no demosaicing; stages that only the demosaicer needed are then not computed. What stays: the scene, how much light
-arrives where, the pixel with its aperture and diffusion, crosstalk behind the filters, colour, encoding.
+none), and stages that estimate white from the mosaic or balance it there, because the ideal camera uses the true white
+of its light. The demosaicer is replaced by three stages that work on every channel at every pixel: no mask, an ideal
+exposure, no demosaicing; stages that only the demosaicer needed are then not computed. The ideal camera keeps the
+scene, transmission and fall-off, the pixel with its aperture and diffusion, crosstalk behind the filters, colour and
+encoding.
 """
 
 from __future__ import annotations
@@ -153,8 +154,8 @@ def _ends_a_dim(kind: type[Stage]) -> bool:
 def _planes(
     pipeline: PipelineFile, kinds: Kinds, out: Collection[str], demosaic: str, registry: Registry
 ) -> ReferenceBranch:
-    """Return the stages for every channel at every pixel, for the camera without what is left out, at the first values
-    of its sweep.
+    """Return the stages that give every channel at every pixel, for the camera without the omitted stages and at the
+    first values of its sweep.
     """
     there = without_stages(pipeline, out)
     alone, _ = without_sweep(replace(there, sweep=_still_there(pipeline.sweep, out, {})))
@@ -200,7 +201,7 @@ def _still_there(sweep: DocumentView, out: Collection[str], replaced: Mapping[st
 
 
 def _asked_for(values: DocumentView, entries: list[StageEntry], registry: Registry) -> Document:
-    """Return the camera quantities that some stage takes; keys of stages are unchanged."""
+    """Return the camera quantities that at least one stage uses; entries of stages are unchanged."""
     kinds = [_kind(entry, registry) for entry in entries]
     taken = {
         name for kind in kinds if kind for name, (parameter, _, _) in parameters_of(kind).items() if parameter.shared

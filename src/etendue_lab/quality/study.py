@@ -104,7 +104,7 @@ def quality(
     without, keep : names of stages
         See `ideal_of`.
     leave_out : bool
-        Whether what the scene does not need may be left out, within the pipeline's tolerance.
+        Whether stages may be left out where their effect on the scene is within the tolerance of the pipeline.
     progress : callable
         Makes the progress of a plan; the camera and the ideal one run one after the other.
     show : callable
@@ -122,7 +122,7 @@ def quality(
     """
     if not 0 < samples_per_degree < math.inf:
         raise RequestError(f"--samples-per-degree {samples_per_degree:g}: must be greater than 0")
-    make_plan(pipeline, registry, leave_out)  # reports every fault of the file in the planner's words
+    make_plan(pipeline, registry, leave_out)  # the planner reports every fault of the file
     if both := sorted(set(without) & set(keep)):
         raise RequestError(f"--without {both[0]} and --keep {both[0]}: give only one of them")
     ideal = ideal_of(pipeline, registry, without, keep)

@@ -1,7 +1,7 @@
 """Laws that a whole camera obeys, whatever its values.
 
 In:  a pipeline document whose stages have the names of their slots, and a function that runs one.
-Out: for each law, twins of the camera on which it can be tested, and what breaks it.
+Out: for each law, the variants of the camera (twins) on which it is tested, and every violation.
 
 bounded      everything is finite, unless declared undefined; display in [0, 1]; raw within the converter's codes
 monotone     noise-free: more time or more light never darkens a pixel: the balanced mosaic of any scene, the display of
@@ -41,7 +41,9 @@ STAND_IN, METER, ENCODED, FLAWED = WORDS["stand_in"], WORDS["metering"], WORDS["
 EXPOSING, UNEVEN, LOOKING = (tuple(WORDS[word]) for word in ("exposing", "uneven", "looking"))  # names of slots
 SUPPORT = 17  # pixels around one that can reach it through a demosaicer, a generous bound
 PERIOD = 6  # pixels: of the longest mask, X-Trans
-LIFTED = "adapt.cones_floored"  # a white raised by a floor is not a true white: neutral and white are then not tested
+# The number of cone responses to white that were raised to a floor. Above 0, white is not the true one, and the laws
+# `neutral` and `white` are not tested.
+LIFTED = "adapt.cones_floored"
 MATRIX = "fit.colour_matrix"
 # largest element above which a colour matrix turns float32 rounding into colours; named as a cause in the report
 STEEP = 1e4
@@ -122,7 +124,7 @@ def laws(document: Document, tree: Any, run: Run) -> Iterator[Broken]:
 def told(law: str, made: Document, run: Run, judge: Callable[[Document, Any], Iterator[Broken]]) -> Iterator[Broken]:
     try:
         tree = run(made)
-    except Refused as refused:  # refused by the plan, although the twin differs only in scene, time or light
+    except Refused as refused:  # the plan refused the twin, although it differs only in scene, time or light
         yield Broken(law, f"twin refused: {refused}", made)
         return
     except Failure as fault:
@@ -133,11 +135,11 @@ def told(law: str, made: Document, run: Run, judge: Callable[[Document, Any], It
 
 
 class Refused(Exception):
-    """The plan refused it, with a reason."""
+    """The plan refused the camera with a reason."""
 
 
 class Failure(Exception):
-    """It failed: a failed cell, a leaked warning, or an unexpected exception."""
+    """The camera failed: a failed cell, a warning, or an unexpected exception."""
 
     def __init__(self, kind: str, text: str) -> None:
         self.kind = kind
@@ -196,7 +198,7 @@ def any_scene(made: Document, tree: Any) -> Iterator[Broken]:
 
 
 def same_white(made: Document) -> bool:
-    """Return whether the scene is balanced to the white of the display that shows it: only then is white (1, 1, 1)."""
+    """Return whether the scene is balanced to the white of its display; only then is white (1, 1, 1)."""
     return bool(
         (of(made, "adapt") or {}).get("target", "D65") == (of(made, "display") or {}).get("display", "sRGB")
     ) and ((of(made, "fit") or {}).get("white", "kept") == "kept")
@@ -260,8 +262,8 @@ def monotone(found: FloatArray, place: str, what: str, allowed: float = 0.0) -> 
 
 
 def white(display: FloatArray, clipped: Array, largest: float) -> Iterator[Broken]:
-    """Check (time, channel, y, x) where (time, y, x) says that the whole support is clipped, for a colour matrix with
-    this largest element.
+    """Check that pixels (time, channel, y, x) are (1, 1, 1) where all pixels that affect them are clipped, given by
+    (time, y, x). The largest element of the colour matrix sets the allowed rounding error.
     """
     allowed = WHITE + rounding(display, largest)
     away = np.abs(display - 1).max(axis=1)

@@ -1,4 +1,5 @@
-"""Whole cameras at extremes: a finite result that obeys the camera's laws, or one clear refusal while planning.
+"""Whole cameras at extremes: each must give a finite result that obeys the laws, or be refused by the plan with one
+clear message.
 
 In:  nothing: ``data/extreme_camera.toml``, and changes to it.
 Out: a row for every camera and law. If the plan refuses, its message; never a failed cell, a warning, a traceback or
@@ -32,7 +33,7 @@ STAGE = "whole camera"
 RUNS = "runs or is refused"
 DRAWN = 64
 FRAMES = ((1, 1), (1, 7), (7, 1), (2, 2), (3, 5), (17, 31))
-EXTREMES: dict[str, tuple[float, ...]] = {  # of one camera quantity at a time
+EXTREMES: dict[str, tuple[float, ...]] = {  # extreme values, tried for one camera quantity at a time
     "f_number": (0.5, 0.7, 1.0, 22.0, 128.0, 1e4, 1e6),
     "pixel_pitch": (0.1, 0.5, 1.1, 30.0, 1000.0),
     "integration_time": (1e-9, 1e-6, 1.0, 1e3, 1e6),
@@ -66,7 +67,7 @@ WORDS = {  # text values of camera quantities, one extreme each
     "back": "reflecting",
     "illuminant": "500 K",
 }
-RANGES = {  # from which cameras are drawn, on a logarithmic scale
+RANGES = {  # ranges from which cameras are drawn, on a logarithmic scale
     "f_number": (0.5, 1e6),
     "pixel_pitch": (0.1, 1000.0),
     "integration_time": (1e-9, 1e6),
@@ -211,12 +212,12 @@ def white_charge() -> float:
 
 
 def run(document: Document) -> Any:
-    """Return its tree, on one thread.
+    """Run a camera on one thread and return its tree.
 
     Raises
     ------
     Refused
-        The plan refuses it, with a message.
+        The plan refuses the camera with a message.
     Fault
         A failed cell, a warning, or an unexpected exception.
     """

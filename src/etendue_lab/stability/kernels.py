@@ -66,7 +66,7 @@ FORMS = {
     "otf_diffraction": ClosedForm(diffraction.circular_otf),
     "pixel_airy": ClosedForm(
         diffraction.pixel_airy, least=1e-15
-    ),  # faint pixels are differences of terms of order 0.1 and have their rounding
+    ),  # faint pixels are differences of terms of order 0.1, so they have the rounding errors of these terms
     "mtf_geometric": ClosedForm(photodiode.aperture_otf),
     "irradiance_paraxial": ClosedForm(_paraxial),
     "irradiance_disk": ClosedForm(lambda n, m, angle: radiometry.disc_factor(n, _tangent(angle), m)),

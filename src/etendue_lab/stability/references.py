@@ -1,12 +1,12 @@
-"""Built-in stages held to stored references: what each case gave when its reference was recorded.
+"""Built-in stages compared with stored references: the results of each case when the reference was recorded.
 
 In:  ``data/stage_references.json``: by stage and case, three numbers for each variable and input.
 Out: a row per case.
 
 The references are this project's own results in double precision, recorded by ``python benchmarks/stage_references.py``
-once the laws and the closed forms held. They show what a slip, or a library of another version, changes; not whether it
-was right before: for that there are the closed forms. Random stages are held to their mean, variance and datasheet,
-since a generator may change its stream.
+once the laws and the closed forms held. They reveal changes by a mistake or by another version of a library. They do
+not show that the recorded result was right; the closed forms do. Random stages are compared by mean, variance and data
+sheet, because another version of a generator may draw other numbers.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from etendue_lab.stability.rows import LawCase
 
 LAW = "stored reference"
 FILE = "stage_references.json"
-BOUND = 1e-9  # of full scale: roundings of other machines and libraries stay far below
+BOUND = 1e-9  # relative to full scale; rounding differences between machines and libraries stay far below
 DIGITS = 12
-LEVELS = (0.0, 1.0, 30.0, 1e4)  # at which a variance is held
+LEVELS = (0.0, 1.0, 30.0, 1e4)  # relative tolerance of a variance
 INPUTS: dict[str, tuple[tuple[str, float, Frame], ...]] = {  # by kind of case: picture, level, frame
     ORDINARY: (
         ("ordinary", 1.0, FRAME),
@@ -59,7 +59,7 @@ def stored() -> Mapping[str, Mapping[str, Numbers]]:
 
 
 def numbers_of(case: Case) -> Numbers:
-    """Return the numbers of one case, by what they are of."""
+    """Return the numbers of one case, by variable and input."""
     assert case.stage is not None
     bench = Bench(case.stage)
     found: Numbers = {}
@@ -69,11 +69,11 @@ def numbers_of(case: Case) -> Numbers:
             arrays = bench.arrays(what, frame, level)
             results = means(bench, arrays, frame) if is_random(bench.kind) else result(bench.run(arrays, frame=frame))
         except ValueError:
-            continue  # it refuses the grid
+            continue  # the stage refuses the grid
         place = f"{what} x {level:g}, {frame[0]} x {frame[1]}"
         for variable, values in results.items():
             found[f"{variable}, {place}"] = summary(values)
-    with suppress(ValueError):  # it refuses the case
+    with suppress(ValueError):  # the stage refuses the case
         if isinstance(case.stage, Noisy):
             found["variance"] = [rounded(float(case.stage.variance(level))) for level in LEVELS]
         if isinstance(case.stage, Datasheet):
@@ -94,7 +94,7 @@ def means(bench: Bench, arrays: Any, frame: Frame) -> Mapping[str, Array]:
 def summary(values: Array) -> list[float]:
     """Return the largest value, and two sums with weights of either sign, relative to it and to the number of values.
 
-    Values that are not finite are replaced by a number that no ordinary value is.
+    Values that are not finite are replaced by a number that ordinary results do not contain.
     """
     array = np.asarray(values, dtype=float).ravel()
     array = np.where(np.isfinite(array), array, -12345.678)
@@ -129,7 +129,7 @@ def row_of(name: str, case: Case) -> Iterator[LawCase]:
 
 
 def apart(found: list[float] | None, wanted: list[float] | None, what: str) -> float:
-    """Return the largest difference: of the largest value relative to itself, of sums as they are."""
+    """Return the largest difference: relative for the largest value, absolute for the sums."""
     if found is None or wanted is None or len(found) != len(wanted):
         return math.inf
     relative = what in ("variance", "datasheet")

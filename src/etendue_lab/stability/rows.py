@@ -20,7 +20,7 @@ class LawCase:
     stage: str
     law: str
     case: str
-    ok: bool | None  # None: not tested, for the reason in ``why``
+    ok: bool | None  # None if not tested; ``why`` gives the reason
     error: float | None = None
     bound: float | None = None
     condition: float | None = None

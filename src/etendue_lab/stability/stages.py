@@ -21,7 +21,7 @@ from etendue.testing.small_changes import parameter_changes
 from etendue_lab.stability import references
 from etendue_lab.stability.rows import LawCase
 
-MOST_VALUES = 200_000  # largest output of a case; the planner, which knows the memory, handles larger ones
+MOST_VALUES = 200_000  # largest output of a case; larger ones depend on memory and are left to the planner
 WITHIN = "computes or refuses"
 MOVED = "parameter moved"
 DRAWS = "mean, variance, correlation"
@@ -60,6 +60,7 @@ LAWS = {  # numerical laws of the kit, and their names in the table
     "test_its_mean_is_that_of_its_draws": "mean",
     "test_its_draws_are_those_that_it_declares": DRAWS,
 }
+# Reported for every stage that has inputs, even without a measured number.
 ALWAYS = (
     "extremes stay finite",
     "NaN and infinity",
@@ -68,7 +69,7 @@ ALWAYS = (
     "repetition",
     "one after another",
     "threads",
-)  # reported even without a number, for every stage that reads
+)
 ONCE = (  # for the ordinary instance only
     "NaN and infinity",
     "negative input",
@@ -135,8 +136,8 @@ def rows_of_case(name: str, kind: type[Stage], case: Case) -> Iterator[LawCase]:
 
 
 def wanted(word: str, case: Case) -> bool:
-    """Return whether a law is tested on a case that is not the ordinary one: noise and places for every choice of a
-    word, most laws at corners and inside.
+    """Return whether a law is tested on a case other than the ordinary one. Laws of noise and of positions are tested
+    for every choice of a text parameter, most other laws at the corners and inside of ranges.
     """
     if case.where == FAR:
         return word == "mean kept, bounded"
@@ -147,7 +148,7 @@ def wanted(word: str, case: Case) -> bool:
 
 
 def largest_allowed(stage: Stage) -> bool:
-    """Return whether a case is small enough to be computed here, and not refused."""
+    """Return whether a case is not refused and small enough to be computed here."""
     try:
         return largest(Bench(stage)) <= MOST_VALUES
     except Exception:
@@ -170,7 +171,8 @@ def computed(name: str, bench: Bench, case: Case) -> LawCase:
             single, double = bench.run(inputs, "float32"), bench.run(inputs, "float64")
             for trial in (double, single):
                 if not trial.done:
-                    own = type(bench.stage).__name__  # what the engine says of a result is no refusal
+                    # An error that the engine raises about a result does not count as a refusal.
+                    own = type(bench.stage).__name__
                     false = any(f"{own} {verb} " in trial.last_line for verb in ("wrote", "gave", "returned"))
                     words = trial.refused_in_words and not false
                     return LawCase(
@@ -187,7 +189,7 @@ def computed(name: str, bench: Bench, case: Case) -> LawCase:
 
 
 def held(name: str, law: str, case: Case, check: Callable[[], object], always: bool = False) -> Iterator[LawCase]:
-    """Yield one law of one instance; nothing if it measured nothing."""
+    """Yield the result of one law for one instance; nothing if the law measured nothing."""
     with measuring() as found:
         try:
             check()

@@ -32,7 +32,7 @@ class WorkShare:
     name: str
     share: int = 0
     stages: frozenset[str] = frozenset()  # closed forms of these stages only, if any
-    seed: int = 0  # of the statistical laws
+    seed: int = 0  # seed of the statistical laws
 
 
 Told = Callable[[int, int, str], None]  # parts done, total, the last one
@@ -76,7 +76,7 @@ def stability(
 ) -> list[LawCase]:
     """Return every row, in the order of the parts: the number of processes only affects the time.
 
-    ``seed``: of what the statistical laws draw; all else is the same for any.
+    ``seed`` of the random numbers in statistical laws; other results do not depend on it.
     """
     every = parts(names, seed)
     found: dict[WorkShare, list[LawCase]] = {}
@@ -85,7 +85,8 @@ def stability(
         told(number, len(every), part.name)
     rows = [row for part in every for row in found[part]]
     place = {name: number for number, name in enumerate(dict.fromkeys(row.stage for row in rows))}
-    return sorted(rows, key=lambda row: place[row.stage])  # closed forms beside the stages that use them
+    # Closed forms are tested together with the stages that use them.
+    return sorted(rows, key=lambda row: place[row.stage])
 
 
 def done(every: list[WorkShare], workers: int) -> Iterator[tuple[WorkShare, list[LawCase]]]:

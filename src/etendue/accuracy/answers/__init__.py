@@ -1,1 +1,1 @@
-"""The error of an answer: evaluations of one point with finer discretisations, and what is remembered of them."""
+"""The error of an answer, from evaluations of one point with finer discretisations; measured errors are cached."""

@@ -1,4 +1,5 @@
-"""Errors of answers in the user's cache, by the keys of the wanted cells. Imports little: every plan looks here.
+"""Errors of answers in the user's cache, by the keys of the wanted cells. This module imports little, because every
+plan reads the cache.
 
 In:  a plan.
 Out: the stored document (``AnswerErrors.document()``), or None.
@@ -20,7 +21,7 @@ FORM = 5  # version of the stored documents and of how errors are measured: incr
 
 
 def cached(plan: Plan) -> Document | None:
-    """Return the errors that a run of the same cells has measured."""
+    """Return the errors that an earlier run of the same cells has measured; None if there are none."""
     try:
         found = json.loads(cache.read(KIND, answer_key(plan)) or b"null")
     except ValueError:
@@ -29,8 +30,8 @@ def cached(plan: Plan) -> Document | None:
 
 
 def answer_key(plan: Plan) -> str:
-    """Return the key of the errors of a plan: it depends on the keys of all cells whose values are told, on the point
-    that is shown, and on the parameters that the file writes, because those are not refined.
+    """Return the key of the errors of a plan. It depends on the keys of all cells whose values are reported, on the
+    point that is shown, and on the parameters that the file gives, because these are not refined.
     """
     cells = [[stage, name, [cell.key for cell in plan.of(stage)]] for stage, name in answers(plan)]
     written = [[node.name, *(sorted(one.written) for one in node.alternatives)] for node in plan.nodes]

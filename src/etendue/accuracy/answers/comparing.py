@@ -17,26 +17,28 @@ from etendue.plan.model import Plan, StageVariable
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
-# A refinement by two of first order leaves as much again as it changes. A margin twice as large leaves little.
+# With first-order convergence, the error that remains after a refinement by two equals its change, so the total is
+# twice the change. For a margin, less remains.
 FIRST_ORDER = 2.0
 SAFETY: Mapping[str, float] = {"spacing": FIRST_ORDER, "bins": FIRST_ORDER, "margin": 1.5}
-COARSENED = 1.5  # of the ways that cost less, where 1 is expected
+COARSENED = 1.5  # factor on the change in cheaper ways, where 1 is expected
 FEW_BANDS, COARSE = {"bins": -8}, {"spacing": -2}
 
 Parts = dict[StageVariable, dict[str, Part]]
-KnownParts = Mapping[str, Mapping[str, Part | str]]  # by discretisation and name of the variable; texts: why unknown
+# By discretisation and name of the variable; a text is the reason why the part is unknown.
+KnownParts = Mapping[str, Mapping[str, Part | str]]
 Texts = dict[StageVariable, dict[str, str]]
 
 
 class Way(NamedTuple):
-    """Evaluations that tell an error, and the factor from what they differ by to that error."""
+    """Evaluations whose difference, multiplied by ``factor``, is an error."""
 
     which: tuple[Which, ...]
     factor: float = 1.0
 
 
 class Compared(NamedTuple):
-    """The evaluations of a way."""
+    """The evaluations of a `Way`, and its factor."""
 
     made: list[Evaluated]
     factor: float
@@ -59,10 +61,11 @@ def computed_alike(own: Plan, other: Plan) -> bool:
 def attempt(
     evaluations: Evaluations, missing: Texts, name: str, wanted: Iterable[StageVariable], ways: list[Way]
 ) -> tuple[Compared | None, float]:
-    """Return the evaluations of the first way that fits into the budget; if none fits, those of as many variables as
-    do, wanted and cheap ones first. Note what is missing; return also the seconds of all, if those are too many.
+    """Return the evaluations of the first way that fits into the budget, and 0. If no way fits, return the evaluations
+    of as many variables as possible (wanted and cheap ones first) and the seconds that all would take, and record the
+    others in ``missing``.
 
-    None: the stages refuse every way. No evaluations: nothing fits.
+    The result is None if the stages refuse every way, and contains no evaluations if none fits.
     """
     dear: list[tuple[Way, TooDear]] = []
     for way in ways:
@@ -96,7 +99,9 @@ def compare(
     wanted: Iterable[StageVariable],
     factor: float | None = None,
 ) -> None:
-    """Add what two evaluations of some variables differ by, times ``factor``; None: that of one refinement."""
+    """Add the difference between two evaluations of some variables, multiplied by ``factor`` (None: the factor of one
+    refinement), to ``parts``.
+    """
     (plan, values), (other, reference) = pair
     for stage, variable in wanted:
         one = stage, variable

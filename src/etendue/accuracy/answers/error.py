@@ -1,10 +1,11 @@
-"""The error of an answer: how far a wanted variable is from what the same pipeline gives with everything refined.
+"""The error of an answer: the difference between a wanted variable and the result of the same pipeline with everything
+refined.
 
 In:  differences between evaluations of one point (`refinement`).
 Out: the error of a variable and its parts: omissions, bins, spacing, margin.
 
-Pictures have an error relative to full scale, rms over the frame and of the largest pixel. Numbers have one in their
-own unit.
+The error of a picture is relative to full scale: rms over the frame, and at the pixel with the largest error. The error
+of a number is in its unit.
 """
 
 from __future__ import annotations
@@ -30,11 +31,13 @@ OMISSIONS = "omissions"
 
 @dataclass(frozen=True)
 class Part:
-    """One source of error. ``rms`` and ``max`` are relative to full scale; those of numbers are in their unit."""
+    """One source of error. ``rms`` and ``max`` are relative to full scale for pictures, and in the unit of the variable
+    for numbers.
+    """
 
     rms: float
     max: float
-    basis: str = "refined"  # refined, reference (omissions), bound
+    basis: str = "refined"  # how it was determined: 'refined', 'reference' (omissions) or 'bound'
 
     def __mul__(self, factor: float) -> Part:
         return replace(self, rms=self.rms * factor, max=self.max * factor)
@@ -44,19 +47,20 @@ class Part:
 class AnswerError:
     """The error of one wanted variable.
 
-    ``parts`` by name, as a share of the total; ``fixed``: what cannot be refined, with the reason; ``open``: what was
-    not measured, with the reason. Where ``open`` is not empty the total is a lower limit.
+    ``parts``: contributions to the total by name. ``fixed``: discretisations that cannot be refined, with the reason.
+    ``open``: parts that were not measured, with the reason; if there are any, the total is a lower limit.
     """
 
     stage: str
     variable: str
-    unit: str  # of rms and max; '' relative to full scale
+    unit: str  # unit of rms and max; '' for relative to full scale
     parts: Mapping[str, Part] = field(default_factory=dict)
     fixed: Mapping[str, str] = field(default_factory=dict)
     open: Mapping[str, str] = field(default_factory=dict)
-    points: int = 1  # points of the sweep that were measured
-    noise: float | None = None  # half of the 95 % interval about one draw of the noise; None: none, or not measured
-    scaled: float = 1.0  # factor for points of the sweep that were not measured
+    points: int = 1  # number of points of the sweep that were measured
+    # Half width of the 95 % interval about one draw of the noise; None without noise, or if not measured.
+    noise: float | None = None
+    scaled: float = 1.0  # factor on the errors for points of the sweep that were not measured
 
     @property
     def rms(self) -> float:
@@ -90,8 +94,8 @@ def _number(stored: float | None) -> float:
 class AnswerErrors:
     """The errors of all wanted variables.
 
-    ``errors`` by name of the variable (``stage.name`` if two stages write it), over the whole sweep; ``shown``: those
-    at the point of pictures and headline metrics, whose axis values are ``at``.
+    ``errors``: over the whole sweep, by name of the variable (``stage.name`` if two stages write it). ``shown``: at the
+    point of the pictures and headline metrics, whose axis values are ``at``.
     """
 
     errors: Mapping[str, AnswerError]
@@ -99,11 +103,12 @@ class AnswerErrors:
     at: AxisValues
     points: int = 1  # of the sweep, measured
     seconds: float = 0.0
-    dear: float = 0.0  # predicted seconds of what was too costly
-    budget: float = 0.0  # seconds that it was allowed to take
+    dear: float = 0.0  # predicted seconds of evaluations that exceeded the budget
+    budget: float = 0.0  # budget, seconds
     remembered: bool = False
-    why: str = ""  # nothing could be measured, and why
-    remedies: Mapping[str, str] = field(default_factory=dict)  # by discretisation, the parameters that refine it by two
+    why: str = ""  # reason why nothing could be measured; '' otherwise
+    # By discretisation, the parameters that refine it by a factor of two.
+    remedies: Mapping[str, str] = field(default_factory=dict)
 
     def document(self) -> Document:
         """Return the document that is stored and printed by ``--json``."""
@@ -122,7 +127,7 @@ class AnswerErrors:
 
 
 def answers_of(document: DocumentView) -> AnswerErrors | None:
-    """Return what was stored; None if it has another form."""
+    """Return the stored errors; None if the document has another form."""
     try:
         errors, shown = ({n: error_of(one) for n, one in document[name].items()} for name in ("errors", "shown"))
         remedies = {str(name): str(text) for name, text in document.get("remedies", {}).items()}
@@ -142,9 +147,9 @@ def is_number(declaration: Declaration) -> bool:
 
 
 def part_between(found: Array, reference: Array, declaration: Declaration, stage: Stage) -> Part | str:
-    """Return how far two evaluations of a variable are apart; a text if they cannot be compared.
+    """Return the difference between two evaluations of a variable; a text with the reason if they cannot be compared.
 
-    Of a number per stage the error is that after the last stage, and the maximum that over all of them.
+    For a number per stage, ``rms`` is the error after the last stage and ``max`` the largest error over all stages.
     """
     if not is_number(declaration):
         own = difference(found, reference, declaration, stage)
@@ -159,7 +164,7 @@ def part_between(found: Array, reference: Array, declaration: Declaration, stage
     if not np.isfinite(away[known]).all():
         return "it is undefined in one of the two"
     if not known.any() and np.array_equal(one, other):
-        return Part(0.0, 0.0)  # infinite in both
+        return Part(0.0, 0.0)  # infinite in both evaluations
     if not known.any():
         return "it is undefined without noise, or here"
     return Part(float(away[-1] if known[-1] else away[known].max()), float(away[known].max()))
@@ -182,7 +187,7 @@ def worst(errors: Iterable[AnswerError]) -> AnswerError:
 
 
 def scaled(errors: Mapping[str, AnswerError], factor: float) -> dict[str, AnswerError]:
-    """Return errors for points that were not measured."""
+    """Return errors multiplied by a factor, for points that were not measured."""
     return {
         name: replace(one, parts={part: own * factor for part, own in one.parts.items()}, scaled=factor)
         for name, one in errors.items()

@@ -1,4 +1,4 @@
-"""Evaluations of one point of a pipeline, each made once, as long as a budget of seconds and the memory last.
+"""Evaluations of one point of a pipeline, each made once, within a budget of seconds and the available memory.
 
 In:  a point (`refinement`), seconds that remain.
 Out: plans and values; ``TooDear`` before one that would exceed the budget.
@@ -30,11 +30,11 @@ Asked = frozenset[StageVariable] | None  # None: all wanted variables
 Evaluated = tuple[Plan, dict[StageVariable, "Array"]]
 Shown = Callable[[Plan], Progress] | None
 PLANNED: Which = ({}, "")
-PLANNING = 0.01  # seconds of a plan of one point, until one was made
-ENGINE = 2e-4  # seconds that the engine adds for a cell
-FIXED = 0.015  # most of an excess over the predicted seconds of a cell that does not grow with it
+PLANNING = 0.01  # assumed seconds of a plan of one point, until one has been timed
+ENGINE = 2e-4  # overhead of the engine per cell, seconds
+FIXED = 0.015  # seconds; largest excess over the prediction that counts as independent of the size of a cell
 ONCE = 1.0  # seconds that imports and tables of one stage may take in a run, at most
-LEAST = 0.3  # smallest factor that is believed: a cell may have found its tables made
+LEAST = 0.3  # smallest factor on predictions that is believed; a fast cell may have used tables that existed already
 
 
 class TooDear(Exception):
@@ -46,19 +46,19 @@ class TooDear(Exception):
 
 
 class Rates:
-    """Measured seconds of the stages of a pipeline beside those predicted, and what the engine adds for every cell.
+    """Measured seconds of the stages of a pipeline relative to predicted ones, and the overhead of the engine per cell.
 
-    A small cell takes longer than predicted because of what does not grow with it, so an excess up to ``FIXED`` seconds
-    is added; beyond that, predictions are scaled.
+    A small cell takes longer than predicted because of overhead that does not depend on its size. Therefore an excess
+    of up to ``FIXED`` seconds is added to predictions, and a larger excess scales them.
 
     Parameters
     ----------
-    plan, reports : of a run. Its seconds contain what a stage does only once in a process, imports and tables: they
-        count only where they are below those predicted, or above them by more than ``ONCE``.
+    plan, reports : of a run. Its seconds include work that a stage does once per process, such as imports and tables.
+        They count only if they are below the prediction, or exceed it by more than ``ONCE``.
     """
 
     def __init__(self, plan: Plan, reports: Reports | None) -> None:
-        self.of: dict[str, tuple[float, float]] = {}  # by stage: fixed seconds, and the factor of those predicted
+        self.of: dict[str, tuple[float, float]] = {}  # by stage: fixed seconds, and the factor on predicted seconds
         for ref in shown_cells(plan).values():
             report = None if reports is None else reports.get(ref)
             if report is not None:
@@ -89,9 +89,7 @@ class Evaluations:
 
     Parameters
     ----------
-    point : what is evaluated
-    rates : of its stages
-    until : ``time.process_time()`` at which the budget ends
+    point : the point to evaluate rates : seconds of its stages until : ``time.process_time()`` at which the budget ends
     shown : returns the progress to show of a plan, or None
     """
 
@@ -128,7 +126,7 @@ class Evaluations:
         Raises
         ------
         TooDear
-            Before the first that does not fit into what is left, as far as the seconds are known by then.
+            Before the first evaluation that exceeds the remaining budget, as estimated at that time.
         """
         plans = []
         for one in which:
@@ -146,8 +144,8 @@ class Evaluations:
         return found
 
     def affordable(self, *which: Which) -> frozenset[StageVariable]:
-        """Return variables whose evaluations fit into what is left: those of the pipeline's ``wanted`` first, and among
-        them the cheapest.
+        """Return the variables whose evaluations fit into the remaining budget. Variables in the pipeline's ``wanted``
+        are chosen first, and cheaper ones before others.
         """
         plans = [(one, self.plan(*one)) for one in which if self._known(one, None) is None]
         made = [(one, plan) for one, plan in plans if plan is not None]
@@ -168,7 +166,7 @@ class Evaluations:
         return self._values.get(_key(*which)) or (self._values.get((*_key(*which), asked)) if asked else None)
 
     def _refuse(self, ahead: list[tuple[Which, Plan]], asked: Asked) -> None:
-        """Raise ``TooDear`` if evaluations exceed the memory, or together what is left of the budget."""
+        """Raise ``TooDear`` if an evaluation exceeds the memory, or all of them together the remaining budget."""
         seconds = 0.0
         for one, plan in ahead:
             if self._known(one, asked) is None:

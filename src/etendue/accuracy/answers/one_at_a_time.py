@@ -3,8 +3,8 @@
 In:  evaluations of a point, with a budget that allows about ten of them.
 Out: the parts of the errors of the wanted variables.
 
-A discretisation is refined by two where everything else is coarse: what it changes hardly depends on the others, and
-this costs a fraction of the point itself.
+A discretisation is refined by a factor of two while all others are coarse. The change hardly depends on the others, and
+the evaluation costs a fraction of the seconds of the point itself.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ from etendue.plan.model import Plan, StageVariable
 
 
 def measure_omissions(evaluations: Evaluations, parts: Parts, missing: Texts) -> float:
-    """Add what is left out or coarser changes; return the seconds of what was too costly."""
+    """Add the change by omissions and coarser settings to ``parts``; return the predicted seconds of evaluations that
+    exceeded the budget.
+    """
     wanted = evaluations.point.wanted
     pair, seconds = attempt(evaluations, missing, OMISSIONS, wanted, _omitted(evaluations))
     if pair is None:
@@ -51,7 +53,9 @@ def measure_each(
     fixed: dict[str, str],
     known: KnownParts,
 ) -> float:
-    """Add what one refinement of each discretisation changes; return the seconds of what was too costly."""
+    """Add the change by one refinement of each discretisation to ``parts``; return the predicted seconds of evaluations
+    that exceeded the budget.
+    """
     point, dear = evaluations.point, 0.0
     order = [*SAFETY, *point.names()]
     for name in sorted(point.names(), key=order.index):
@@ -74,8 +78,8 @@ def measure_each(
 
 
 def _accepted(evaluations: Evaluations, name: str) -> bool:
-    """Return whether the stages accept a finer discretisation, all else as planned: one plan instead of six that are
-    refused. True where no time is left to ask.
+    """Return whether the stages accept a finer discretisation with everything else as planned. This takes one plan;
+    without it, a refusal would be found only after six plans. Return True if no time is left for the plan.
     """
     try:
         return evaluations.plan({name: 2}) is not None
@@ -84,7 +88,7 @@ def _accepted(evaluations: Evaluations, name: str) -> bool:
 
 
 def _take(parts: Parts, missing: Texts, one: StageVariable, name: str, known: KnownParts) -> bool:
-    """Add what is known of a discretisation for a variable; return whether anything is."""
+    """Add the known part of a discretisation for a variable; return whether there is one."""
     stage, variable = one
     own = known.get(name, {})
     found = own.get(variable, own.get(f"{stage}.{variable}"))
@@ -104,15 +108,17 @@ def refined_pair(evaluations: Evaluations, name: str) -> list[Evaluated] | None:
 
 
 def _bases(name: str) -> tuple[Factors, Factors]:
-    """Return the other discretisations of the evaluations that refine one: coarse if the stages accept that."""
+    """Return the factors of the other discretisations while one is refined: first coarse ones, then, if the stages
+    refuse these, as planned.
+    """
     return (COARSE if name == "bins" else FEW_BANDS), {}
 
 
 def _refined(name: str, base: Factors) -> list[Way]:
-    """Return the evaluations that tell the error of a discretisation; ``base``: the other ones.
+    """Return the evaluations from which the error of a discretisation follows; ``base``: factors of the others.
 
-    One refinement, or, for less time, one coarsening: for the first order or a higher one, the error is at most what
-    that changes. A margin is widened on a coarser grid.
+    The first way is one refinement. A cheaper one is one coarsening: for convergence of first or higher order, the
+    error is at most the change that it causes. A margin can also be widened on a coarser grid.
     """
     ways = [Way(((base, ""), ({**base, name: 2}, "")), SAFETY.get(name, FIRST_ORDER))]
     if name in ("spacing", "bins"):
@@ -124,8 +130,9 @@ def _refined(name: str, base: Factors) -> list[Way]:
 
 
 def _omitted(evaluations: Evaluations) -> list[Way]:
-    """Return the evaluations that tell the error of what is left out or coarser: as planned and of the reference, or of
-    settings one step towards it, or both with few bands. The first alone if all have the same cells.
+    """Return the evaluations from which the error of omissions and coarser settings follows. One evaluation is as
+    planned; the other is of the reference or of settings one step towards it, both perhaps with few bands. If plan and
+    reference have the same cells, only the first is returned.
     """
     own = evaluations.point.base
     try:

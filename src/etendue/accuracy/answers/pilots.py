@@ -1,4 +1,4 @@
-"""Measure the error of the answer after a run: a few evaluations of one point, within a budget of seconds.
+"""Measure the error of the answer after a run, by a few evaluations of one point within a budget of seconds.
 
 In:  the plan and the reports of a run.
 Out: an ``AnswerError`` for every wanted variable.
@@ -24,10 +24,10 @@ from etendue.plan.reports import Reports
 from etendue.plan.shown import answers, shown_place
 from etendue.run.memory import SELDOM_COLLECTING
 
-THRIFT = 20.0  # what the parts cost one after the other, times the seconds of the point as planned, at most
+THRIFT = 20.0  # largest cost of measuring one part after the other, in units of the cost of the point as planned
 ELSEWHERE = 2.0  # factor for points of a sweep that were not measured
 PLACES = 4  # points of a sweep that are measured, as far as the budget allows
-DRAWS = 4  # of the noise
+DRAWS = 4  # number of draws of the noise
 INTERVAL = 3.182  # Student's t for 95 % and three degrees of freedom
 
 
@@ -45,11 +45,9 @@ def state_errors(
 
     Parameters
     ----------
-    plan, reports : of the run; without reports, seconds are those that plans predict
-    budget : seconds at most
-    shown : returns the progress to show of a plan
-    places : largest number of points of a sweep
-    known : parts that need not be measured, of the worst of these points
+    plan, reports : of the run; without reports, the predicted seconds of plans are used budget : seconds at most shown
+    : returns the progress to show of a plan places : largest number of points of a sweep known : parts that need not be
+    measured: the largest over these points
     """
     began, at, wanted = time.process_time(), shown_place(plan), answers(plan)
     rates, dear, longest = Rates(plan, reports), 0.0, 0.0
@@ -72,7 +70,7 @@ def state_errors(
 
 
 def _at_point(plan: Plan, evaluations: Evaluations, known: KnownParts) -> tuple[dict[str, AnswerError], float]:
-    """Return the errors at one point, and the seconds of what was too costly."""
+    """Return the errors at one point, and the predicted seconds of evaluations that exceeded the budget."""
     point = evaluations.point
     parts: Parts = {one: {} for one in point.wanted}
     missing: Texts = {one: {} for one in point.wanted}
@@ -101,11 +99,11 @@ def _at_point(plan: Plan, evaluations: Evaluations, known: KnownParts) -> tuple[
 
 
 def _noise(evaluations: Evaluations, parts: Parts, missing: Texts) -> tuple[dict[StageVariable, float], float]:
-    """Return the 95 % interval about one draw of the noise, half its width, of the numbers that depend on noise; and
-    the seconds of what was too costly.
+    """Return the half width of the 95 % interval about one draw of the noise, for numbers that depend on noise; and the
+    predicted seconds of evaluations that exceeded the budget.
 
-    The error of a number that noise moves far more than it scatters, such as the noise itself, is not that of the
-    noise-free path: it counts as not measured.
+    Some numbers, such as the noise itself, are shifted by noise far more than they scatter. The errors of the
+    noise-free path do not apply to them, so these errors count as not measured.
     """
     noisy = evaluations.point.noisy
     if not noisy:

@@ -1,5 +1,5 @@
-"""The error of the answer of a run, measured once: later runs of the same cells find it in the archive or the user's
-cache.
+"""The error of the answer of a run. It is measured once; later runs of the same cells read it from the archive or the
+user's cache.
 
 In:  the plan and the reports of a run, a budget of seconds, the folder of the archive.
 Out: ``AnswerErrors``.
@@ -26,9 +26,9 @@ from etendue.result_files import finite
 from etendue.telling import plain, where
 from etendue.types.documents import DocumentView
 
-# On the command line: the larger of a share of the run's seconds, and a time that nobody notices.
+# Budget on the command line: a fraction of the run's seconds, but at least a time too short to notice.
 SHARE, AT_LEAST = 0.1, 0.2
-MORE = 1.5  # a budget larger by this factor is worth another try at what was too costly
+MORE = 1.5  # if the budget has grown by this factor, evaluations that exceeded it are tried again
 
 
 def answer_errors(
@@ -40,8 +40,9 @@ def answer_errors(
     shown: Shown = None,
     known_parts: KnownParts = NOTHING,
 ) -> AnswerErrors:
-    """Return the errors of a run's wanted variables; what an earlier run has measured of the same cells is reused. A
-    finished run does not fail because of them: whatever a stage raises is the reason why nothing was measured.
+    """Return the errors of a run's wanted variables. Errors that an earlier run has measured for the same cells are
+    reused. A finished run never fails because of this measurement: if a stage raises an error, the message is stored as
+    the reason why nothing was measured.
     """
     known = recalled(plan, folder)
     if known is not None and (not known.dear or known.budget * MORE > budget):
@@ -53,7 +54,8 @@ def answer_errors(
             return AnswerErrors({}, {}, {}, why=f"{where(error)}{plain(str(error) or type(error).__name__)}")
         cache.write(KIND, answer_key(plan), json.dumps(finite(found.document())).encode())
     stored = _read(documents(folder).get(answer_key(plan))) if folder is not None else None
-    if folder is not None and (stored is None or stored.dear > found.dear):  # a run that adds nothing writes nothing
+    # Nothing new was measured, so nothing is written.
+    if folder is not None and (stored is None or stored.dear > found.dear):
         remember(folder, answer_key(plan), finite({**found.document(), "kind": ANSWER}))
     return found
 

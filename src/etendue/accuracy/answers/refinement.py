@@ -1,7 +1,7 @@
-"""One point of a pipeline with other discretisations: bins, spacing, margin, refined or coarsened.
+"""One point of a pipeline with refined or coarsened discretisations: bins, spacing, margin.
 
 In:  a plan, the axis values of one point.
-Out: expected values of the wanted variables there, and what computing them costs.
+Out: expected values of the wanted variables at this point, and the plans that compute them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from etendue.types.arrays import Array
     from etendue.types.documents import AxisValues
 
-EXACT, NEARER, DRAWN = "exact", "nearer", "drawn"  # how; as planned: ''
+EXACT, NEARER, DRAWN = "exact", "nearer", "drawn"  # ``how`` of `Point.planned`; '' is as planned
 NOTHING: Mapping[Any, Any] = MappingProxyType({})
 Factors = Mapping[str, int]  # by discretisation: n times as fine, or -n: n times as coarse
 
@@ -51,10 +51,10 @@ class Point:
 
     def __init__(self, plan: Plan, registry: Registry, place: AxisValues, wanted: tuple[StageVariable, ...]) -> None:
         self.registry, self.wanted, self.refusal = registry, wanted, ""
-        self.asked = frozenset(plan.wanted)  # those of them that the pipeline wants
+        self.asked = frozenset(plan.wanted)  # the variables among ``wanted`` that the pipeline names as wanted
         pipeline = replace(plan.pipeline, leave_out=plan.leaves_out and plan.pipeline.leave_out)
         self.pipeline = wanting(narrowed(pipeline, plan.axes, [dict(place)]), wanted)
-        self.base = at_point(plan, place, wanted)  # with everything as in the run, but without noise
+        self.base = at_point(plan, place, wanted)  # plan with everything as in the run, but without noise
         self.at = at = {axis.dim: axis.values.index(place[axis.dim]) for axis in plan.axes}
         here = {node.name: plan.cells[node.name, tuple(at[dim] for dim in node.axes)].stage for node in plan.nodes}
         self.stages = {name: stage for name, stage in here.items() if isinstance(stage, Discretised)}
@@ -70,7 +70,7 @@ class Point:
         return list(dict.fromkeys(name for _, name, why in self._discretisations() if not why))
 
     def remedies(self) -> dict[str, str]:
-        """Return, for each discretisation, the parameters that refine it by two, as in the file."""
+        """Return, for each discretisation, the parameters that refine it by a factor of two, as written in a file."""
         found = {}
         for name in self.names():
             values = self.values_of({name: 2}) or {}
@@ -94,7 +94,9 @@ class Point:
             yield from ((stage, name, why) for name, why in one.discretisations().items())
 
     def values_of(self, factors: Factors) -> dict[str, Mapping[str, Any]] | None:
-        """Return the parameters of stages that give these discretisations; None if one gets no finer or coarser."""
+        """Return the parameters of stages for these discretisations; None if one of them cannot be made finer or
+        coarser.
+        """
         found: dict[str, dict[str, Any]] = {}
         for name, factor in factors.items():
             own = {
@@ -109,9 +111,9 @@ class Point:
         return dict(found)
 
     def planned(self, factors: Factors, how: str = "") -> Plan | None:
-        """Return the plan with these discretisations; None if it is refused. ``how``: '' with everything
-        else as in the run, ``EXACT`` for the reference, ``NEARER`` for settings one step towards it, ``DRAWN`` for one
-        more draw of the noise.
+        """Return the plan with these discretisations; None if stages refuse it. ``how``: '' for everything else as in
+        the run, ``EXACT`` for the reference, ``NEARER`` for settings one step closer to it, ``DRAWN`` for another draw
+        of the noise.
         """
         try:
             if not factors and not how:
@@ -157,14 +159,14 @@ class Point:
 
     @cached_property
     def noisy(self) -> list[StageVariable]:
-        """The wanted numbers that depend on noise drawn anew."""
+        """The wanted numbers that differ between draws of the noise."""
         nodes = self.base.nodes
         drawn = behind(self.base, (node.name for node in nodes if node.draws_anew))
         return [one for one in self.wanted if one[0] in drawn and is_number(self.base.node(one[0]).writes[one[1]])]
 
     @cached_property
     def before_noise(self) -> Mapping[CellRef, set[str]]:
-        """The variables that every draw of the noise begins from: what does not depend on it."""
+        """The variables that do not depend on the noise, from which every draw starts."""
         nodes = {node.name: node for node in self.base.nodes}
         averaged = (name for name, one in nodes.items() if any(issubclass(a.kind, Sampled) for a in one.alternatives))
         drawn = behind(self.base, [*(name for name, one in nodes.items() if one.draws_anew), *averaged])
@@ -180,8 +182,8 @@ class Point:
         return found
 
     def refs(self, plan: Plan, asked: Collection[StageVariable] | None = None) -> dict[StageVariable, CellRef]:
-        """Return the cells of what an evaluation is for: of draws, the noisy numbers; else, all wanted variables.
-        ``asked``: only these.
+        """Return the cells of the variables to evaluate: the noisy numbers for a draw, otherwise all wanted variables;
+        with ``asked``, only these.
         """
         wanted = self.wanted if plan.expected else self.noisy
         return {one: plan.of(one[0])[0].ref for one in wanted if asked is None or one in asked}
@@ -194,13 +196,13 @@ class Point:
         more: Mapping[CellRef, Collection[str]] = NOTHING,
         asked: Collection[StageVariable] | None = None,
     ) -> Collected:
-        """Compute what an evaluation is for, and ``more``, from arrays of ``known`` cells."""
+        """Compute the variables of an evaluation, and ``more``, from the arrays of ``known`` cells."""
         needed = {ref: set(names) for ref, names in more.items()}
         for (_, name), ref in self.refs(plan, asked).items():
             needed.setdefault(ref, set()).add(name)
         return collect(plan, needed, Options("serial"), progress, known)
 
     def values(self, plan: Plan, found: Collected | None = None) -> dict[StageVariable, Array]:
-        """Return the values of an evaluation; those of cells that fail are missing."""
+        """Return the values of an evaluation, without those of cells that failed."""
         arrays = (found or self.computed(plan)).arrays
         return {one: arrays[ref][one[1]] for one, ref in self.refs(plan).items() if one[1] in arrays.get(ref, ())}

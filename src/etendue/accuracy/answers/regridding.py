@@ -1,7 +1,7 @@
-"""Light on a finer or wider grid, brought to the grid it is compared on.
+"""Resample an array from a finer or wider grid to the grid of another, to compare the two.
 
 In:  an array with its grid, and the grid to compare on.
-Out: the array there: bands as means over wider bands, cells as means, samples interpolated, a margin cut off.
+Out: the array on that grid: bands and cells are averaged, samples interpolated, a margin is cut off.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from etendue.contract.arrays.grid import Bands, Coordinate, Grid, Line
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
-NEAR = 1e-6  # of a step: positions closer than this are equal
+NEAR = 1e-6  # fraction of a step; positions closer than this count as equal
 
 
 def on_grid(array: Array, dims: tuple[str, ...], own: Grid, other: Grid) -> Array | None:
     """Return an array at the coordinates of another grid: bands and cells as means, samples by cubic interpolation.
 
-    None if that is not defined: other units or labels, or the grid does not reach so far.
+    Return None if units or labels differ, or if the other grid extends beyond this one.
     """
     found: Array | None = np.asarray(array, np.float64)
     for axis, dim in enumerate(dims):

@@ -1,4 +1,4 @@
-"""Examine the variables without an array: does the archive have the values that their groups name?
+"""Examine the variables without an array: check that the archive has the arrays that their groups name.
 
 In:  an archive open for reading, and its groups on disk.
 Out: the damage: groups that name another array than the journal does, arrays that cannot have the values, cells whose

@@ -1,5 +1,5 @@
-"""Restore what a damaged archive holds twice (records, inputs found elsewhere, axis values) and mark the rest to be
-recomputed.
+"""Restore the parts of a damaged archive of which there is a second copy (records, inputs found elsewhere, axis
+values), and mark the rest to be recomputed.
 
 In:  the folder of an archive, the damage found in it, and places where its inputs may be found.
 Out: an archive that a run of its own pipeline can complete; a list of what was done, in words.
@@ -33,7 +33,8 @@ RECORD = ".json"
 
 
 def prepare(found: Verified, sources: Iterable[Path]) -> list[str]:
-    """Restore everything that needs no computing, mark lost cells in the journal, and return what was done.
+    """Restore everything that needs no computing, mark lost cells in the journal, and return a description of each
+    step.
 
     Raises
     ------
@@ -71,7 +72,7 @@ def prepare(found: Verified, sources: Iterable[Path]) -> list[str]:
 
 
 def _inputs(folder: Path, damaged: Iterable[str], sources: Iterable[Path]) -> Iterator[str]:
-    """Copy inputs that are found elsewhere, matched by digest; yield what was done."""
+    """Copy inputs that are found elsewhere, matched by digest; yield a description of each step."""
     wanted = {Path(path).name[:DIGITS]: path for path in damaged}
     for file in _files(sources) if wanted else ():
         path = wanted.pop(digest_now(file), None)
@@ -91,7 +92,7 @@ def _files(sources: Iterable[Path]) -> Iterator[Path]:
 
 
 def _records(folder: Path, kept: Mapping[str, str], damaged: Iterable[str]) -> Iterator[str]:
-    """Rewrite records of runs and their pipelines from the journal; yield what was done."""
+    """Rewrite records of runs and their pipelines from the journal; yield a description of each step."""
     for path in damaged:
         text = kept.get(f"{path.rpartition('.')[0]}{RECORD}")
         if text is None:
@@ -102,7 +103,7 @@ def _records(folder: Path, kept: Mapping[str, str], damaged: Iterable[str]) -> I
 
 
 def _unkept(folder: Path, kept: Mapping[str, str], manifest: Manifest | None) -> Iterator[tuple[str, str]]:
-    """Yield intact records that the journal does not hold."""
+    """Yield intact records of which the journal has no copy."""
     for file in provenance.record_paths(folder):
         path = f"runs/{file.name}"
         if path not in kept and manifest and manifest.files.get(path) == digest_of(file):
@@ -112,8 +113,8 @@ def _unkept(folder: Path, kept: Mapping[str, str], manifest: Manifest | None) ->
 def _blocks(
     folder: Path, axes: Mapping[str, Mapping[str, list[AxisValue]]], stored: Stored
 ) -> dict[str, dict[str, Document]]:
-    """Return how variables are cut into shards, from their metadata, where that is intact and the journal does not
-    say it.
+    """Return how variables are split into shards, from their metadata if that is intact, for variables missing in the
+    journal.
     """
     found: dict[str, dict[str, Document]] = {}
     for node in sorted(stored.nodes):

@@ -1,4 +1,5 @@
-"""Check that every byte of an archive is as its runs left it. Everything is read, nothing changed, no stage loaded.
+"""Check that every byte of an archive is the one that its runs wrote. Everything is read, nothing is changed, and no
+stage is loaded.
 
 In:  the folder of an archive.
 Out: ``Verified``: what is damaged, by file, array and cell; foreign files; bytes and seconds.
@@ -23,7 +24,7 @@ from etendue.archive.write.compact import left_by_compact
 from etendue.errors import ArchiveError, ArchiveInUse
 from etendue.types.documents import Document
 
-STRAYS = "strays"  # where a repair puts what does not belong to an archive
+STRAYS = "strays"  # folder into which a repair moves files that do not belong to an archive
 
 
 def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | None = None) -> Verified:

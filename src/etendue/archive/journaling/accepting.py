@@ -1,4 +1,4 @@
-"""Cells computed on an earlier platform that a run is told to accept.
+"""Cells that were computed on an earlier platform and are accepted with ``--accept-platform``.
 
 In:  a plan, the record of the last run, the entries of the journal.
 Out: the keys that cells had with the libraries of that run; new journal entries for the cells that are accepted.

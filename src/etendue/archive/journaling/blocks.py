@@ -1,4 +1,5 @@
-"""The shards of a run, managed by its owner: which chunks each has to hold, and when it is put in its place.
+"""The shards of a run, managed by its owner: the chunks that each must contain, and the time at which it is put in its
+place.
 
 In:  valid stored chunks, cells to be computed, and their results.
 Out: shards in their places, as soon as nothing in them is left to compute, or when the run ends.
@@ -90,7 +91,7 @@ class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
 
 
 class Blocks:
-    """What the shards of an archive have to hold when a run has ended.
+    """The chunks that the shards of an archive must contain when a run has ended.
 
     Attributes
     ----------
@@ -124,12 +125,12 @@ class Blocks:
             self._of(path, slots).pop(slot, None)
 
     def found(self, chunks: Iterable[tuple[str, int]]) -> dict[tuple[str, int], tuple[WrittenChunk, ChunkPlace]]:
-        """Return those of the given chunks that are stored: as written, and where they lie."""
+        """Return the given chunks that are stored: the record of writing, and the present place."""
         there = ((path, slot, self.wanted.get(path)) for path, slot in chunks)
         return {(path, slot): own[slot] for path, slot, own in there if own is not None and slot in own}
 
     def expect(self, chunks: Slots, held: Iterable[WrittenChunk] = ()) -> None:
-        """Register chunks that will be computed, except held ones."""
+        """Register chunks that will be computed, except those in ``held``, which are stored already."""
         there = {(one.path, one.slot) for one in held}
         for path, slot, slots in chunks:
             if (path, slot) not in there:
@@ -155,7 +156,7 @@ class Blocks:
         return complete
 
     def changed(self, path: str) -> bool:
-        """Return True if a shard on disk is not what it has to be."""
+        """Return True if a shard on disk lacks chunks that it must contain, or contains others."""
         state, own, slots = self.finder.state(path, self.slots[path]), self.wanted[path], self.slots[path]
         if state is None or not own:
             return bool(state) or bool(own)
@@ -168,7 +169,7 @@ class Blocks:
         return [path for path, slots in self.slots.items() if self.finder.odd(path, slots)]
 
     def unsettled(self) -> list[str]:
-        """Return the shards in which nothing is left to compute but which are not yet what they have to be."""
+        """Return the shards in which nothing is left to compute but whose content is not yet correct."""
         return [path for path in self.wanted if self.waiting.get(path, 0) <= 0 and self.changed(path)]
 
     def put(self, paths: Iterable[str]) -> None:
@@ -186,9 +187,8 @@ class Blocks:
             return
         state = self.finder.state(path, slots)
         if state is not None and state.index == own.there() and len(state.index) == len(own):
-            self.journal.put(
-                {path: Shard(state.size, kept_of(own), True)}
-            )  # it was put in its place, but the run was killed before it journalled that
+            # It was put in its place, but the run was killed before the journal recorded that.
+            self.journal.put({path: Shard(state.size, kept_of(own), True)})
             return
         put = put_shard(self.folder, path, slots, own, self.durable)
         self.journal.put({path: put.shard})
@@ -200,7 +200,7 @@ class Blocks:
         self.moved["shards"] += state is not None
 
     def close(self) -> None:
-        """Put every shard in its place with the chunks that there are."""
+        """Put every shard in its place with the chunks that exist."""
         self.put(list(self.wanted))
 
     def parts(self) -> set[str]:

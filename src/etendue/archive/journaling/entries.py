@@ -129,7 +129,7 @@ class Entries(MutableMapping[str, Entry]):
         del self.rows[name]
 
     def say(self, name: str, event: str, key: str, status: str, seconds: float, fresh: bool) -> int:
-        """Set the latest state of a cell without its files, which must be added right after; return its row."""
+        """Set the latest state of a cell, and return its row. The caller must add its files immediately afterwards."""
         digest = _digest(key)
         row = self.rows.get(name)
         if row is None:

@@ -1,4 +1,4 @@
-"""The journal: the only source of what is finished.
+"""The journal: the only record of which cells are finished.
 
 One JSON line per event, appended only by the owner of the archive. A cell is finished if its **last** line is ``done``
 with the wanted key, and its chunks lie where the lines say, with the recorded size. Each line ends in a checksum of
@@ -7,8 +7,8 @@ line says to which part of a shard each chunk was appended; a ``shard`` line say
 holds. The journal also holds the axis values of each group (a coordinate array damaged by a kill is rewritten from
 them), the arrays created in each group, how each is split into shards, the variables without an array and the arrays
 they equal, the record of each run, and how many cells it has to compute. ``closed`` says that a run has ended in order:
-what precedes it need not be read back. ``outdated`` names the cells that a run is about to replace: their chunks remain
-until it does, but readers do not see them.
+the data of earlier lines need not be read back. ``outdated`` names the cells that a run is about to replace: their
+chunks remain until it does, but readers do not see them.
 """
 
 from __future__ import annotations
@@ -114,6 +114,7 @@ class Journal:
         self.handle = disk.append_to(self.root, NAME)
         data = (self.root / NAME).read_bytes()
         whole = data.rfind(b"\n") + 1
+        # Otherwise the next line would be appended to the incomplete one, and both would fail their checksum.
         if whole != len(data):
             os.ftruncate(self.handle, whole)
 
@@ -125,6 +126,7 @@ class Journal:
             try:
                 disk.write_all(self.handle, data)
             except OSError:
+                # A full disk may leave half a line, to which the next line would be appended.
                 os.ftruncate(self.handle, before)
                 raise
             if self.durable:
@@ -299,6 +301,8 @@ def _take_own(found: Read, line: bytes) -> bool:
     except msgspec.DecodeError:
         return False
     said = found.said
+    # A path that leads out of the archive makes the line invalid. Paths seen before were checked already: there are few
+    # paths, but as many lines as cells.
     if any(text not in said.files.number and leads_out(text) for file in one.files for text in (file[0], file[2])):
         return False
     found.outdated.discard(one.cell)

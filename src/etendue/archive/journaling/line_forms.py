@@ -1,4 +1,4 @@
-"""What a line of the journal may hold: its keys, their types, and no path that leads out of the archive.
+"""Validation of journal lines: their keys and types, and that no path leads out of the archive.
 
 In:  a line decoded from JSON.
 Out: the line in the archive's types; ``ValueError`` or ``TypeError`` if it is invalid.

@@ -1,10 +1,11 @@
 """Variables without an array, because all their cells are left out: where the values of each cell lie.
 
-In:  what the journal says of the groups, and the finished cells.
+In: the journal's lines about the groups, and the finished cells.
 Out: for every such cell the chunks of the cell that has its values.
 
-A cell is followed only to one of equal key in an array of its own: the same result, and one step. So a journal that was
-forged cannot lead in circles, out of the archive or to other values.
+The values of a cell are taken only from a cell with an equal key whose variable has an array, so the result is the same
+and one step suffices. A forged journal therefore cannot cause an endless loop, or lead out of the archive or to other
+values.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ Place = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Followed:
-    """One variable of one group, and the cells that have the values of its own."""
+    """One variable of one group without an array, and for each of its cells the cell that has the values."""
 
     group: str
     variable: str

@@ -1,11 +1,11 @@
-"""Examine an archive: check every file against what vouches for it.
+"""Examine an archive: check every file against its recorded digest.
 
 In:  the folder of an archive, and a listing of it.
 Out: the damage, part by part.
 
 Chunks are checked against the journal; the journal, metadata, coordinates, status, tables, pictures and records against
-the manifest; the manifest against itself; inputs against their names. Bytes that nothing vouches for (between the
-chunks of a shard) hold no data.
+the manifest; the manifest against itself; inputs against the digests in their names. Only the bytes between the chunks
+of a shard have no digest; they contain no data.
 """
 
 from __future__ import annotations
@@ -272,7 +272,7 @@ class Inspection:
             yield Damage("missing", "lock", "missing")
 
     def added(self) -> Iterator[Damage]:
-        """Yield files that nothing vouches for."""
+        """Yield files that neither journal nor manifest names."""
         ours = {node.split("/")[0] for node in self.stored.nodes} | {
             group.split("/")[0] for group in self.stored.journal.arrays
         }

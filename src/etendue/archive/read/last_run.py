@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def in_order(store: ArchiveWriter) -> bool:
-    """Return True if a run with nothing to compute would leave every file as it is."""
+    """Return True if a run with nothing to compute would change no file."""
     known = store.manifest
     if known is None or store.mended or store.journal.torn or not store.recorded or known.changed(store.folder):
         return False
@@ -50,7 +50,7 @@ def _laid_out_alike(store: ArchiveWriter) -> bool:
 
 
 def damaged(store: ArchiveWriter) -> Iterator[str]:
-    """Yield what differs from the manifest or is not valid JSON: no run wrote it that way."""
+    """Yield files that differ from the manifest or are not valid JSON, so that no run can have written them."""
     known = store.manifest.metadata if store.manifest else {}
     found: dict[str, None] = {}
     for path in known or [f"{DATA}/{path}" for path in store.tree.held if path.endswith(ROOT)]:

@@ -3,8 +3,9 @@
 In:  the groups of a tree, opened by plain xarray or from an object store.
 Out: the same groups, with lazy variables for those that are left out in all cells.
 
-Only an array of the same name, in a group of the same tree, over some of the same axes is taken; never one that is
-itself found in this way. So attributes that somebody has changed lead neither in circles nor out of the tree.
+The named array must have the same name, be stored in a group of the same tree, and have no other axes; an array that
+was itself added in this way is not accepted. Attributes that somebody has changed can therefore cause no endless loop
+and not lead out of the tree.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ def paths_of(attrs: Mapping[Any, Any]) -> list[str]:
 
 
 def with_left_out(groups: Mapping[str, xarray.Dataset]) -> dict[str, xarray.Dataset]:
-    """Return groups by path, with the variables that they only name."""
+    """Return groups by path, with their variables that have no array."""
     found = dict(groups)
     for path, group in groups.items():
         for text in paths_of(group.attrs):
@@ -42,7 +43,7 @@ def with_left_out(groups: Mapping[str, xarray.Dataset]) -> dict[str, xarray.Data
 
 
 def tree_with_left_out(tree: xarray.DataTree) -> xarray.DataTree:
-    """Return a tree with the variables that its groups only name; the same tree if there are none."""
+    """Return a tree in which the variables without an array are added; the same tree if there are none."""
     named = [node.path for node in tree.subtree if SAME_AS in node.attrs]
     if not named:
         return tree

@@ -3,8 +3,9 @@
 In:  the folder of an archive, finished, interrupted or being written.
 Out: cells with their chunks; arrays; what is damaged. Nothing is written.
 
-The journal knows the part or shard that holds the bytes of a chunk, the chunk's size and digest, and how the variables
-of a group are split and encoded. Metadata of the store is consulted only for archives with one file per chunk.
+The journal records the part or shard that holds the bytes of a chunk, the chunk's size and digest, and how the
+variables of a group are split and encoded. Metadata of the store is consulted only for archives with one file per
+chunk.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
 FINISHED = ("done", "left_out")
-ELSEWHERE = "the index of its shard names another place"  # no cell is lost: the journal knows the right place
+ELSEWHERE = "the index of its shard names another place"  # no cell is lost: the journal has the right place
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 In:  the folder of an archive, finished, interrupted or being written.
 Out: a read-only Zarr store and its tree. Nothing is written.
 
-On reading, a shard is assembled from the chunks that the journal records as done, wherever they lie; so is
-``status``. A missing or altered chunk raises an error instead of giving the fill value; so do coordinates and tables
-that differ from the manifest. If a run was interrupted while arrays grew, the axes are taken from the journal.
-Tables are shown only once the run that wrote them has ended.
+On reading, a shard is assembled from the chunks that the journal records as done, in whichever files they lie;
+``status`` is derived from the journal too. A missing or altered chunk raises an error instead of giving the fill value.
+Coordinates and tables that differ from the manifest also raise an error. If a run was interrupted while arrays grew,
+the axes are taken from the journal. Tables are shown only once the run that wrote them has ended.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def open_archive(folder: str | Path) -> xarray.DataTree:
 
 
 class VouchedStore(WrapperStore[LocalStore]):
-    """Reads the files of an archive; what is not settled on disk is assembled from the journal.
+    """Reads the files of an archive; files that are not complete on disk are assembled from the journal.
 
     Attributes
     ----------

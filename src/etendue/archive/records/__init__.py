@@ -1,1 +1,1 @@
-"""What describes an archive beside its cells: owner, manifest, inputs, provenance, crate; and all disk access."""
+"""The descriptions of an archive: owner, manifest, inputs, provenance, crate; and all disk access."""

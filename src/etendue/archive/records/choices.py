@@ -1,4 +1,4 @@
-"""Values that a pipeline leaves open, as the last run into an archive chose them: later runs keep them.
+"""The values that the last run into an archive chose for open parameters of a pipeline. Later runs keep these values.
 
 In:  a pipeline as written, the folder of an archive.
 Out: the pipeline with these values, and a note on each that would be finer now.

@@ -271,7 +271,7 @@ def _result(node: Node, plan: Plan) -> Entity:
 
 
 def _inputs(folder: Path) -> Iterator[Entity]:
-    """Yield every copy of a file that a pipeline names; for large ones their description."""
+    """Yield every copy of a file that a pipeline names; for a file too large to copy, its description."""
     place = folder / "inputs"
     for path in sorted(place.iterdir()) if place.is_dir() else ():
         if path.name.startswith("."):

@@ -34,7 +34,7 @@ class Behind:
         self.running = running
 
     def own(self) -> None:
-        """Called before the first change: from now on nobody else writes. May refuse by raising."""
+        """Called before the first change; from then on nobody else writes. It may refuse by raising an error."""
 
     def begun(self) -> None:
         """Called when everything known before computing has been written."""

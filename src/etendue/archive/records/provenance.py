@@ -35,7 +35,9 @@ LIBRARIES = ("etendue", "numpy", "scipy", "xarray", "dask", "zarr", "numcodecs",
 
 
 def platform_record() -> Document:
-    """Return what bits depend on: processor features and the versions of the numerical libraries."""
+    """Return the properties of the platform that bits depend on: processor features and versions of the numerical
+    libraries.
+    """
     import numpy
 
     features = numpy._core._multiarray_umath.__cpu_features__  # type: ignore[attr-defined]
@@ -58,8 +60,8 @@ def in_words(record: DocumentView) -> str:
 
 
 def node_records(plan: Plan) -> Document:
-    """Return the ingredients of the keys of each stage, without axis values; compared to say why cells are
-    recomputed.
+    """Return the ingredients of the keys of each stage, without axis values. Comparing them between runs shows why
+    cells are recomputed.
     """
     records = {}
     for node in plan.nodes:

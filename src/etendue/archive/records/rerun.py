@@ -1,4 +1,4 @@
-"""The pipeline of an archive from the archive alone: what its last run was asked for, and the files it names.
+"""Read from an archive alone the pipeline of its last run and the input files that the pipeline names.
 
 In:  the folder of an archive.
 Out: the record of its last run, its pipeline, and the digests that its inputs must have.

@@ -1,6 +1,6 @@
 """The right to write to an archive on an object store: one object, put on the condition that it has not changed.
 
-In:  the store, and what was seen of ``owner.json``.
+In:  the store, and ``owner.json`` as it was last read.
 Out: the right to write for as long as it is renewed; the final mark that an archive is in order.
 
 A killed run cannot give its lease up: it expires ``LEASE`` seconds after the last renewal. Every put has different
@@ -96,6 +96,7 @@ class Lease:
             try:
                 with self.lock:
                     self.say(RUNNING)
+            # No error yet: the lease is valid until it expires, and `check` renews it before the next put.
             except StoreLost:
                 pass
 
@@ -109,6 +110,7 @@ class Lease:
         """
         if time.time() - self.renewed > LEASE / 2:
             with self.lock:
+                # again, because another thread may have renewed the lease while this one waited
                 if time.time() - self.renewed > LEASE / 2:
                     self.say(RUNNING)
 
@@ -125,7 +127,8 @@ class Lease:
         try:
             self.tag = self._put(data)
         except Conflict:
-            if look(self.objects).run != self.run:  # else the response to an earlier put of our own was lost
+            # Otherwise our own earlier put succeeded and only its response was lost.
+            if look(self.objects).run != self.run:
                 raise ArchiveInUse(f"{self.objects.url} now belongs to another run; this one stops") from None
             self.tag = self.objects.put(OWNER, data)
         self.renewed = time.time()

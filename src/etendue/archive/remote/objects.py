@@ -38,7 +38,7 @@ _memory: Document = {}  # stores in memory, by URL
 
 
 class Conflict(Exception):
-    """Another process has put the object meanwhile."""
+    """Another process has written the object in the meantime."""
 
 
 class Unconditional(Exception):

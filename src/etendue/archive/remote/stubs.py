@@ -4,8 +4,8 @@ its index.
 In:  the folder of an archive beside ``store.json``, which names the store.
 Out: bytes of chunks, fetched on demand; whole shards, fetched before they are copied from.
 
-A stand-in is recognised by its mtime, which no other file has. Code that overlooks this reads zeros, which fail
-every checksum.
+A stand-in is recognised by its mtime, which no other file has. Code that reads a stand-in as an ordinary file gets
+zeros, which fail every checksum.
 """
 
 from __future__ import annotations

@@ -4,9 +4,9 @@ In:  encoded chunks, and the shard each belongs to.
 Out: where they were put. The owner of the run turns parts into shards (``shards.put_shard``); no byte is copied if one
      process wrote the whole shard.
 
-The threads of a process share its parts. Small chunks are collected and written together, at the latest when a batch
-ends (``settle``). A part that the owner has taken is not touched again: this process notices because the file's size
-no longer matches what it wrote, and starts a new part.
+All threads of a process append to the same parts. Small chunks are collected and written together, at the latest when a
+batch ends (``settle``). A part that the owner has taken is not touched again: this process notices because the file's
+size no longer matches what it wrote, and starts a new part.
 """
 
 from __future__ import annotations
@@ -56,6 +56,8 @@ class ShardSegment:
         """
         with self.lock:
             if size < GATHERED:
+                # The offset returned below is valid only in a part that the owner has not taken. One check per batch is
+                # enough, because `_put` checks again when the batch is written.
                 if not self.waiting:
                     self._ours()
                 offset = self.written + len(self.waiting)
@@ -78,7 +80,7 @@ class ShardSegment:
                 self.synced = self.written
 
     def settled(self) -> bool:
-        """Return True if nothing is left to settle."""
+        """Return True if everything appended is in the file and, with ``durable``, synced."""
         return not self.waiting and not (self.durable and self.synced < self.written)
 
     def flush(self) -> None:
@@ -107,6 +109,7 @@ class ShardSegment:
         return self.handle
 
     def _ours(self) -> None:
+        # A part that has become a shard is longer by its index; a part that was removed has no name left.
         state = os.fstat(self._open())
         if state.st_size != self.written or not state.st_nlink:
             raise Taken
@@ -124,6 +127,8 @@ class ShardSegment:
             try:
                 disk.write_at(handle, pieces, self.written)
             except OSError:
+                # Remove the bytes of the incomplete write, because the offset of the next chunk counts from
+                # ``written``.
                 os.ftruncate(handle, self.written)
                 raise
             self.written += size
@@ -185,7 +190,7 @@ class Parts:
                     self.unsettled.get(root, {}).pop(part.name, None)
 
     def flush(self, root: str) -> None:
-        """Make what was appended readable by anyone who opens the file."""
+        """Flush appended chunks, so that other processes can read them from the file."""
         with self.lock:
             parts = list(self.unsettled.get(root, {}).values())
         for part in parts:

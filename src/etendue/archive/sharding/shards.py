@@ -242,10 +242,12 @@ def put_shard(
     beside = base or f"{folder}/.{name}.{os.urandom(6).hex()}{disk.PART}"
     handle = disk.open_own(root, beside) if base else disk.create(root, beside, durable)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX)  # a stale worker that still has it open cannot write to it any more
+        # A worker of an earlier run that still has the part open can no longer write to it.
+        fcntl.flock(handle, fcntl.LOCK_EX)
         own = {slot: place for slot, (_, place) in chunks.items() if place.file == base}
         end = max((place.offset + place.size for place in own.values()), default=0)
         if os.fstat(handle).st_size != end:
+            # Bytes after the last wanted chunk must go: readers find the index from the end of the file.
             os.ftruncate(handle, end)
         places = {slot: (place.offset, place.size) for slot, place in own.items()}
         others = {slot: place for slot, (_, place) in chunks.items() if slot not in own}
@@ -256,6 +258,7 @@ def put_shard(
         data = index_bytes(slots, places) if slots else b""
         disk.write_at(handle, [data], copied)
         if durable:
+            # Before the rename: after a power cut, no name may stand for a file without its content.
             os.fsync(handle)
         disk.rename(root, beside, path, durable)
     except BaseException:
@@ -272,7 +275,7 @@ def put_shard(
 
 
 def kept_of(chunks: Mapping[int, tuple[WrittenChunk, ChunkPlace]]) -> tuple[tuple[str, int, int, int], ...]:
-    """Return which bytes of which parts a shard holds."""
+    """Return the byte ranges of parts that a shard contains."""
     return _runs((written.part, written.offset, place.offset, written.size) for written, place in chunks.values())
 
 
@@ -287,6 +290,7 @@ def _base(root: Path, path: str, slots: int, chunks: Mapping[int, tuple[WrittenC
     if not held or not slots:
         return ""
     base = max(held, key=lambda file: (held[file], file))
+    # A file with a second name is not changed, because it would change under that name too.
     end = max(place.offset + place.size for _, place in chunks.values() if place.file == base)
     if end - held[base] > max(held[base] // 8, min(SMALLEST, held[base] // 2)) or (root / base).lstat().st_nlink > 1:
         return ""
@@ -299,6 +303,7 @@ def _copied(root: Path, target: int, end: int, places: Mapping[int, ChunkPlace])
     try:
         runs: list[tuple[str, int, int]] = []
         for slot, place in sorted(places.items(), key=lambda one: (one[1].file, one[1].offset)):
+            # Adjacent chunks are merged, so that each run of bytes takes one system call.
             if runs and runs[-1][0] == place.file and runs[-1][1] + runs[-1][2] == place.offset:
                 runs[-1] = (place.file, runs[-1][1], runs[-1][2] + place.size)
             else:

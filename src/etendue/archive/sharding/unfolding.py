@@ -1,4 +1,4 @@
-"""How large a chunk decompresses to, from its first bytes, checked before memory is allocated.
+"""Check the decompressed size of a chunk, from its first bytes, before memory is allocated.
 
 In:  the stored bytes of a chunk; the metadata of a node.
 Out: nothing, or an ``ArchiveError`` if it decompresses beyond any plausible size or uses a codec that no run uses.

@@ -29,7 +29,7 @@ def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str)
         return found
     by_cell = _by_cell(plan, node, cells, name)
     first = next(iter(by_cell.values()))
-    others = [own for own in by_cell.values() if own is not first]  # cells that are drawn alike share one
+    others = [own for own in by_cell.values() if own is not first]  # cells with equal attributes share one dictionary
     common = {key: value for key, value in first.items() if all(own.get(key) == value for own in others)}
     if all(own == first for own in others):
         return found | common

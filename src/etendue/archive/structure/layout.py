@@ -122,7 +122,9 @@ def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
 
 
 def _shared(plan: Plan, layout: Layout) -> Layout:
-    """Note which variables of each group have no array because all cells are left out, and where their values are."""
+    """Record which variables of each group have no array because all cells are left out, and the arrays with their
+    values.
+    """
     for group in layout.groups.values():
         first = next(iter(group.cells))
         for name in (v for v in plan.node(group.node).writes if (group.node, v) in plan.same_as):
@@ -233,7 +235,9 @@ def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[C
 
 
 def _positions(node: Node, group: GroupLayout, dim: str, lines: Mapping[CellRef, Line]) -> None:
-    """Add ``y_um`` over the axes that move it; for a line in a unit other than a frame's, ``<dim>_at``."""
+    """Add the coordinate ``y_um`` over the axes that change it; for a dim whose unit is not that of a frame,
+    ``<dim>_at``.
+    """
     moving = []
     for number, axis in enumerate(node.axes):
         rest: dict[tuple[int, ...], set[tuple[float, float]]] = {}

@@ -1,5 +1,5 @@
-"""What a run removes from an archive: only files with names that runs give, in folders that were listed without
-following links.
+"""Removal of files from an archive: only files with names that runs give, in folders that were listed without following
+links.
 
 In:  the folder of an archive, and a listing of it.
 Out: half-written files of killed runs, and groups and arrays that are no longer wanted, are removed.

@@ -3,9 +3,9 @@
 In:  the folder of an archive whose last run ended in order, in this format or with one file per chunk.
 Out: another archive beside it, complete or absent. The old one is only read.
 
-Each chunk is checked against its checksum on the way. What somebody else has put into the store is copied unchanged.
-``in_place`` replaces the old archive by the new one: shards that need no change are shared by both (hard links) while
-it works, and not rewritten.
+Each chunk is checked against its checksum on the way. Groups and arrays in the store that no run has written are copied
+unchanged. ``in_place`` replaces the old archive by the new one: shards that need no change are shared by both (hard
+links) while it works, and not rewritten.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def left_by_compact(folder: Path) -> str:
 
 
 def locked(folder: Path, how: int) -> int:
-    """Return the open lock of an archive that nobody is writing to."""
+    """Return the open lock of an archive to which no run is writing."""
     lock = os.open(folder / "lock", os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         fcntl.flock(lock, how | fcntl.LOCK_NB)

@@ -1,4 +1,4 @@
-"""Foreign files: tell an archive from any other folder, and find what others have put into it.
+"""Foreign files: distinguish an archive from other folders, and find files that others have put into it.
 
 In:  a folder, and a listing of it.
 Out: ``ArchiveError`` if a run would overwrite, or write among, files that are not its own.
@@ -81,8 +81,8 @@ def other_stages(
     wanted: Iterable[str] | None,
     record: DocumentView | None,
 ) -> str:
-    """Return why a run with other stages or axes cannot continue here, and what to type instead. ``wanted``: the
-    stages that the run is limited to.
+    """Return why a run with other stages or axes cannot continue in this archive, and the command to use instead.
+    ``wanted``: the stages that the run is limited to.
     """
     lacking, over = [n for n in new if n not in old], sorted(set(old) - set(new))
     axes = [n for n in new if n in old and old[n] != new[n]]

@@ -5,7 +5,7 @@ Out: the same cells, axes sorted, shards as of a new sweep; nothing is written i
 
 The new archive is built beside the old one, shard by shard; shards that need no change are hard links. Then the system
 exchanges the two folders atomically, and the old one is removed. If the command is killed at any instant, running it
-again continues with what is there.
+again continues with the existing files.
 """
 
 from __future__ import annotations
@@ -52,6 +52,7 @@ def _exchanged(folder: Path) -> Compacted:
     try:
         archive = open_archive(folder)
         check_in_order(folder, archive)
+        # through a link, the new archive would be written somewhere else, perhaps on another file system
         if aside.is_symlink():
             raise disk.link_at(aside.parent, aside.name)
         anew = Anew(archive, aside, shares=True)
@@ -73,6 +74,7 @@ def _exchanged(folder: Path) -> Compacted:
             _sync(aside)
             interrupts.check()
             exchange(folder, aside)
+            # Without this, a power cut could undo the exchange after the old archive has been removed.
             disk.sync_folder(folder.parent)
         finally:  # also on interruption: what is aside is either the unfinished new archive or the replaced old one
             shutil.rmtree(aside, ignore_errors=True)
@@ -83,7 +85,7 @@ def _exchanged(folder: Path) -> Compacted:
 
 
 def _clear(aside: Path, shards: set[str]) -> None:
-    """Keep only shards that may be of use from an interrupted attempt, or from the archive that was here before."""
+    """Remove everything that an interrupted attempt has left, except shards that can be reused."""
     aside.mkdir(exist_ok=True)
     for entry in list(aside.iterdir()):
         if entry.name == DATA and entry.is_dir() and not entry.is_symlink():

@@ -1,7 +1,7 @@
-"""The archive as the storage backend of a run: what it has of a plan, what it stores, and how it is closed.
+"""The archive as the storage backend of a run: find finished cells of a plan, store new ones, and close the archive.
 
 In:  the plan asked for; reports of cells as they end; tables and pictures at the end.
-Out: what is left to compute; an archive in order, whatever happens.
+Out: the cells left to compute; an archive that is consistent even if the run fails.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class ArchiveKeeper:
         )
 
     def _reasons(self, plan: Plan, again: Collection[str]) -> dict[str, str]:
-        """Return why stages are recomputed: what has changed in them, else what is damaged."""
+        """Return why stages are recomputed: the changes in them or, without changes, the damage."""
         changed = provenance.reasons(self.store.record, plan) if self.store.journal.entries.any_done() else {}
         found = {name: why for name, why in changed.items() if name in again}
         for name, count in self.store.damaged.items():

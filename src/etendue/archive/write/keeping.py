@@ -1,7 +1,7 @@
-"""What an archive holds that a run would not keep: finished results are removed only on request.
+"""Finished results in an archive that a run would not keep. They are removed only on request.
 
 In:  a plan over all stored axis values, the archive, and its journal.
-Out: the variables that stay because they are still valid, and what would be lost.
+Out: the variables that stay because they are still valid, and the results that would be lost.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from etendue.plan.resume import is_of_names, with_stored_values
 
 
 def with_stored(asked: Plan, store: ArchiveWriter, prune: bool) -> tuple[Plan, list[str], int]:
-    """Return the plan extended by what an archive holds, the stages kept for that reason alone, and the number of cells
-    given up.
+    """Return the plan extended by the stored variables of an archive, the stages that are kept only for this reason,
+    and the number of cells given up.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:
 
 
 def computed(asked: Plan, cells: Mapping[CellRef, CellRef]) -> list[CellRef]:
-    """Return the cells to finish: those asked for whose values something needs."""
+    """Return the cells to finish: the requested cells whose values are stored or read by another cell."""
     return [own for ref, own in cells.items() if ref[0] not in asked.seen_only]
 
 
@@ -70,7 +70,7 @@ class RemovedCells:
             self.bytes += sum(file.size for file in entry.files)
 
     def refuse(self, folder: str) -> None:
-        """Raise an error that says what would be lost and how to proceed."""
+        """Raise an error that names the results that would be lost, and how to proceed."""
         stages = [f"{stage} ({count} {'cell' if count == 1 else 'cells'})" for stage, count in self.cells.items()]
         shown = ", ".join(stages[:8]) + (f" and {len(stages) - 8} more stages" if len(stages) > 8 else "")
         total = sum(self.cells.values())
@@ -83,10 +83,11 @@ class RemovedCells:
 
 
 def staying(plan: Plan, entries: Entries, stored: set[tuple[str, str]]) -> tuple[Plan, list[str], RemovedCells]:
-    """Return the plan that also keeps valid stored variables, the stages kept for that reason alone, and what would be
-    lost.
+    """Return the plan that also keeps valid stored variables, the stages kept for that reason alone, and the results
+    that would be lost.
 
-    A stage that keeps anything keeps all its stored variables: one status applies to all of them.
+    If a stage keeps any variable, it keeps all its stored variables, because the status of a cell applies to all of
+    them.
     """
     plan = replace(plan, nodes=tuple(_with_optional(node, stored) for node in plan.nodes))
     lost, kept, stay = RemovedCells(), set(plan.kept), list[str]()
@@ -123,7 +124,7 @@ def _with_optional(node: Node, stored: set[tuple[str, str]]) -> Node:
 
 
 def pruned(plan: Plan, entries: Mapping[str, Entry]) -> RemovedCells:
-    """Return what is removed if only what the run keeps is to stay."""
+    """Return the cells that are removed if only the results of this run stay."""
     names = set(Names(plan).values())
     gone = RemovedCells()
     for name, entry in entries.items():

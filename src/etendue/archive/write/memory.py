@@ -122,7 +122,7 @@ class MemoryKeeper(Passing):
                 placed[name] = array
                 continue
             index = self.layout.groups[path].cells[ref]
-            # else the cell has written into its place directly
+            # otherwise the cell has written into its place directly
             if type(array) is not np.ndarray or array.base is not whole:
                 whole[index] = array
             self.missing[path, name][index] = False
@@ -172,7 +172,7 @@ class MemoryKeeper(Passing):
             places = [own[value] for value in values]
             if places != list(range(len(own))):
                 taken.append((number, places))
-        for number, places in taken:  # a group of one shape that has only some of the values
+        for number, places in taken:  # the group of one shape may have only some of the axis values
             view = np.take(view, places, number)
         sizes = tuple(len(values) for values in layout.axes.values())
         shared = np.broadcast_to(view, (*sizes, *source.shape))
@@ -216,9 +216,11 @@ class _Coordinates:
         return xarray.Coordinates(variables, indexes)
 
     def _index(self, name: str, values: Array) -> tuple[PandasIndex, xarray.Variable]:
-        """Return an index of its own, and a variable without attributes that shows it."""
+        """Return a new index of a coordinate, and a variable without attributes that holds it. Indexes with the same
+        numbers share one array.
+        """
         given = {name: xarray.Variable((name,), values)}
-        if values.dtype.kind not in "fiu":  # pandas has text in forms of its own
+        if values.dtype.kind not in "fiu":  # pandas stores text in its own array types
             index = PandasIndex.from_variables(given, options={})
             return index, index.create_variables(given)[name]
         key = name, values.dtype.str, values.tobytes()
@@ -232,7 +234,9 @@ class _Coordinates:
 
 
 def _column_of(dims: Sequence[str], values: Any, attrs: Document) -> xarray.Variable:
-    """Return a column of a table. Text is not searched for times, which takes pandas longer than all else here."""
+    """Return a column of a table. Text is not searched for dates, because that would take pandas most of the
+    time here.
+    """
     array = np.asarray(values)
     text = array.dtype == object and all(type(value) is str for value in array.flat)
     return xarray.Variable(dims, array.copy() if text else array, attrs, fastpath=text)

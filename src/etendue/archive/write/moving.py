@@ -31,7 +31,8 @@ def move(store: ArchiveWriter, moves: Mapping[str, str]) -> None:
     """Give groups their new names: shards, parts, axes and journal lines."""
     store.change()
     root = disk.read_document(store.folder / DATA / ROOT) or {}
-    if root.pop("consolidated_metadata", None):  # readers that use it would get fill values under the old names
+    # Readers of the consolidated metadata would get fill values under the old names.
+    if root.pop("consolidated_metadata", None):
         disk.write(store.folder, f"{DATA}/{ROOT}", json.dumps(root).encode(), store.durable)
     for old, new in moves.items():
         variables = list(store.journal.blocks[old])

@@ -1,4 +1,4 @@
-"""A plan laid out over what an archive has: stored axes, the position of each cell, and all files except chunks of
+"""The layout of a plan in an existing archive: stored axes, the position of each cell, and all files except chunks of
 cells.
 
 In:  a plan; from earlier runs, the axis values by group, how variables are split, and which cells are stored.

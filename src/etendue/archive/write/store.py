@@ -127,7 +127,7 @@ class ArchiveWriter:
             raise ArchiveError(other_stages(self.folder, old, new, plan.pipeline.wanted, self.record))
 
     def use(self, plan: Plan) -> None:
-        """Lay the plan out over what the archive holds.
+        """Determine the layout of the plan, given the groups and arrays in the archive.
 
         Raises
         ------
@@ -225,6 +225,7 @@ class ArchiveWriter:
         gone = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
         gone += self.journal.entries.done_beside(self.names)
         self.tree = self.laid.tree(self.journal.entries, todo)
+        # A run that has nothing to do changes no file, so that digests and dates of the archive stay as they are.
         if todo or gone or blocks.unsettled() or not last_run.in_order(self):
             self._change(gone)
 
@@ -266,7 +267,7 @@ class ArchiveWriter:
         self.blocks.put(self.blocks.unsettled())
 
     def begin_run(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> None:
-        """Record in the journal what a run is asked for, and how much of it must be computed."""
+        """Record in the journal the cells that a run has to deliver, and the number of those that it must compute."""
         if self.journal.begins(planned, todo):
             self.change()
             self.journal.begin_run(planned, todo)
@@ -281,6 +282,7 @@ class ArchiveWriter:
             self.behind.own()
             self.touched = True
             self.journal.open()
+            # From here on, workers of an earlier run that still try to write are refused.
             disk.write(self.folder, "run.id", self.run_id.encode(), self.durable)
             disk.remove(self.folder, "manifest.json")
 
@@ -312,6 +314,7 @@ class ArchiveWriter:
 
     def _put(self, files: Mapping[str, bytes]) -> None:
         """Write files of the store that differ from those on disk; metadata of a group or array after its content."""
+        # Readers find an array through its metadata, so the metadata is written after the content.
         for path in sorted(files, key=lambda path: (path.endswith(ROOT), -path.count("/"))):
             if disk.content_of(self.folder / DATA / path) != files[path]:
                 self.change()
@@ -341,6 +344,7 @@ class ArchiveWriter:
             lines.append((self.names[ref], Entry(event, self.plan.cells[ref].key, *told)))
             self.ended[self.plan.numbers.of(ref)] = STATUS.index(report.status) + 1
             complete += self.blocks.ended(self.laid.slots(ref), written)
+        # ``self.ended`` holds the state of these cells in one byte each; an entry takes about a hundred.
         self.journal.end(lines, remember=False)
         self.blocks.put(complete)
         self.behind.sealed(complete)

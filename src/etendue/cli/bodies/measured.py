@@ -41,7 +41,9 @@ def held(pipeline: Any, asked: tuple[tuple[str, float], ...], folder: Path, opti
 
 
 def _choices(chosen: Any) -> list[str]:
-    """Return what was chosen for the values that the pipeline leaves open, and what stands in the way of more."""
+    """Return the values chosen for those that the pipeline leaves open, and the reasons why no finer ones were
+    chosen.
+    """
     every = {f"{stage}.{name}": value for stage, own in chosen.values.items() for name, value in own.items()}
     told = ", ".join(
         f"{name} = {value:.4g}{' (refined)' if name in chosen.refined else ''}" for name, value in every.items()
@@ -57,7 +59,7 @@ def _choices(chosen: Any) -> list[str]:
 
 
 def with_values(pipeline: Any, held: Any) -> Any:
-    """Return the pipeline with what is held: the tolerance, and the values of what it leaves open."""
+    """Return the pipeline with the tolerance, and the chosen values for those that it leaves open."""
     chosen = with_chosen(pipeline, held.chosen.values) if held.chosen else pipeline
     # The record of the run holds the tolerance as if it had been given, so that the record can be checked.
     overrides = tuple({**dict(chosen.overrides), "tolerance": held.tolerance}.items())
@@ -94,8 +96,8 @@ def _remedy(answers: DocumentView, part: str) -> str:
 
 
 def beyond(held: Any, answers: DocumentView) -> list[str]:
-    """Return a sentence for each variable whose answer is further off than what is held: ``--hold`` refines only the
-    discretisations that the pipeline leaves open.
+    """Return a sentence for each variable whose error exceeds the one given with ``--hold``. This can happen because
+    ``--hold`` refines only the discretisations that the pipeline leaves open.
     """
     said = []
     whole = replace(held.asked, spent={})

@@ -26,7 +26,7 @@ def pipeline_of(given: Given) -> PipelineFile:
     pipeline = given.pipeline()
     if (
         given.want and pipeline.keep is not None and pipeline.wanted is not None
-    ):  # what is requested now is kept, whatever the file keeps
+    ):  # the variables requested now are stored, whatever the file says about storing
         pipeline = replace(pipeline, keep=(*pipeline.keep, *pipeline.wanted))
     if not given.nothing_left_out:
         return pipeline

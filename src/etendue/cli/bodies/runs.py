@@ -78,7 +78,9 @@ def _tell_run(outcome: Outcome, measured: Document | None, way: Way) -> None:
 
 
 def held_seconds(held: Any, options: Options, measure: bool) -> float:
-    """Return the seconds that stating errors may take in any case: all, or what the search for open values has left."""
+    """Return the seconds that the measurement of errors may always take: the whole allowance, or its rest after the
+    search for open values.
+    """
     if measure or not (held and held.chosen):
         return math.inf if measure else AT_LEAST
     left: float = options.hold_seconds - held.seconds - held.chosen.seconds
@@ -88,8 +90,9 @@ def held_seconds(held: Any, options: Options, measure: bool) -> float:
 def _answers(
     outcome: Outcome, folder: Path, watched: Any, most: float, errors: bool = True, held: Any = None
 ) -> Document | None:
-    """Return the errors of what was asked for; None if they are not wanted, or cells failed. Then the archive has none
-    either: those of an earlier run are of other values. ``most``: seconds, if they are more than a share of the run.
+    """Return the errors of the wanted variables; None if they are not requested or if cells failed. In that case the
+    errors of an earlier run are removed from the archive, because they describe other values. ``most``: seconds that
+    are allowed even if they exceed the usual share of the run.
     """
     if outcome.failed or not errors:
         forget(folder, ANSWER)
@@ -98,7 +101,7 @@ def _answers(
     try:
         parts = held.chosen.parts if held and held.chosen else {}
         return answer_errors(outcome.plan, installed(), outcome.reports, budget, folder, watched, parts).document()
-    except KeyboardInterrupt:  # the run is complete: only the error of its answer is not
+    except KeyboardInterrupt:  # the run is complete; only the measurement of its error failed
         return AnswerErrors({}, {}, {}, why="interrupted").document()
 
 

@@ -48,8 +48,8 @@ def transfers_of(job: Job) -> list[tuple[str, Otf]]:
 def _behind(
     pixel: int, every: Sequence[tuple[str, Stage]], chains: Sequence[Sequence[int]]
 ) -> tuple[tuple[str, ChannelTransfer], ...]:
-    """Return the stages that move charge after a pixel stage, in order; where light takes several ways, those on the
-    first.
+    """Return the stages that move charge after a pixel stage, in order; if the pipeline branches, those on the first
+    branch.
     """
     found: list[int] = []
     for number, (_, stage) in enumerate(every):
@@ -71,10 +71,9 @@ class Otf:
     ``parts`` are (name, stage) in the order of the light, ``edges`` those of the bands. Stages that a plan has left out
     are included: the product is taken from the stages, not from arrays. ``grid`` is that of the last one's output.
     ``whole`` is False if an earlier stage moves light without being a transfer function (a warp, a blur that varies
-    over the field): then the product does not describe all that happens to the light. ``behind`` are the stages that
-    move charge between pixels, if the last part is a pixel: they are not in the product, only in ``channels`` and
-    ``channels_along``. ``light`` is that of a white surface in front of the pixel by band, with maximum 1; None if
-    unknown.
+    over the field): the product is then not the complete blur. ``behind`` are the stages that move charge between
+    pixels, if the last part is a pixel: they are not in the product, only in ``channels`` and ``channels_along``.
+    ``light`` is that of a white surface in front of the pixel by band, with maximum 1; None if unknown.
     """
 
     parts: tuple[tuple[str, Transfer], ...]
@@ -121,7 +120,7 @@ class Otf:
         )
 
     def channels_along(self, fy: Array, fx: Array, light: Array | None = None, weights: Array | None = None) -> Array:
-        """Return (channel, n): the same at points (n,) of a line in any direction."""
+        """Return the result of `channels` at points (n,) of a line in any direction, (channel, n)."""
         fy, fx = np.broadcast_arrays(np.asarray(fy, dtype=float), np.asarray(fx, dtype=float))
 
         def moved(stage: ChannelTransfer, white: Array) -> Array:
@@ -147,7 +146,7 @@ class Otf:
         return TABLES.get(("between", state_of(stage), self.edges, fy.tobytes(), fx.tobytes(), white.tobytes()), make)
 
     def without(self, names: Iterable[str]) -> Otf:
-        """Return the same without these stages."""
+        """Return the product without these stages."""
         left_out = {names} if isinstance(names, str) else set(names)
         parts = tuple(part for part in self.parts if part[0] not in left_out)
         return replace(self, parts=parts, behind=tuple(one for one in self.behind if one[0] not in left_out))

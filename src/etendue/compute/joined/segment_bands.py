@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 TOGETHER = 4  # bands projected in one product
 LARGEST_SHARED = 64 << 20  # bytes; up to this size the transforms of all channels are cached for pixels of other sizes
-DIGITS = 14  # of channel weights: those of pixels of another size differ only in the last bits
+# Digits to which channel weights are rounded, because those of pixels of other sizes differ in the last bits.
+DIGITS = 14
 
 
 @dataclass(eq=False)
@@ -237,9 +238,9 @@ def _exact(light: Array | BandArray, joined: GridTransfer, weights: Array) -> An
     """Transform and filter every band by itself; sum in frequency."""
     sums: Any = None
     for band, plane in enumerate(in_order(light)):
-        last = band + 1 == len(weights[0]) and sums is None  # of no light, there is at least a transform
+        last = band + 1 == len(weights[0]) and sums is None  # without light, one zero transform is still needed
         if not last and (not weights[:, band].any() or is_dark(plane)):
-            continue  # nothing sees it, or there is nothing to see
+            continue  # no channel responds to this band, or it has no light
         half = np.array(sampling.low_terms(sampling.transform(np.asarray(plane)), joined.shape))
         joined.apply(half, band)
         if sums is None:

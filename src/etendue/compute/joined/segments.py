@@ -28,9 +28,9 @@ from etendue.types.arrays import Array
 
 @dataclass(eq=False)
 class Light:
-    """The light at a place in a segment: its transform, of the bands ``lit``, outside which there is no light; where
-    all stages before were left out, the segment's input, which the first stage that needs the transform transforms for
-    all.
+    """The light at a place in a segment: its transform in the bands ``lit``, outside which there is no light. If all
+    stages before were left out, it holds the input of the segment instead; the first stage that needs the transform
+    computes it for all.
     """
 
     transform: Any = None
@@ -46,8 +46,8 @@ class Light:
 
 @dataclass
 class Result:
-    """What later cells read: arrays, the light inside a segment, and the smallest value of an array once it has been
-    asked for (NaN: it holds undefined values).
+    """The result of a cell for its readers: arrays, the light inside a segment, and the smallest value of each array
+    that was needed so far (NaN if the array has undefined values).
     """
 
     arrays: dict[str, Any] = field(default_factory=dict)
@@ -65,7 +65,7 @@ class Result:
 
 
 def passed_on(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
-    """Return what a cell that is left out passes on: the very arrays of its input, and the light of its segment."""
+    """Return the result of a left-out cell: the same array objects as its input, and the light of its segment."""
     result, arrays = Result(), dict[str, Any]()
     for _, ref, variable in job.inputs:
         if variable in job.passes and variable not in arrays:

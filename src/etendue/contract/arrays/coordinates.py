@@ -1,4 +1,4 @@
-"""Coordinates as arrays, which stages can get beside what they read.
+"""Coordinates as arrays, which stages can get in addition to their inputs.
 
 In:  grids by name.
 Out: read-only arrays: ``y`` ``x`` as on the grid, ``y_um`` ``x_um`` on the image plane, centres of bands with their

@@ -1,5 +1,5 @@
-"""What is needed to draw an array as a picture: how it is shown, its white and black levels, its filters, and the eye
-it is meant for.
+"""The properties with which an array is drawn as a picture: how it is shown, its white and black levels, its filters,
+and the white to which its viewer is adapted.
 
 In:  what distributions declare of a variable; attributes of an array.
 Out: ``Drawn``, and the attributes that carry the same to a program without a plan.

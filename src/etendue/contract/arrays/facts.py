@@ -1,4 +1,4 @@
-"""What is known of a variable before it is computed.
+"""Facts: properties of a variable that are known before it is computed.
 
 Facts decide what may be left out and which precision a scene needs. An unknown fact is ``None``, and nothing is
 concluded from it.
@@ -19,7 +19,8 @@ Rings = tuple[tuple[float, ...], ...]  # by band and ring of radial frequencies
 class Content:
     """The content of light by band and radial frequency, relative to ``full``, the largest value of any band.
 
-    Values are rounded up to three digits, so that the last bits of a platform never decide what is left out.
+    Values are rounded up to three digits, so that differences in the last bits between platforms do not change which
+    cells are left out.
 
     Attributes
     ----------
@@ -30,8 +31,8 @@ class Content:
     low, mean, high : smallest, mean and largest value of every band
     white : light of a white surface in this scene by band, in the unit; empty if the source states none
     norm : how a change of this light is measured: 'rms' over the frame, or at the largest pixel ('max')
-    widths : rms widths of Gaussian blurs, um, rising from 0; empty if the values behind them are not known
-    peaks : what the largest value of a band at least is behind each of these blurs; rounded down
+    widths : rms widths of Gaussian blurs, um, rising from 0; empty if the values after them are not known peaks : lower
+    bounds of the largest value of a band after each of these blurs; rounded down
     """
 
     full: float
@@ -146,17 +147,17 @@ class Content:
 
 @dataclass(frozen=True)
 class Facts:
-    """What is known of the noise-free values of one variable.
+    """Known properties of the noise-free values of one variable.
 
     Attributes
     ----------
     uniform : the same value at every position
     white : of light, that of a white surface by band, in the variable's unit
     low, high : bounds on the values, in the variable's unit
-    mean : what the mean of the values over the frame at least is
-    contrast : largest over smallest value; inf if the scene contains exact black
-    band_limit : frequency above which the scene has less than a hundredth of its contrast, cycles/um
-    rendered : of a scene, how its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which values
+    mean : lower bound of the mean of the values over the frame contrast : largest over smallest value; inf if the scene
+    contains exact black band_limit : frequency above which the scene has less than a hundredth of its contrast,
+    cycles/um rendered : of a scene, how its ideal chart was drawn: (rms width of a Gaussian, side of the cells over
+    which values
         are means), um, each 0 if it does not apply
     content : of light, its content by band and frequency; the planner finds it for a scene, and passes it on through
         transfer functions

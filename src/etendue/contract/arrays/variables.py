@@ -32,21 +32,22 @@ class Variable:
     without it; ``map`` numbers over y and x, in grey. ``white`` is the linear value shown as white, None: the bright
     parts of the first picture; variables with one ``scale`` share the bright parts of their last picture. ``black``
     names the shared quantity with the value of no signal, ``pattern`` the one with the filters over y and x. ``range``
-    has both ends of a map, None: its own; ``log``: logarithmic. ``full``: what its errors are relative to, if that does
-    not follow from its declaration: 1 for a share. ``index``: it is a position in a list, right or wrong; ``names``: in
-    the labels of this dim. ``flags`` names codes, ``masks`` bits that are combined. ``beside``: it is a coordinate of
-    the variables of its group with this dim. ``counted``: if it is above 0, the end of a run reports that values were
-    raised to a floor, or are above saturation. ``better``: whether ``higher`` or ``lower`` is better, '' if it depends.
-    ``subject``: what a metric is about, such as ``detail`` or ``noise``: reports group metrics by it and open with the
-    one of the lowest ``rank``.
+    has both ends of a map, None: its own; ``log``: logarithmic. ``full``: the value to which its errors are relative,
+    if that does not follow from its declaration: 1 for a share. ``index``: its values are positions in a list, so an
+    error is right or wrong; ``names``: the dim whose labels are that list. ``flags`` names codes, ``masks`` bits that
+    are combined. ``beside``: it is a coordinate of the variables of its group with this dim. ``counted``: if it is
+    above 0, the end of a run reports that values were raised to a floor, or are above saturation. ``better``: whether
+    ``higher`` or ``lower`` is better, '' if it depends. ``subject``: the subject of a metric, such as ``detail`` or
+    ``noise``: reports group metrics by it and open with the one of the lowest ``rank``.
 
     ``quiet``: it is not among the metrics shown first. ``usable``: a cell with a larger value is not chosen to open a
-    page. ``instead``: the variable beside which it adds little. ``curve``: among the curves of a page the one with the
-    highest comes first; ``base``: its curves have a line at 0; ``end``: its value is the hard end of an axis in its
-    unit, and this is the name of that end. For an index, ``asks`` is the question it answers, ``said`` gives its names
-    in sentences, ``tints`` their colours, ``cap`` the name beyond which nothing else counts, and ``cap_said`` the text
-    after that. ``dims``: those of every stage that writes it. ``below_zero``: noise makes it negative, and stages that
-    read it state how they handle that.
+    page. ``instead``: a variable that shows nearly the same; contact sheets with that variable omit this one.
+    ``curve``: among the curves of a page the one with the highest number comes first; ``base``: its curves are drawn
+    with a line at 0; ``end``: its value is the end of every axis in its unit, and this text is the label of that end.
+    For an index, ``asks`` is the question that it answers, ``said`` gives its names as used in sentences, ``tints``
+    their colours, ``cap`` the factor that limits before all others, and ``cap_said`` the text after its name. ``dims``:
+    those of every stage that writes it. ``below_zero``: noise makes it negative, and stages that read it state how they
+    handle that.
     """
 
     long_name: str = ""
@@ -120,7 +121,7 @@ def disagree(name: str) -> str:
 
 @dataclass(frozen=True)
 class Declaration:
-    """What a port carries.
+    """The declaration of the variable that a port reads or writes.
 
     ``dims`` are those that a stage works on; the engine maps it over any dims before them. ``dtype`` is ``float`` (the
     plan's precision) or an unsigned integer type. ``nan`` allows undefined values. An ``optional`` variable is computed

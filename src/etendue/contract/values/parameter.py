@@ -15,7 +15,7 @@ MISSING = dataclasses.MISSING
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """What is allowed for one parameter, apart from its type."""
+    """The allowed values of one parameter, apart from its type."""
 
     units: str = "1"
     above: float | None = None

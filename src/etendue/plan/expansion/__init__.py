@@ -1,1 +1,1 @@
-"""A graph expanded to cells: grids, facts, what is left out, keys and seeds."""
+"""A graph expanded to cells: grids, facts, omissions, keys and seeds."""

@@ -1,7 +1,7 @@
-"""Approximating: for every knob that the file leaves open, choose the cheapest setting within the local tolerance.
+"""Approximation: for every knob that the file does not set, choose the cheapest setting within the local tolerance.
 
 A knob lists its settings from the cheapest to the reference (``Parameter.settings``); the stage states its error at
-each (``error``). A setting that the file writes is part of the model and stays. A knob that only studies vary is never
+each (``error``). A setting in the file is part of the model and is never changed. Knobs that only studies vary are not
 chosen here.
 """
 
@@ -20,7 +20,9 @@ from etendue.plan.stage_calls import made
 
 
 class WatchedFacts(dict[str, Any]):
-    """Facts by port that record whether they were looked at: an answer given without a look holds for any facts."""
+    """Facts by port that record whether a stage read them. An answer given without reading them is valid for
+    any facts.
+    """
 
     looked = False
 
@@ -46,9 +48,9 @@ Asked = Callable[[Stage], tuple[float | None, str]]
 
 @dataclass(frozen=True)
 class Stated(Trial):
-    """A stage with some settings, and the error that it states."""
+    """A stage with some settings of its knobs, and the error that it states."""
 
-    stage: Stage | None  # None: it refuses them
+    stage: Stage | None  # None if the stage refuses the settings
 
 
 def open_knobs(kind: type[Stage], written: Collection[str]) -> tuple[str, ...]:
@@ -63,7 +65,7 @@ def open_knobs(kind: type[Stage], written: Collection[str]) -> tuple[str, ...]:
 def choose(
     stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked
 ) -> tuple[Stage, tuple[Approximated, ...]]:
-    """Return a stage with its open knobs set, and the settings chosen that add an error to the reference's.
+    """Return a stage with its open knobs set, and those chosen settings that add an error to that of the reference.
 
     Knobs are set one after the other, each to its first setting from the cheap end that keeps the stage's whole error
     within the tolerance. If the error stays above the tolerance, all knobs start from their finest setting. If even the
@@ -74,7 +76,7 @@ def choose(
     settings of its other knobs would cost time without reaching the tolerance. So does a stage that does not know its
     error. A setting that the stage refuses is skipped in favour of a finer one.
 
-    Settings of one stage depend on each other, so each is stated with what all of them add.
+    The errors of several settings of one stage are not independent, so the same total is stated for each of them.
     """
     declared = parameters_of(type(stage))
     steps = [Knob("", name, _allowed(declared[name][0], declared[name][2])) for name in knobs]
@@ -90,7 +92,7 @@ def choose(
         best = search.at({knob.key: knob.settings[-1] for knob in steps})
         if best.error is not None:
             found, chosen = search.loosened(steps, Goal(max(tolerance, best.error + 0.1 * tolerance)), best.settings)
-    # A setting that adds no error is no approximation.
+    # A setting that adds no error does not count as an approximation.
     coarser = [one for one in chosen if one.error > 0]
     bound = sum(one.error for one in coarser)
     return found.stage or stage, tuple(

@@ -35,17 +35,20 @@ from etendue.plan.wiring.quantities import to_be_found
 from etendue.plan.wiring.request import Choice
 from etendue.telling import human_bytes, plain
 
-BYTES_OF_A_CELL = 1300  # of a plan in memory, measured by benchmarks/scale.py
+BYTES_OF_A_CELL = 1300  # bytes of memory per cell of a plan, measured by benchmarks/scale.py
 
 
 Told = Callable[[int, int], None]  # called with the cells planned so far and the total
-PositionMap = Callable[[tuple[int, ...]], tuple[int, ...]]  # maps the position of a cell to that of a cell it reads
+# Maps the position of a cell to the position of a cell that it reads.
+PositionMap = Callable[[tuple[int, ...]], tuple[int, ...]]
 
 
 def expand(
     graph: Graph, pipeline: PipelineFile, choice: Choice, told: Told = lambda done, total: None
 ) -> tuple[dict[CellRef, Cell], str, float]:
-    """Return all cells, the precision they are computed in, and the seconds spent analysing new scenes."""
+    """Return all cells, the precision in which they are computed, and the seconds spent on the analysis of new
+    scenes.
+    """
     expansion = _Expansion(graph, pipeline, choice, told)
     cells = expansion.expand()
     if choice.leave_out:
@@ -72,7 +75,7 @@ class _Expansion:
         self.grids: dict[Grid, Grid] = {}
         self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions, choice.keys)
         self.faults: dict[str, Fault] = {}
-        self.looked = 0.0  # seconds spent analysing scenes that were never seen before
+        self.looked = 0.0  # seconds spent on scenes whose content was not in the cache
 
     def stage_at(self, node: Node, number: int, index: Mapping[str, int], found: tuple[LateValue, ...] = ()) -> Stage:
         """Return the stage of an alternative at a combination, with stand-ins for quantities that only a run finds."""
@@ -122,7 +125,7 @@ class _Expansion:
                 self.add(node, index)
                 if not len(self.cells) % 500:
                     self.told(len(self.cells), total)
-            # All faults of one node, then stop: later nodes lack the cells they read.
+            # Report all faults of one node and then stop, because the cells that later nodes read do not exist.
             if self.faults:
                 raise RequestError(list(self.faults.values())[:12], self.pipeline.file)
         return self.cells
@@ -302,11 +305,11 @@ class _Expansion:
         return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
 
 
-# -- where a cell finds what it reads ----------------------------------------------------------------------------------
+# -- where the inputs of a cell come from ------------------------------------------------------------------------------
 
 
 class Reading(NamedTuple):
-    """Where an alternative of a node finds what it reads and looks at."""
+    """Where the inputs of an alternative of a node, and the stages it looks at, come from."""
 
     inputs: tuple[tuple[str, str, str, PositionMap], ...]  # port or shared quantity, node, variable, where
     looks_at: tuple[tuple[str, tuple[tuple[str, PositionMap], ...]], ...]

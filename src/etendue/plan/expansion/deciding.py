@@ -1,7 +1,6 @@
-"""Decide for one cell after the other whether it is left out, how accurately it is computed, and what is known of its
-output.
+"""Decide cell by cell whether it is left out and how accurately it is computed, and derive the facts of its output.
 
-In:  a cell as far as it is planned (``Draft``), and the facts of what it reads.
+In:  a cell before its decisions (``Draft``), and the facts of its inputs.
 Out: ``Decisions``.
 """
 
@@ -40,7 +39,7 @@ StageAt = Callable[[Node, int, Mapping[str, int]], Stage]  # the stage of an alt
 
 
 class Decider:
-    """Makes the decisions. ``cells`` are those planned so far: all that a cell reads is among them."""
+    """Makes the decisions. ``cells``: those planned so far, which include all inputs of the next cell."""
 
     def __init__(
         self, graph: Graph, choice: Choice, cells: Mapping[CellRef, Cell], stage_at: StageAt, precision: str
@@ -51,7 +50,8 @@ class Decider:
         self.chosen: dict[Any, Any] = {}  # stages with their knobs set, by what the choice depended on
         # knobs that the file leaves open, by node and alternative
         self.knobs: dict[tuple[str, int], tuple[str, ...]] = {}
-        for node in graph.nodes if choice.leave_out else ():  # otherwise nothing may be approximated
+        # Without leaving out, the plan must not approximate either.
+        for node in graph.nodes if choice.leave_out else ():
             for number, one in enumerate(node.alternatives if not node.is_source else ()):
                 written = {*one.written, *(name for _, name in node.direct)}
                 self.knobs[node.name, number] = open_knobs(one.kind, written)
@@ -87,8 +87,8 @@ class Decider:
         return Decisions(stage, left_out, approximated, error, facts)
 
     def noises(self, by_dim: Mapping[str, int]) -> list[Noisy] | None:
-        """Return every stage that adds noise, as it is at a combination; None if one of them is not known before the
-        run or at this combination.
+        """Return every stage that adds noise, with its parameters at a combination of axis values; None if the
+        parameters of one are found only during the run, or depend on other axes.
         """
         found: list[Noisy] = []
         for node in self.nodes:
@@ -103,15 +103,19 @@ class Decider:
         return found
 
     def approximate(self, draft: Draft, facts: Mapping[str, Facts]) -> tuple[Stage, tuple[Approximated, ...]]:
-        """Return a stage with its open knobs set, found once for cells of equal stage and equal facts."""
-        # Most stages state errors without looking at facts. Such a choice holds for any facts, so it is cached without.
+        """Return a stage with its open knobs set. The choice is cached, because many cells have equal stages and equal
+        facts.
+        """
+        # Most stages state errors without reading facts. Such a choice is valid for any facts, so facts are not in its
+        # key.
         place = (draft.stage, self.before(draft), tuple(draft.form.input_grids.items()))
         whole = (*place, tuple(facts.items()))
         known = self.chosen.get(place) or self.chosen.get(whole)
         if known is None:
             seen, knobs = WatchedFacts(facts), self.knobs[draft.node.name, draft.number]
             stage, set_ = choose(draft.stage, knobs, self.choice.tolerance, lambda one: self.error(draft, one, seen))
-            known = (self.chosen.setdefault(stage, stage), set_)  # one stage for cells of equal choice
+            # One object for all cells with equal stages: later caches compare stages by identity.
+            known = (self.chosen.setdefault(stage, stage), set_)
             self.chosen[whole if seen.looked else place] = known
         return known
 
@@ -147,8 +151,8 @@ def segment_input(cells: Mapping[CellRef, Cell], draft: Draft) -> tuple[CellRef,
 
 
 def behind(stage: Stage, facts_in: Mapping[str, Facts], grids_in: Mapping[str, Grid], own: Facts) -> Facts:
-    """Return the facts after a transfer function: what the stage states, with the detail that the blur leaves and a
-    bound on the range of the light.
+    """Return the facts after a transfer function: the statement of the stage, with the detail that remains after the
+    blur and a bound on the range of the light.
     """
     if not isinstance(stage, Transfer) or isinstance(stage, Summed):
         return own

@@ -1,7 +1,7 @@
-"""Find the grids of a cell: of what it reads and of what it writes.
+"""Find the grids of the inputs and outputs of a cell.
 
 In:  a stage, what it declares, the grids of its inputs.
-Out: the grid of each output; ``Form``, shared by all cells that have the same.
+Out: the grid of each output; ``CellGrids``, shared by all cells with equal grids.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class CellGrids:
 
 
 class Draft(NamedTuple):
-    """A cell before its decisions: all else is known of it."""
+    """A cell before its decisions."""
 
     node: Node
     number: int  # number of the alternative

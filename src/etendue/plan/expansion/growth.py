@@ -1,14 +1,15 @@
-"""How much a change in one cell may grow on its way to what is wanted: by meters, by gains, and where light is clipped.
+"""The factor by which an error of one cell may grow on its way to the wanted variables: by meters, by gains, and by
+clipping.
 
 In:  the cells of a plan, in order, with the facts of their inputs.
-Out: a factor of at least 1 in each cell about which something is decided.
+Out: a factor of at least 1 in each cell that has a decision.
 
-A full well at a hundredth of the brightest light makes an error in the rest a hundred times larger, relative to what
-is left. The largest factor of all ways and of all cells that read a cell counts. Where a cell decides a value that
-another reader of the same array uses (a metered time), both ways add.
+If the full well is a hundredth of the brightest light, clipping makes an error in the unclipped pixels a hundred times
+larger relative to full scale. The largest factor over all paths and over all cells that read a cell is used. If a cell
+determines a number (a metered time) that another reader of the same array uses, the factors of both paths are added.
 
-The factor belongs to what is stated, not to what is decided: a decision that looked at later stages would compute the
-light again wherever an exposure is edited, and a cell otherwise in a sweep than alone.
+The factor enters the stated bounds but not the decisions. If decisions depended on later stages, editing an exposure
+would recompute the light, and a cell in a sweep could differ from the same cell alone.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from etendue.plan.model import Cell, CellRef
 
 
 def state_growth(cells: dict[CellRef, Cell]) -> None:
-    """Set the growth of every cell with a decision. Bounds on noise are of distributions, and do not grow."""
+    """Set the growth of every cell with a decision. Bounds on noise refer to distributions and have no growth."""
     decided = [cell for cell in cells.values() if (cell.left_out and cell.left_out.bound > 0) or cell.approximated]
     decided = [cell for cell in decided if not isinstance(cell.stage, Noisy)]
     if not decided:
@@ -36,18 +37,18 @@ def state_growth(cells: dict[CellRef, Cell]) -> None:
 
 
 class Kind(NamedTuple):
-    """What all cells of a node have in common."""
+    """Properties that all cells of one node and class share."""
 
-    grows: bool  # its stage states a growth
+    grows: bool  # the stage defines ``growth``
     elementwise: bool
-    plane: bool  # it writes something by place
-    given: frozenset[str]  # ports that take a number which other cells find
-    planes: frozenset[str]  # ports that read something by place
-    seen: bool  # a probe: it passes nothing on
+    plane: bool  # it writes a variable with positions
+    given: frozenset[str]  # ports for numbers that other cells compute
+    planes: frozenset[str]  # ports that read a variable with positions
+    seen: bool  # it is a probe, which passes no light on
 
 
 class Steps:
-    """How much a change grows in each single stage, found once for every cell."""
+    """The growth of an error in each single stage, cached by cell."""
 
     def __init__(self, cells: dict[CellRef, Cell]) -> None:
         self.cells = cells
@@ -77,12 +78,14 @@ class Steps:
 
 
 def factors_of(cells: dict[CellRef, Cell], shares: bool, steps: Steps | None = None) -> dict[CellRef, float]:
-    """Return the factor of every cell. ``shares``: of changes that are a share of every value. Where light is clipped
-    they are the same share of less, and a number that is found from the light changes by that share.
+    """Return the factor of every cell. ``shares``: for changes that multiply every value by nearly the same factor.
+    Clipping does not enlarge such changes relative to full scale, and a number computed from the light changes by the
+    same factor.
     """
     steps = steps or Steps(cells)
     direct: dict[CellRef, float] = {}
     beside: dict[CellRef, float] = {}
+    # A cell comes after the cells it reads. In reverse, the factor of a cell is complete before it is passed on.
     for ref, cell in reversed(cells.items()):
         kind, known = steps.kind(cell), direct.get(ref)
         steers = known is not None and not kind.plane
@@ -94,7 +97,7 @@ def factors_of(cells: dict[CellRef, Cell], shares: bool, steps: Steps | None = N
             step = steps.step(cell)
             whole *= min(step, 1.0) if shares and (steers or kind.elementwise) else step
         for port, source, _ in cell.inputs:
-            if port in kind.given:  # a number that the other cell finds
+            if port in kind.given:  # a number that the source computes
                 direct[source] = max(direct.get(source, 0.0), factor)
             elif port in kind.planes:
                 ways = beside if steers else direct

@@ -1,10 +1,10 @@
-"""Leaving out: decide per cell, within a local tolerance, which stages a scene does not need.
+"""Omission: decide for every cell, within a local tolerance, whether the scene needs its stage.
 
 A stage may be left out if it reads and writes the same variable on the same grid and the change to its own output is
 known. A change of exactly zero always qualifies, a bound above zero if it is within the tolerance. For a transfer
 function the change is summed over the content of the scene's light at every frequency. Any other stage states it
 (``negligible``). For a stage that adds noise it is the largest share that the stage contributes to the variance after
-the converter. Nothing here depends on what else is swept, so a cell is decided alike in every sweep.
+the converter. Nothing here depends on the rest of a sweep, so a cell is decided in the same way in every sweep.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ LEVELS = 5  # signal levels, darkest to brightest pixel, at which a noise's shar
 
 @dataclass(frozen=True)
 class LeaveOutRule:
-    """What may be left out: nothing (None), or changes within a tolerance, measured as rms over the frame or at the
-    pixel that changes most.
+    """The rule of omission: nothing may be left out (None), or stages whose change is within a tolerance, as rms over
+    the frame or at the pixel that changes most.
     """
 
     tolerance: float | None
@@ -83,8 +83,8 @@ def through(stage: Stage, grids_in: Mapping[str, Grid], grids: Mapping[str, Grid
 
 
 def _of_the_stage(stage: Stage, facts: Facts, grid: Grid) -> LeftOut | None:
-    """Return the bound that the stage itself states. For a factor it is a share of each value with it: of the value
-    without it, a little less.
+    """Return the bound that the stage itself states. A stage that multiplies light states a fraction of the value
+    before it; the bound is converted to a fraction of the value after it, which is larger.
     """
     if not isinstance(stage, Bounded):
         return None

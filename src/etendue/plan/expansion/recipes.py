@@ -1,4 +1,4 @@
-"""Build what identifies a cell: its key, and the words that seed its random numbers.
+"""Build the identity of a cell: its key, and the words that seed its random numbers.
 
 In:  a stage at a combination of the axes, and the cells before it.
 Out: the fields of its key and their digest; the words that key its random numbers.
@@ -44,7 +44,7 @@ class Recipes:
         self.cells, self.nodes, self.pipeline_seed, self.expected = cells, nodes, seed, expected
         self.stated, self.keys = versions, keys
         self.words: Once[tuple[str, ...]] = Once()
-        self.digests: Once[str] = Once()  # of parameters
+        self.digests: Once[str] = Once()  # digests of parameters
         self.heads: Once[Head] = Once()
         self.forms: dict[CellGrids, str] = {}  # text of the grids
         self.looked: dict[Hashable, str] = {}  # text of the transfer functions looked at; many cells share it
@@ -54,7 +54,9 @@ class Recipes:
         self.seeds: Once[bytes] = Once()
 
     def parameters(self, stage: Stage) -> str:
-        """Return the digest of a stage's parameters, cached: a stage serves many cells, and each asks twice."""
+        """Return the digest of a stage's parameters. It is cached because many cells share a stage, and each needs it
+        twice.
+        """
         return self.digests((stage,), lambda: key_of(parameters_for_key(stage)))
 
     def key(
@@ -86,7 +88,7 @@ class Recipes:
         return versions, digest("\n".join(lines).encode())
 
     def head(self, draft: Draft, precision: str) -> Head:
-        """Return what the keys of all cells of a stage at a node begin with."""
+        """Return the common first part of the keys of all cells of a stage at a node."""
         node, stage, one = draft.node, draft.stage, draft.one
         asked = [ref for port, refs in draft.looks_at if looks(reads_of(one.kind)[port]) == "transfer" for ref in refs]
         libraries = frozenset().union(*(libraries_of(type(self.cells[ref].stage)) for ref in asked))
@@ -112,7 +114,8 @@ class Recipes:
             "expected": averaged,
             "along": {name: q.along for name, q in quantities_of(type(stage)).items() if q.along},
         }
-        draws = draws_anew(type(stage)) and not averaged  # fixed patterns follow the serial, a parameter
+        # Fixed patterns depend on a serial number, which is a parameter and so in the key already.
+        draws = draws_anew(type(stage)) and not averaged
         if draws:
             fields["seed"], fields["name"] = self.pipeline_seed, node.name
         return AS_TEXT(fields), versions, draws
@@ -136,8 +139,8 @@ class Recipes:
         return f"segment {len(node.segment)} {streamed}"
 
     def text_of_looked_at(self, node: Node, one: Alternative, looks_at: Any) -> str:
-        """Return the text of all that a cell looks at. It is cached for transfer functions and datasheets, which many
-        cells look at alike; a look at variables differs from cell to cell.
+        """Return the text of all cells that a cell looks at. For transfer functions and datasheets it is cached,
+        because many cells look at the same ones; for variables it differs from cell to cell.
         """
         place = (node.name, one.label, looks_at)
         known = self.looked.get(place)
@@ -199,7 +202,7 @@ class Recipes:
         return self.seeds((stage,), found, name, *behind), ()
 
     def open_seed(self, draft: Draft, read: list[CellRef]) -> tuple[bytes, tuple[seed_words.Open, ...]]:
-        """Return the same if a run must find some of the values: the known lines, and those left open."""
+        """Return the seed if a run must find some of its values: the known lines, and the lines left open."""
         name, stage = draft.node.name, draft.stage
         cells = seed_words.behind(self.cells, [self.cells[ref] for ref in read])
         lines = set(self.lines(name, stage)).union(*(self.lines(cell.node, cell.stage) for cell in cells))
@@ -233,5 +236,5 @@ class Recipes:
         return found
 
     def lines(self, name: str, stage: Stage) -> tuple[str, ...]:
-        """Return a stage's own words, cached: it serves many cells."""
+        """Return the words of a stage itself. They are cached because many cells share a stage."""
         return self.words((stage,), lambda: seed_words.own_lines(name, stage), name)

@@ -1,4 +1,4 @@
-"""Analyse what scenes contain, once for every scene ever planned: results are cached by the scene's digest.
+"""Analyse the content of scenes. Each scene is analysed once; the result is cached by the digest of the scene.
 
 In:  a source and its grids.
 Out: its ``Content``, and the seconds spent on the analysis.
@@ -21,7 +21,7 @@ from etendue.plan.identity.keys import key_of, parameters_for_key, version_of
 from etendue.transfer import contents as scenes
 from etendue.transfer.contents import light_of
 
-FORM = 3  # version of the cached file's form
+FORM = 3  # version of the file format of the cache
 __all__ = ["content_of", "light_of"]
 MOST = 64  # contents kept in memory
 _KNOWN: dict[str, Content | None] = {}

@@ -1,9 +1,9 @@
-"""Search the settings of knobs: what may be set, what was tried, and which setting reaches a goal at the least cost.
+"""Search the settings of knobs for those that meet a goal at the lowest cost.
 
 In:  knobs with their settings from the cheapest to the finest, and a function that evaluates a combination of settings.
 Out: trials, each combination evaluated once, within a budget; the front of error and cost.
 
-What evaluates a combination differs, the search does not: a plan asks a stage for its bounds (`approximate`),
+One search serves three evaluations of a combination: a plan uses the bounds that a stage states (`approximate`),
 ``--hold`` measures errors of a whole pipeline (`accuracy.holding`), ``etendue accuracy`` measures errors and seconds
 (`accuracy.trials`).
 """
@@ -20,17 +20,18 @@ from typing import Generic, TypeVar
 Value = bool | int | float | str
 Settings = Mapping[str, Value]  # by key of the knob
 Choices = Mapping[str, Sequence["Setting"]]  # by key of the knob, from the cheapest to the finest
-Name = tuple[tuple[str, Value], ...]  # of a trial: the settings that it moves
-Predicted = Callable[[Settings], tuple[float, float]]  # error and cost of a combination; infinite: not to be tried
-MANY = 300  # combinations; of more, only neighbours are looked at
-DOUBT = 1.1  # of predicted costs
-SAVED = 0.01  # of the cost of the whole; settings that save less are not combined
+Name = tuple[tuple[str, Value], ...]  # identifies a trial: the settings that differ from the start
+# Predicted error and cost of a combination; infinite if it must not be tried.
+Predicted = Callable[[Settings], tuple[float, float]]
+MANY = 300  # if there are more combinations than this, only neighbours are considered
+DOUBT = 1.1  # factor by which a predicted cost may be too high
+SAVED = 0.01  # fraction of the total cost; settings that save less are not combined
 _Point = TypeVar("_Point")
 
 
 @dataclass(frozen=True)
 class Knob:
-    """What may be set. A knob without a stage is of the whole pipeline, as its precision is."""
+    """A knob and its settings. A knob without a stage belongs to the whole pipeline, such as its precision."""
 
     stage: str
     name: str
@@ -52,11 +53,11 @@ class Knob:
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of a knob, with the error that it brings by itself and what it costs."""
+    """One setting of a knob, with the error that it causes alone, and its cost."""
 
     knob: Knob
     value: Value
-    error: float  # a bound or measured, in the units of the goal
+    error: float  # a bound or a measured value, in the units of the goal
     cost: float  # in any unit that adds up over knobs
 
 
@@ -73,10 +74,12 @@ class Goal:
 
 @dataclass(frozen=True)
 class Trial:
-    """A combination of settings and what it gave; knobs that are not named are where the search starts."""
+    """A combination of settings and its error. Knobs that are not named have their settings at the start of the
+    search.
+    """
 
     settings: Settings
-    error: float | None  # None: unknown, or the combination is refused
+    error: float | None  # None if it is unknown or the combination is refused
 
     @property
     def cost(self) -> float:
@@ -85,7 +88,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Means:
-    """What evaluations take, or may take: seconds of thread time in total, bytes of memory at once."""
+    """A cost or a budget: seconds of thread time in total, bytes of memory at once."""
 
     seconds: float
     bytes: float
@@ -105,13 +108,12 @@ class Search(Generic[_Tried]):
     ----------
     evaluate : returns the trial of a combination
     start : settings of knobs that a combination does not name
-    budget : what it may spend; an evaluation that knows what it is going to take asks for it (``afford``)
+    budget : limits of the search; an evaluation that can estimate its cost calls ``afford`` before it starts
 
     Attributes
     ----------
     tried : every trial, in the order of evaluation
-    most : number of trials that it may reach
-    lacking : what was needed next and not begun; None as long as the budget allows all
+    most : largest number of trials lacking : cost of the first evaluation that exceeded the budget; None if none did
     """
 
     most = math.inf
@@ -136,11 +138,11 @@ class Search(Generic[_Tried]):
         return self.tried[name]
 
     def name(self, settings: Settings) -> Name:
-        """Return the settings that differ from where the search starts, by which a trial is known."""
+        """Return the settings that differ from the start of the search; they identify a trial."""
         return tuple(sorted((key, value) for key, value in settings.items() if value != self.start.get(key)))
 
     def afford(self, need: Means, spent: float) -> None:
-        """Raise ``OverBudget`` if the budget does not allow what is needed after so many seconds are spent."""
+        """Raise ``OverBudget`` if ``need``, after ``spent`` seconds, exceeds the budget."""
         if spent + need.seconds > self.budget.seconds or need.bytes > self.budget.bytes:
             self.lacking = need
             raise OverBudget
@@ -148,10 +150,11 @@ class Search(Generic[_Tried]):
     def loosened(
         self, knobs: Iterable[Knob], goal: Goal, start: Mapping[str, Value] = {}
     ) -> tuple[_Tried, list[Setting]]:
-        """Set one knob after the other to its cheapest setting that meets the goal, where its finest does.
+        """Set one knob after the other to its cheapest setting that meets the goal. A knob whose finest setting does
+        not meet it is left unchanged.
 
-        Bisection finds it: for errors that never grow towards finer settings. Each setting is returned with what it
-        adds to the error of the finest.
+        The setting is found by bisection, which requires that errors never grow towards finer settings. Each setting is
+        returned with its error minus that of the finest.
         """
         own, chosen = dict(start), []
         for knob in knobs:
@@ -173,8 +176,9 @@ class Search(Generic[_Tried]):
     def stepped(
         self, knob: Knob, start: Value, goal: Goal, hopeless: Callable[[_Tried], bool] = lambda trial: False
     ) -> _Tried | None:
-        """Return the cheapest setting that meets a goal, step by step: coarser as long as it does, else finer until it
-        does. None: none did before the budget, the settings or hope ended.
+        """Return the cheapest setting that meets a goal, found step by step: coarser as long as the goal is met,
+        otherwise finer until it is met. Return None if the settings or the budget end before that, or if a trial is
+        ``hopeless``.
         """
         found: _Tried | None = None
         with suppress(OverBudget):
@@ -193,11 +197,12 @@ class Search(Generic[_Tried]):
         return found
 
     def explored(self, choices: Choices, goals: Sequence[Goal], most: int, predicted: Predicted) -> None:
-        """Try at most so many combinations: all if they are no more. Else for every goal, in turns, the one predicted
-        to meet it at the least cost, as long as that is less than the cheapest trial that does. What is left is spent
-        on neighbours in one setting that cost hardly more than that, as predictions may be wrong.
+        """Try at most ``most`` combinations. If there are no more, try all. Otherwise try, for every goal in turns, the
+        combination that is predicted to meet it at the lowest cost, as long as this is below the cost of the cheapest
+        trial that meets it. The remaining trials go to combinations that differ from that trial in one setting and cost
+        hardly more, because predictions may be wrong.
 
-        Half of the trials are combinations that are the best at a price of error, to begin from.
+        The first half of the trials are combinations that minimise cost + price x error for some price.
         """
         self.most = len(self.tried) + most
         with suppress(OverBudget):
@@ -223,11 +228,11 @@ class Search(Generic[_Tried]):
     def _promising(
         self, choices: Choices, goal: Goal, predicted: Predicted, at_once: int, doubt: float
     ) -> Settings | None:
-        """Return the untried combination that is predicted to meet a goal at the least cost; None if none is predicted
-        to cost less than the cheapest trial that does, times ``doubt``.
+        """Return the untried combination that is predicted to meet a goal at the lowest cost; None if none is predicted
+        to cost less than ``doubt`` times the cheapest trial that meets the goal.
 
-        Of many combinations only neighbours of that trial count, else of the one with the least error: they have other
-        settings of as many knobs as ``at_once``.
+        If there are many combinations, only neighbours of that trial are considered or, without such a trial, of the
+        trial with the smallest error. Neighbours differ in the settings of up to ``at_once`` knobs.
         """
         best = cheapest(self.tried.values(), error_and_cost, goal.most)
         least = doubt * best.cost if best else math.inf
@@ -248,7 +253,7 @@ class Search(Generic[_Tried]):
 
 
 def _moved(moves: Sequence[Sequence[_Point]], count: int) -> Iterable[tuple[_Point, ...]]:
-    """Return one move of each of so many knobs, in every way."""
+    """Return every way to move ``count`` knobs, each by one of its moves."""
     return itertools.chain(*(itertools.product(*some) for some in itertools.combinations(moves, count)))
 
 
@@ -257,8 +262,9 @@ def error_and_cost(trial: Trial) -> tuple[float, float]:
 
 
 def front(points: Iterable[_Point], of: Callable[[_Point], tuple[float, float]], worth: float = 1.0) -> list[_Point]:
-    """Return the points that no other point beats in both (error, cost), the cheapest first; each has less than
-    ``worth`` times the error of the one before."""
+    """Return the Pareto front of (error, cost), the cheapest point first. Each point has less than ``worth`` times the
+    error of the one before.
+    """
     chosen: list[_Point] = []
     for point in sorted(points, key=lambda p: (of(p)[1], of(p)[0])):
         if not chosen or of(point)[0] < worth * of(chosen[-1])[0]:
@@ -267,13 +273,13 @@ def front(points: Iterable[_Point], of: Callable[[_Point], tuple[float, float]],
 
 
 def cheapest(points: Iterable[_Point], of: Callable[[_Point], tuple[float, float]], most: float) -> _Point | None:
-    """Return the point of least cost whose error is within ``most``; None if there is none."""
+    """Return the cheapest point with an error of at most ``most``; None if there is none."""
     within = [point for point in points if of(point)[0] <= most]
     return min(within, key=lambda point: (of(point)[1], of(point)[0]), default=None)
 
 
 def worthwhile(choices: Choices, whole: float) -> Choices:
-    """Return the settings that save a share of the cost of the whole against all finer ones."""
+    """Return the settings that are cheaper than all finer ones by at least a fraction `SAVED` of the total cost."""
     found: dict[str, list[Setting]] = {}
     for key, own in choices.items():
         kept = [own[-1]]
@@ -287,15 +293,15 @@ def worthwhile(choices: Choices, whole: float) -> Choices:
 def combinations(choices: Choices, most: int) -> list[Settings]:
     """Return combinations of settings worth a trial, from the finest to the cheapest, without duplicates.
 
-    For every price of error each knob takes the setting with the least cost + price x error: if errors and costs add
-    up, these are the corners of the front's convex hull. Between them are combinations in which every knob takes its
-    cheapest setting with an error within one tolerance.
+    For each price, every knob takes the setting with the smallest cost + price x error. If errors and costs add, these
+    combinations are the corners of the convex hull of the front. Combinations between the corners are added, in which
+    every knob takes its cheapest setting with an error within one tolerance.
     """
     found: list[tuple[Setting, ...]] = []
     for number in range(201):
         price = 10.0 ** (16 - 0.1 * number)
         costs = [[one.cost + price * one.error for one in own] for own in choices.values()]
-        cheap = (len(own) - 1 - own[::-1].index(min(own)) for own in costs)  # of equal ones the finest
+        cheap = (len(own) - 1 - own[::-1].index(min(own)) for own in costs)  # among equal ones, take the finest
         found.append(tuple(own[i] for own, i in zip(choices.values(), cheap, strict=True)))
     for number in range(20):
         most_of_one = 10.0 ** (number / 2 - 10)

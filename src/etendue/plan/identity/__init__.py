@@ -1,1 +1,1 @@
-"""What code and values a result depends on: digests of modules and keys."""
+"""The code and values on which a result depends: digests of modules, and keys."""

@@ -76,8 +76,8 @@ def code_of(kind: type[Stage]) -> Code:
 
 
 def _said_of(kind: type[Stage]) -> Iterator[tuple[str, str]]:
-    """Yield digests of what manifests state of a stage's dims and fixed patterns: they decide at which band values it
-    is evaluated and which patterns it gets.
+    """Yield digests of the declarations in manifests for a stage's dims and fixed patterns. They determine at which
+    band values the stage is evaluated and which patterns it receives.
     """
     if bands := bands_of(kind):
         yield f"the dim {bands}", digest(f"{dim(bands).factor!r}".encode())
@@ -129,7 +129,7 @@ def _text_of(kind: type[Stage]) -> str:
 
 @dataclass(frozen=True)
 class _Step:
-    """What one imported name contributes, and the names it imports in turn."""
+    """The contribution of one imported name to a digest, and the names that it imports."""
 
     sources: Mapping[str, str] = field(default_factory=dict)
     libraries: frozenset[str] = frozenset()

@@ -1,4 +1,4 @@
-"""Sort the engine's own modules: those that can change a bit of a cell, and those that only move what others compute.
+"""Divide the engine's own modules into those that can change a bit of a cell, and those that only pass on results.
 
 The key of every cell covers the package ``compute`` and the few modules outside it that its bits depend on; the digest
 of a stage's own code and of all it imports is added to it (``plan.identity.code``). No digest follows the packages in
@@ -27,14 +27,15 @@ ENGINE = (
     "etendue.contract.arrays.grid",
     "etendue.contract.stage",
     "etendue.contract.arrays.variables",  # dims and dtype of what is written
-    "etendue.plan.stage_calls",  # remakes a stage with the values that a run has found
+    "etendue.plan.stage_calls",  # builds a stage again with the values that a run has found
     "etendue.plan.expansion.seed_words",  # the key of random numbers
     "etendue.transfer.products",  # products of transfer functions
 )
 
-# What the engine computes for transfer functions: part of the digests of those, and of no other stages.
+# The engine's modules that compute with transfer functions: part of the code digests of stages with a transfer function
+# only.
 TRANSFER_KERNELS = (
-    "etendue.contract.values.units",  # the unit in which they get the centres of bands
+    "etendue.contract.values.units",  # the unit in which transfer functions receive the centres of bands
     "etendue.transfer.cell_pixels",
     "etendue.transfer.cells",
     "etendue.transfer.expansion",

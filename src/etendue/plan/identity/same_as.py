@@ -3,8 +3,8 @@
 In:  cells with their decisions, the kept variables, and those of which a copy is asked for.
 Out: by stage and variable, the stage that has the values. It is computed, or it stores copies itself: never a chain.
 
-A copy stays where only some cells are left out, where no stage that has the values is kept, and where several have
-them, for example different ones for the alternatives of an axis.
+A variable keeps its own array if only some of its cells are left out, if no stage with the same values is kept, or if
+several stages have the values, for example different ones for the alternatives of an axis.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ def _holder(
 ) -> str:
     """Return the one stage that has the values of all these cells; '' if there is none.
 
-    Its groups in an archive are told apart by shape. So all cells of one shape must have a source of one shape.
+    The groups of a stage in an archive are distinguished by shape, so all cells of one shape must have a source of one
+    shape.
     """
     stages: set[str] = set()
     shapes: dict[Hashable, Hashable] = {}
@@ -67,12 +68,16 @@ def _holder(
 
 
 def source_of(cell: Cell, variable: str) -> CellRef | None:
-    """Return the cell that a cell that is left out passes a variable on from; None if it does not pass it on."""
+    """Return the cell whose array a left-out cell passes on as its variable; None if it does not pass this
+    variable on.
+    """
     return next((ref for _, ref, name in cell.inputs if name == variable), None) if cell.left_out else None
 
 
 def holding(cells: Mapping[CellRef, Cell], cell: Cell, variable: str, kept: Collection[StageVariable]) -> Cell | None:
-    """Return the nearest cell before one that is left out whose variable, the same, is kept; None if there is none."""
+    """Return the nearest cell before a left-out cell that has the same values in a kept variable; None if there is
+    none.
+    """
     ref = source_of(cell, variable)
     while ref is not None and (ref[0], variable) not in kept:
         ref = source_of(cells[ref], variable)

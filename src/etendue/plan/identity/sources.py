@@ -57,8 +57,8 @@ _CLASS = re.compile(r"\b[A-Z]\w+")
 
 @dataclass(frozen=True)
 class SourceFile:
-    """What is known of a file. ``imports`` are names of modules and of what is imported from them, relative ones with
-    their dots.
+    """The analysis of a file. ``imports``: names of imported modules and of names imported from them; relative ones
+    keep their dots.
 
     ``words``: contains only a docstring. ``hides``: has imports that cannot be followed. ``beside``: reads files next
     to it. ``classes``: for a module that imports the ``models`` of a package, which gives classes by name, every word
@@ -112,8 +112,8 @@ def _imports(tree: ast.Module) -> Iterator[str]:
 
 
 def _called(tree: ast.Module) -> tuple[set[str], bool]:
-    """Return what is imported by calls with a literal name, and whether anything else is imported in a way that cannot
-    be followed.
+    """Return the names that calls with a literal argument import, and whether there are imports that cannot be
+    followed.
     """
     found, hides, followed = set[str](), False, set[ast.AST]()
     for node in ast.walk(tree):
@@ -158,7 +158,7 @@ _fresh: list[str] = []  # paths read in this process and not yet cached
 
 @cache
 def known(path: Path) -> SourceFile:
-    """Return what is known of a file. It is looked at once per process, because code once loaded does not change."""
+    """Return the analysis of a file. Its state is checked once per process, because loaded code does not change."""
     # Four fields together identify a version of the file: an edit that restores the size and mtime still changes ctime.
     name, found = str(path), os.stat(path)
     state = [found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino]
@@ -176,7 +176,7 @@ def known(path: Path) -> SourceFile:
 
 
 def keep() -> None:
-    """Write what was read to the cache."""
+    """Write the new analyses to the cache."""
     if not _fresh:
         return
     _fresh.clear()

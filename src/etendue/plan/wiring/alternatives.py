@@ -48,7 +48,8 @@ def alternatives_of(request: Request, entry: StageEntry) -> tuple[tuple[Alternat
         if not request.takes_label(place, label, labels):
             continue
         labels.append(label)
-        shared = entry.values if table["use"] == entry.use else {}  # the stage's own table belongs to its own 'use'
+        # Parameters in the table of the stage belong to the stage that its 'use' names.
+        shared = entry.values if table["use"] == entry.use else {}
         one = _alternative(request, entry.name, table["use"], label, {**shared, **own}, place)
         if one:
             made.append(one)
@@ -103,7 +104,7 @@ def _alternative(
 
 
 def _no_parameter(request: Request, use: str, name: str, shared: bool, own: list[str]) -> str:
-    """Return why a stage takes no value of this name. ``shared``: it has the parameter, as a shared quantity."""
+    """Return why a stage does not accept a parameter of this name. ``shared``: it has the name as a shared quantity."""
     table = request.pipeline.table
     if shared:
         return f"{name} is shared by several stages; set {table.place(name)} under [{table.name}]"

@@ -1,4 +1,4 @@
-"""Values that a pipeline leaves open (``spacing = "auto"``): each becomes one number for the whole pipeline.
+"""Parameters that a pipeline leaves open (``spacing = "auto"``). Each is given one number for the whole pipeline.
 
 In:  a pipeline as written, the registry.
 Out: the parameters that are left open; the pipeline with the numbers that their stages choose.
@@ -62,7 +62,7 @@ def _kind(entry: StageEntry, registry: Registry) -> type[Stage] | None:
     try:
         return registry.load(entry.use) if entry.use in registry else None
     except PluginError:
-        return None  # a fault that the graph reports
+        return None  # the graph reports this fault
 
 
 def _known(entry: StageEntry, declared: DocumentView, pipeline: PipelineFile) -> Iterator[tuple[str, Any]]:
@@ -125,8 +125,8 @@ def _axis(written: Any, parameter: Parameter, type_: Any, pipeline: PipelineFile
 
 
 def with_chosen(pipeline: PipelineFile, values: Mapping[str, DocumentView]) -> PipelineFile:
-    """Return the pipeline with these values of its stages, as if they had been set on the command line: a record of the
-    run then tells them from those of the file.
+    """Return the pipeline with these values of its stages as if they had been set on the command line. The record of a
+    run then distinguishes them from the values of the file.
     """
     overrides = dict(pipeline.overrides)
     for stage, own in values.items():

@@ -20,7 +20,7 @@ from etendue.plan.wiring.request import Request
 
 
 class _Target(NamedTuple):
-    """What one line of a sweep sets, and the stages that use it."""
+    """The parameter or quantity that one line of a sweep sets, and the stages that use it."""
 
     parameter: Parameter
     kind: Any

@@ -1,4 +1,5 @@
-"""Bind ports to the stages that write them: find what a node reads, writes and looks at, and which axes reach it.
+"""Bind ports to the stages that write them: find the variables that a node reads, writes and looks at, and the axes
+that affect it.
 
 In:  the alternatives at every stage, the axes, and what each axis sets.
 Out: nodes in the order of the file.
@@ -120,7 +121,7 @@ def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[N
 
 
 def _written(made: tuple[Alternative, ...]) -> list[Declaration]:
-    """Return what all alternatives write; an optional variable counts if every alternative has it."""
+    """Return the variables that all alternatives write; an optional variable counts if every alternative has it."""
     every = [set(writes_of(one.kind).values()) for one in made]
     return [d for d in writes_of(made[0].kind).values() if not d.optional or all(d in own for own in every)]
 
@@ -147,7 +148,7 @@ def _mapped_over(
     found = [reads[port].mapped(by_name[source].writes[v].dims) for port, source, v in bound if port in reads]
     leading = sorted({dims for dims in found if dims}, key=len)
     longest = leading[-1] if leading else ()
-    # A quantity with a value per frame puts its dim in front of the planes read beside it: frames of planes.
+    # A quantity with a value per frame adds the dim of frames to the planes that are read with it.
     own = {dim: None for port, source, v in bound if port not in reads for dim in by_name[source].writes[v].dims}
     dims = (*(dim for dim in own if dim not in longest), *longest)
     if any([dim for dim in dims if dim in few] != list(few) for few in leading):
@@ -188,7 +189,7 @@ def _named_writer(request: Request, entry: StageEntry, port: str, variable: str,
 def _nearest_writer(
     request: Request, entry: StageEntry, one: Alternative, port: str, variable: str, earlier: list[Node]
 ) -> Node | None:
-    """Return the last node before a stage that writes what it reads."""
+    """Return the last node before a stage that writes a variable it reads."""
     node = next((n for n in reversed(earlier) if variable in n.writes), None)
     if node is None and request.whole and port not in optional_ports(one.kind):
         writers = list(request.registry.makers(variable))[:6]
@@ -265,8 +266,8 @@ def _reach_of_transfer(looked: Node, earlier: list[Node]) -> set[str]:
     for node in (n for n in earlier if n.name in names):
         if node.is_source or any(issubclass(one.kind, Tinting) for one in node.alternatives):
             reach |= _own_axes(node)
-        # And on the choice among alternatives of which some move light: no product of transfer functions holds for
-        # those.
+        # It also depends on an axis that chooses among alternatives some of which move light, because for those no
+        # product of transfer functions is valid.
         if node.use_axis and len({one.kind.pointwise or is_transfer(one.kind) for one in node.alternatives}) > 1:
             reach.add(node.use_axis)
     return reach

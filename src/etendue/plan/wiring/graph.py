@@ -40,7 +40,7 @@ class Graph:
     wanted: tuple[tuple[str, str], ...]
     keep: tuple[str, ...] | None
     warnings: tuple[str, ...]
-    seen_only: frozenset[str] = frozenset()  # nodes whose stages alone are looked at: nobody needs their values
+    seen_only: frozenset[str] = frozenset()  # nodes whose stages other nodes look at, but whose values no node needs
 
 
 def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
@@ -49,7 +49,7 @@ def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
     pipeline, _ = settled(pipeline, registry)
     request = Request(pipeline, registry)
     needed = lacking(pipeline, registry)
-    if needed:  # stages of a missing distribution are unknown: all further faults would only follow from that
+    if needed:  # stages of a missing distribution are unknown, and all further faults would only be consequences
         raise RequestError([*request.faults, *needed], pipeline.file)
     entries: dict[str, tuple[Alternative, ...]] = {}
     swapped: dict[str, Axis] = {}
@@ -150,7 +150,7 @@ def _check_axis_names(request: Request, nodes: list[Node], axes: list[Axis]) -> 
 
 
 def _check_found(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
-    """Report quantities that are given or swept although an earlier stage writes them for all that take them."""
+    """Report quantities that are given or swept although an earlier stage writes them for all stages that use them."""
     for name, finder in {name: finder for node in nodes for name, finder in node.found.items()}.items():
         takers = [
             n for n in nodes if any(name in quantities_of(one.kind) and name not in n.found for one in n.alternatives)
@@ -211,7 +211,9 @@ def _as_asked(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> list[No
 
 
 def _wanted_of(request: Request, nodes: list[Node]) -> tuple[tuple[str, str], ...]:
-    """Return what the file asks for; by default what probes write, and all that no later stage reads or rewrites."""
+    """Return the variables that the file wants; by default the outputs of probes, and all variables that no later stage
+    reads or rewrites.
+    """
     if request.pipeline.wanted is not None:
         found = [pair for text in request.pipeline.wanted for pair in _find_variable(request, text, nodes, "wanted")]
         if not request.pipeline.wanted:
@@ -293,7 +295,8 @@ def _seen_only(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> frozen
                 seen |= set(names)
             else:
                 open_ += names
-        # A stage is known once the values that others find for it are: of those looked at, and of those before them.
+        # A stage is known only if the values that other stages find for it are known: those of the stages looked at and
+        # of all before them.
         open_ += [finder for other in _with_inputs(by_name, seen) for finder in by_name[other].found.values()]
     return frozenset(by_name) - computed
 

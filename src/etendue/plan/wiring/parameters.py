@@ -22,7 +22,8 @@ from etendue.errors import nearest, unprintable
 from etendue.plugins.discovery import is_table_file
 from etendue.types.documents import Document
 
-SMALLEST, LARGEST = 1e-30, 1e30  # magnitudes of numbers; products of a few of them fit 64-bit floats
+# Allowed magnitudes of numbers; products of a few of them stay within the range of 64-bit floats.
+SMALLEST, LARGEST = 1e-30, 1e30
 MOST_STEPS = 100_000
 
 

@@ -47,7 +47,7 @@ def preset_axes(request: Request, declared: Mapping[str, Declared]) -> dict[str,
 def _axis(request: Request, declared: Mapping[str, Declared], whose: Table) -> Axis | None:
     """Return the axis of one kind of presets; None if it is not swept, or a fault is reported."""
     word = whose.preset
-    place, words = f"sweep.{word}", (word, "label")  # keys of a value's table that are not quantities
+    place, words = f"sweep.{word}", (word, "label")  # keys in the table of a value that are not quantities
     written = request.pipeline.sweep.get(word)
     if written is None:
         return None
@@ -106,7 +106,7 @@ def _tables(request: Request, written: Iterable[str], word: str) -> dict[str, Do
 
 
 def _stated(name: str, whose: Table) -> DocumentView:
-    """Return what an installed preset gives; empty if it cannot be read, which is reported where it is named."""
+    """Return the quantities of an installed preset; none if it cannot be read, which is reported where it is named."""
     try:
         return preset(name, whose).values()
     except RequestError:

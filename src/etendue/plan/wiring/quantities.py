@@ -51,16 +51,16 @@ def resolve_quantities(request: Request, entries: Entries) -> Quantities:
     written = frozenset(d.variable for made in entries.values() for one in made for d in writes_of(one.kind).values())
     axes = preset_axes(request, declared)
     settled = {name for axis in axes.values() for name in axis.gives}
-    if len(axes) < len(request.pipeline.presets_swept):  # one is faulty
+    if len(axes) < len(request.pipeline.presets_swept):  # one of the presets is faulty
         settled = set(declared)
     values = _values_of(request, declared, written, settled)
-    if not request.faults:  # every preset could be read
+    if not request.faults:  # whether every preset could be read
         _tell_stand_ins(request, declared)
     return Quantities(declared, values, written, axes)
 
 
 def _tell_stand_ins(request: Request, used: Mapping[str, Declared]) -> None:
-    """Note the values that no source gives; refuse them if the pipeline allows none."""
+    """Add a note on values that no source gives; report a fault if the pipeline does not allow such values."""
     for preset, names in standing_in(request.pipeline, used).items():
         text = f"no source gives {', '.join(names)} of the {preset}: typical values stand in"
         if request.pipeline.stand_ins:
@@ -118,7 +118,7 @@ def _values_of(
     for name, value in given.items():
         if name not in declared:
             if name not in pipeline.shared:
-                continue  # a preset may give more than this pipeline uses
+                continue  # a preset may give quantities that this pipeline does not use
             if name in quantities.names():
                 request.warnings.append(f"{place(name)} is not used by any stage of this pipeline")
             else:

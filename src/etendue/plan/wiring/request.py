@@ -28,8 +28,8 @@ class Choice:
     # library versions for the keys, instead of the installed ones
     versions: Mapping[str, str] = field(default_factory=dict)
     computed: frozenset[str] = frozenset()  # stages that are not left out, whatever their bound
-    decided: Mapping[CellRef, Cell] = field(default_factory=dict)  # cells whose decisions are taken over
-    keys: bool = True  # whether cells have keys; without, nothing can be stored or found again
+    decided: Mapping[CellRef, Cell] = field(default_factory=dict)  # cells whose decisions are copied
+    keys: bool = True  # whether cells have keys; without keys, results cannot be stored or reused
 
 
 class Request:
@@ -37,7 +37,7 @@ class Request:
 
     Attributes
     ----------
-    whole : whether all that the stages write is known; if not, nothing is concluded from something missing
+    whole : whether the outputs of all stages are known; if not, a missing variable is not reported as a fault
     """
 
     def __init__(self, pipeline: PipelineFile, registry: Registry) -> None:

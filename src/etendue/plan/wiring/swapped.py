@@ -1,7 +1,7 @@
 """Fit the table of a stage that an override has swapped: parameters that only the replaced stage takes are left out.
 
 In:  a pipeline with its overrides, the registry.
-Out: the pipeline whose entries contain only what their stages take, and a note for each that lost something.
+Out: the pipeline whose entries contain only parameters of their stages, and a note for each entry that lost some.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from etendue.pipeline.file import PipelineFile, StageEntry
 
 
 def fitted_to_overrides(pipeline: PipelineFile, registry: Registry) -> tuple[PipelineFile, list[str]]:
-    """Return the pipeline with swapped stages fitted, and the notes. As in the sweep of a ``.use``, a stage's own table
-    belongs to that stage; but here parameters that both stages take are kept.
+    """Return the pipeline in which swapped stages have only parameters that they accept, and notes on the dropped ones.
+    In a sweep of a ``.use``, all parameters in the table of the replaced stage are dropped; here those that both stages
+    accept are kept.
 
-    A parameter that not even the file's own stage takes is kept, so that it is reported as a fault.
+    A parameter that the file's own stage does not accept either is kept, so that it is reported as a fault.
     """
     notes: list[str] = []
     swapped = {key.removesuffix(".use") for key, _ in pipeline.overrides if key.endswith(".use")}

@@ -1,4 +1,4 @@
-"""What distributions contribute to a page: sections (``etendue_sections``), wordings, and the order of preference.
+"""Contributions of distributions to a page: sections (``etendue_sections``), wordings, and the order of preference.
 
 In:  an archive opened for display.
 Out: plain JSON. A section consists of paragraphs, tables and pictures; if one fails, the reason is shown and the others

@@ -107,7 +107,7 @@ def _arrays(opened: Opened, groups: list[ShownGroup], name: str) -> Iterator[tup
             if opened.has(cell):
                 try:
                     yield group, place, np.asarray(opened.read(cell, name), dtype=float)
-                except (ArchiveError, IndexError):  # given up in the meantime, or damaged: treat as missing
+                except (ArchiveError, IndexError):  # removed by the run in the meantime, or damaged: treat as missing
                     continue
 
 

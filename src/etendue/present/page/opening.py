@@ -1,12 +1,13 @@
-"""How a page opens: which cell of a sweep to choose and why, what limits it, how large its error may be; and every
-metric in one place.
+"""The beginning of a page: the recommended cell of a sweep and the reason for the choice, the factor that limits it,
+its error bound; and all metrics by subject.
 
 In:  the metrics of an archive, the values of its axes, its ledger.
 Out: plain JSON, except ``usable``, an array: the chosen position, the front on which it lies, its neighbours, at most
      eight metrics, all others by subject.
 
-The front is that of the first two opening subjects (``etendue_subjects``) that vary over the sweep. The chosen cell
-loses least: relative to the best that any usable cell reaches, the smaller of its two shares is the largest.
+The front is that of metrics of the first two opening subjects (``etendue_subjects``) that vary over the sweep. For
+every usable cell, each of the two metrics is divided by the best value of all usable cells; the cell whose smaller
+quotient is the largest is chosen.
 """
 
 from __future__ import annotations
@@ -254,15 +255,15 @@ def _beside(
     return found
 
 
-# -- what limits, what may be wrong
+# -- limiting factors and errors
 # -----------------------------------------------------------------------------------------
 
 
 def _limits(figures: Sequence[MetricColumn], place: Mapping[str, int]) -> list[Document]:
-    """Return which of the named factors is the limit at a position, and its gain if a metric gives it.
+    """Return the limiting factor at a position, and the gain from removing it if a metric gives that.
 
-    ``capped``: how many times as far it would go without the factor that caps all others; above 1 that factor comes
-    before any other.
+    ``capped``: the factor by which the metric would improve without the factor that caps all others; above 1, the
+    capping factor is reported first.
     """
     found = []
     for one in figures:

@@ -4,8 +4,9 @@ In:  the grids of the shown pictures; later, what was kept of each at full resol
 Out: rows of every picture that are kept while it is reduced; within them the detail that shows a strong edge between
      flat areas.
 
-Pictures that fit are kept whole. Of larger ones a band of rows is kept, the same part of the scene in all: what is in
-the picture is unknown when its first stage is computed. The detail is then chosen along the band.
+Pictures that fit are kept whole. Of larger pictures a band of rows is kept, which shows the same part of the scene in
+all of them. The position of the band is fixed, because the content of the picture is unknown when its first stage is
+computed; the detail is chosen within the band later.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The error of the answer in words: behind a value, and what was measured where.
+"""The error of the answer as text: printed after a value, and notes about the cells where it was measured.
 
 In:  stored errors (``AnswerErrors.document()``), or one of them.
 Out: texts for the end table, captions and the report.
@@ -69,8 +69,8 @@ def _is_number(value: Any) -> bool:
 
 
 def unknown_parts(error: DocumentView) -> list[str]:
-    """Return the parts of an error that were not measured. The interval of the noise is beside the error, no part of
-    it.
+    """Return the parts of an error that were not measured. The interval of the noise is given separately and is not a
+    part of the error.
     """
     return [name for name in error["open"] if name != NOISE]
 
@@ -97,8 +97,8 @@ def says_enough(error: DocumentView, complete: bool = False) -> bool:
 
 
 def plus_minus(error: DocumentView | None, unit: str = "") -> str:
-    """Return what stands behind a value: ``\u00b10.03 cycles/mm (bins 0.02, spacing 0.01)``; '' if not enough was
-    measured.
+    """Return the text printed after a value: ``\u00b10.03 cycles/mm (bins 0.02, spacing 0.01)``; '' if not
+    enough was measured.
     """
     if error is None or not says_enough(error):
         return ""
@@ -118,7 +118,9 @@ def number(value: Any) -> float:
 
 
 def notes(document: DocumentView) -> list[str]:
-    """Return what was measured where, and what was not, with what it would take."""
+    """Return notes: the cell at which errors were measured, the errors that were not measured, and the time or the
+    options that measuring them requires.
+    """
     if document.get("why"):
         return [f"error of the answer not measured: {document['why']}"]
     errors, points = document["errors"].values(), document["points"]

@@ -1,4 +1,4 @@
-"""The error of the answer: behind every headline metric, and a row for each other wanted variable.
+"""The error of the answer: printed after every headline metric, and in a row for each other wanted variable.
 
 In:  the stored errors (``AnswerErrors.document()``).
 Out: texts and a table on stdout.

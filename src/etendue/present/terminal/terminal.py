@@ -174,7 +174,9 @@ def expected_seconds(document: Document) -> str:
 
 
 def _without_time(stage: Document) -> str:
-    """Return what is said in place of a time: what was computed before, or what nobody needs the values of."""
+    """Return the word shown instead of a time: ``reused`` for earlier results, ``not needed`` if no wanted variable
+    needs the stage.
+    """
     return "reused" if stage["cells"] else "not needed"
 
 
@@ -255,7 +257,7 @@ def together(reasons: Mapping[str, str]) -> dict[str, list[str]]:
 
 
 def replay(plan: Plan, ref: CellRef) -> str:
-    """Return the command that computes one cell and what it needs, alone. Axes that do not reach it take their first
+    """Return the command that computes only one cell and its inputs. Axes that do not reach it take their first
     value.
     """
     labels = plan.labels(ref)

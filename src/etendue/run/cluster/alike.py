@@ -1,7 +1,7 @@
-"""What all workers must have in common with the owner of a run: libraries, processor, code of stages, the archive.
+"""Compare a worker with the owner of a run: libraries, processor, code of stages and archive must agree.
 
 In:  the owner's state.
-Out: for a worker, its differences in words; with these, bits would differ or results be lost.
+Out: for a worker, its differences in words. With any of them, bits would differ or results would be lost.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from etendue.run.memory import keep_freed_memory
 from etendue.telling import said
 from etendue.types.documents import Document, DocumentView
 
-Platform = Callable[[], DocumentView]  # returns what bits depend on, in the calling process
+Platform = Callable[[], DocumentView]  # returns the properties of the calling process on which bits depend
 Mark = tuple[str, bytes]  # a file that all workers must see, and its content
 
 
@@ -82,7 +82,7 @@ def _brought_by(module: str) -> str:
 
 
 def _sees(path: str, content: bytes) -> list[str]:
-    """Check that the archive is there, is that of the run, and can be written."""
+    """Check that the archive exists at this path, belongs to the run and can be written."""
     folder = os.path.dirname(path)
     try:
         with open(path, "rb") as file:

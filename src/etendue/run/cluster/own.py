@@ -1,8 +1,8 @@
 """A cluster on this machine for the length of a run: a scheduler in this process, and watched worker processes.
 
 In:  the number of workers.
-Out: a Dask client. Scheduler and workers listen only on loopback and use TLS with a certificate that only they have:
-     otherwise any program on the machine could make them run its code.
+Out: a Dask client. Scheduler and workers listen only on loopback and use TLS with a certificate that no other program
+     has. Without TLS, any program on the machine could run its code in them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 from etendue.errors import MachineError, RequestError
 from etendue.run.workers import quiet_tracker
 
-DEATHS = 1  # this many workers may die of a batch before its cells are tried one by one
+DEATHS = 1  # number of workers that may die while computing a batch before its cells are tried one by one
 ENDING = 10.0  # seconds for workers to end in order
 SILENT = logging.CRITICAL + 1
 NO_PROFILE = {

@@ -1,4 +1,5 @@
-"""Retry batches whose workers died cell by cell, with nothing else running, so that only the guilty cell fails.
+"""Recompute batches whose workers died, cell by cell and with no other batch running, so that only the cell that kills
+its worker fails.
 
 In:  a batch; the results that it reads.
 Out: its result. A cell that kills every worker that tries it, or that takes too long, becomes a failed cell.

@@ -68,12 +68,12 @@ def compute(common: Common, data: bytes, *before: BatchResult) -> BatchResult:
 
 
 def told(result: BatchResult) -> Told:
-    """Return what the owner of the run fetches."""
+    """Return the reports and arrays that the owner of the run fetches."""
     return result.reports, result.kept
 
 
 def compute_and_tell(common: Common, data: bytes, *before: BatchResult) -> Told:
-    """Compute a batch whose result nobody reads; return what the owner fetches."""
+    """Compute a batch whose result no other batch reads; return the reports and arrays that the owner fetches."""
     return told(compute(common, data, *before))
 
 

@@ -1,4 +1,4 @@
-"""Watch a cluster: which workers there are, how long a cell takes, which tasks workers died of.
+"""Watch a cluster: its workers, the time that each cell takes, and the tasks during which workers died.
 
 In:  a client, and events of its workers.
 Out: readable errors if a cluster cannot continue; workers that hang are ended.
@@ -15,7 +15,7 @@ from etendue.run.watch import Stop
 from etendue.run.workers import STARTING
 from etendue.telling import said
 
-PATIENCE = 60.0  # seconds without a running worker until the run is given up
+PATIENCE = 60.0  # seconds without a running worker after which the run ends with an error
 AGAIN = 1.0  # seconds between two requests to the scheduler
 DEATHS = ("KilledWorker", "FutureCancelledError", "CancelledError")
 
@@ -66,12 +66,12 @@ class Watching:
         return self.counted
 
     def look(self, waiting: bool) -> None:
-        """Check that a worker is there and running.
+        """Check that at least one worker is running.
 
         Raises
         ------
         MachineError
-            None has been for too long.
+            No worker has been running for too long.
         Lost
             The scheduler is lost.
         """
@@ -146,7 +146,7 @@ class Watching:
         return future.result()
 
     def died(self, future: Any) -> bool:
-        """Return True if workers died of a task; raise what the task itself raised."""
+        """Return True if workers died while computing a task; raise the exception that the task itself raised."""
         if future.status == "finished":
             return False
         if self.client.status != "running":

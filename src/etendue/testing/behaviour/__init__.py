@@ -1,1 +1,3 @@
-"""What a stage does with places, ranges, codes, noise and state; ``laws`` has a test method for each."""
+"""Checks of how a stage treats places, ranges of values, codes, noise and state; ``laws`` has a test method for each
+check.
+"""

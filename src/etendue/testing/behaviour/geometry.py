@@ -1,10 +1,12 @@
-"""What a stage does with places: uniform light to the rim, mirror images, shifted pictures.
+"""Checks of places: uniform light up to the border, mirrored pictures, shifted pictures, the far corner of a large
+frame.
 
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken``.
 
-A stage that is not told where it is (``run`` asks for no position, and ``prepare`` gets none) treats every place alike.
-One that is told may vary over the frame, but not with the border of what it is given.
+A stage that gets no positions (``run`` has no argument for a coordinate, and ``prepare`` gets none) must treat every
+place alike. A stage that gets positions may vary over the frame, but its result must not depend on where the border of
+its input is.
 """
 
 from __future__ import annotations
@@ -32,14 +34,14 @@ from etendue.types.arrays import Array
 
 OWN = 1e-9  # of full scale: roundings of transforms, for a stage that states no error
 ODD: Frame = (11, 13)  # odd, so that a mirror image of a mask has the same phase
-EVEN: Frame = (12, 24)  # a multiple of what a stage with a grid of its own may bin
+EVEN: Frame = (12, 24)  # a multiple of the factors by which a stage may bin pixels
 WIDE: Frame = (35, 37)
 PLACES = ("y", "x")
 STEPS = ((0, 1), (1, 0), (3, 2))
 LARGE: Frame = (10_000, 10_000)
 FAR: Frame = (9_984, 9_972)
 PERIOD = 12  # a multiple of the periods of all masks
-MARGIN = 8  # pixels from the border within which filling may show
+MARGIN = 8  # pixels from the border in which the filling beyond the border may have an effect
 
 
 PLAIN = Pattern(
@@ -56,14 +58,16 @@ def pattern_of(bench: Bench) -> Pattern:
 
 
 def told_where(bench: Bench) -> bool:
-    """Return whether a stage is told where in the frame its values are."""
+    """Return whether a stage gets the positions of its values in the frame."""
     asked = () if is_transfer(bench.kind) else arguments_of(bench.kind)
     named = any(name.removeprefix("out_").split("_")[0] in PLACES for name in asked)
     return named or (bench.kind.prepare is not Stage.prepare and not is_transfer(bench.kind))
 
 
 def frames(bench: Bench, same: bool = True) -> bool:
-    """Return whether a stage reads frames and writes frames, of the same pixels if so asked, and draws nothing."""
+    """Return whether a stage reads and writes frames and draws no random numbers; on request, also whether both frames
+    have the same pixels.
+    """
     if is_random(bench.kind) or bench.looks or bench.given_grids:
         return False
     read = [d for d in bench.reads.values() if {*PLACES} <= set(d.dims)]
@@ -89,8 +93,8 @@ def room(bench: Bench, inputs: Arrays, frame: Frame) -> float:
 
 
 def uniform_to_the_rim(bench: Bench) -> None:
-    """Uniform input gives uniform output, up to the last row and column; if a stage is told where it is, its output is
-    that of a larger uniform frame at the same places.
+    """Check that uniform input gives uniform output up to the last row and column. If the stage gets positions, its
+    output must equal that of a larger uniform frame at the same places.
     """
     if not frames(bench, same=told_where(bench)):
         return
@@ -114,7 +118,7 @@ def uniform_to_the_rim(bench: Bench) -> None:
 
 
 def of_a_larger_frame(bench: Bench) -> None:
-    """Compare a uniform frame with the same places of a larger one, which has the border elsewhere."""
+    """Compare a uniform frame with the same places of a larger uniform frame, whose border is farther away."""
     inner, outer, edge = (25, 27), (37, 39), 6
     large, small = Places(bench, (0, 0), outer), Places(bench, (edge, edge), outer)
     of_large, of_small = bench.arrays("uniform", outer, 0.3), bench.arrays("uniform", inner, 0.3)
@@ -126,7 +130,8 @@ def of_a_larger_frame(bench: Bench) -> None:
         allowed = max(room(bench, of_small, inner), 1e-6)
         middle = apart(values, same)[..., 6:-6, 6:-6]
         if ratio_of(float(middle.max(initial=0.0)), full_scale(same)) > allowed:
-            continue  # it is scaled to the frame, as a field angle is: not the border's doing
+            # The stage scales positions to the size of the frame, so the difference does not come from the border.
+            continue
         off = ratio_of(float(apart(values, same).max(initial=0.0)), full_scale(same))
         within(
             off,
@@ -138,8 +143,8 @@ def of_a_larger_frame(bench: Bench) -> None:
 
 
 def mirror_images(bench: Bench) -> None:
-    """The result for a mirrored picture is the mirrored result: nothing is moved by half a pixel or more, and both
-    borders are treated alike.
+    """Check that a mirrored picture gives the mirrored result. This reveals pictures that are shifted by half a pixel
+    or more, and borders that are treated differently.
     """
     if not frames(bench, same=False) or is_transfer(bench.kind) or bench.kind.handed:
         return
@@ -174,7 +179,9 @@ def mirror_images(bench: Bench) -> None:
 
 
 def shifted_pictures(bench: Bench) -> None:
-    """A spot on an even ground gives the same picture wherever it is, at the borders as far as the ground does."""
+    """Check that a spot on a uniform background gives the same picture at every place. Near a border, differences are
+    allowed as far as the background alone shows them.
+    """
     if not frames(bench) or is_transfer(bench.kind) or told_where(bench):
         return
     frame, middle = WIDE, (17, 18)
@@ -210,8 +217,8 @@ def shifted_pictures(bench: Bench) -> None:
 
 
 def far_corner(bench: Bench) -> None:
-    """The last rows and columns of a frame of a hundred million places are computed like the first, where a stage
-    repeats itself with the period of a mask.
+    """Check that the last rows and columns of a frame of a hundred million places are computed like the first ones.
+    Applies to stages that depend on a position only through the period of a mask.
     """
     if not frames(bench) or is_transfer(bench.kind) or not told_where(bench):
         return

@@ -1,4 +1,4 @@
-"""Neutral values: a parameter at 0, or a number without a unit at 1, that should leave the input alone.
+"""Neutral values: a parameter at 0, or a number without a unit at 1, at which a stage should not change its input.
 
 In:  a ``Bench`` whose stage writes the variable that it reads.
 Out: nothing, or ``LawBroken``.
@@ -22,13 +22,15 @@ from etendue.testing.checks import bound_of
 from etendue.testing.measured import ratio_of, within
 
 NOTHING = ("none", "off", "identity", "nothing")
-NEARLY = 0.05  # of the effect elsewhere: so little is left only where nothing is meant to be
+NEARLY = 0.05  # of the effect at other values: a value with a smaller effect than this is meant to have none
 EXACT = 1e-9
 SIDE = 0.2  # of a value, or of the range beside 0
 
 
 def neutral_is_identity(bench: Bench) -> None:
-    """Find the values at which nearly nothing is done, alone and with all the others at theirs; there it is nothing."""
+    """Find the values at which the stage hardly changes its input, for each parameter alone and for all such parameters
+    together, and check that it does not change it at all there.
+    """
     port = bench.one_array
     if port is None or is_random(bench.kind) or bench.given_grids:
         return
@@ -50,7 +52,7 @@ def neutral_is_identity(bench: Bench) -> None:
 
 
 def _hold_neutral(bench: Bench, name: str, parameter: Parameter, others: list[dict[str, float]]) -> None:
-    """Hold the neutral value of a parameter, if it has one, with each of some values of the others."""
+    """Test the neutral value of a parameter, if it has one, with several values of each other parameter."""
     span = span_of(parameter, float, getattr(bench.stage, name))
     far = [getattr(bench.stage, name), *(span or ()), *real_ends(parameter, getattr(bench.stage, name))]
     effect = max((e for value in far if (e := done(bench, {name: value})) is not None and e <= 1.0), default=0.0)
@@ -63,7 +65,7 @@ def _hold_neutral(bench: Bench, name: str, parameter: Parameter, others: list[di
             continue
         sides = (done(bench, {**more, name: side}) for side in beside(value, span))
         if any(less is not None and less <= left for less in sides):
-            continue  # on one side it does less: the value is one of a row, and none of its own
+            continue  # on one side the effect is still smaller: the value is not a neutral one
         variable = bench.reads[str(bench.one_array)].variable
         within(
             left,
@@ -74,7 +76,7 @@ def _hold_neutral(bench: Bench, name: str, parameter: Parameter, others: list[di
 
 
 def _hold_number(bench: Bench, name: str, parameter: Parameter) -> None:
-    """Hold a whole number, as a radius of 0 or a factor of 1, with which nearly nothing is done."""
+    """Test a whole number at which the stage hardly changes its input, such as a radius of 0 or a factor of 1."""
     effects = [
         done(bench, {name: value}) for value in (0, 1, 2, 3, getattr(bench.stage, name)) if parameter.allows(value)
     ]
@@ -86,7 +88,7 @@ def _hold_number(bench: Bench, name: str, parameter: Parameter) -> None:
 
 
 def _hold_nothing(bench: Bench, name: str, word: str) -> None:
-    """Hold a choice that says that nothing is done, with other parameters that might do something."""
+    """Test a choice that switches the stage off, with other parameters set to values that would have an effect."""
     left = done(bench, {name: word})
     others = [done(bench, {name: one}) for one in parameters_of(bench.kind)[name][0].choices or () if one != word]
     effect = max((e for e in others if e is not None), default=0.0)
@@ -112,7 +114,9 @@ def beside(value: float, span: tuple[float, float] | None) -> list[float]:
 
 
 def done(bench: Bench, values: Mapping[str, object]) -> float | None:
-    """Return what a stage with these values changes, in full scales; None if it refuses them."""
+    """Return the largest change that the stage makes with these values, relative to full scale; None if it refuses
+    them.
+    """
     variable = bench.reads[str(bench.one_array)].variable
     try:
         stage = dataclasses.replace(bench.stage, **values)

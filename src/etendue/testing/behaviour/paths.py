@@ -1,11 +1,11 @@
-"""Continuity over the whole of a range: along paths of brightness, of one channel, of one place, of every parameter.
+"""Continuity over whole ranges: of the brightness of all places, of one channel, of one place, and of every parameter.
 
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken`` that says where a result jumps, and by how much.
 
-A jump may be the errors that a stage states on both sides. Stages that ``decide`` or write whole numbers jump by
-nature; ``steps`` measures theirs. A stage that treats every place by itself is given a whole path in one frame;
-``jumps_along`` says how a path is walked.
+A jump may be as large as the sum of the errors that the stage states on both sides of it. Stages that ``decide`` or
+write whole numbers always jump; ``steps`` measures their steps. A stage that treats each place independently gets a
+whole path in one frame. ``jumps_along`` describes how jumps are found.
 """
 
 from __future__ import annotations
@@ -30,18 +30,19 @@ def levels(top: float, from_: float, count: int) -> Array:
     return np.concatenate([[0.0], np.geomspace(from_, top, count)])
 
 
-LIGHT = levels(1e4, 1e-9, 131)  # of full scale: ten a decade, each in a run of its own
+LIGHT = levels(1e4, 1e-9, 131)  # of full scale: ten levels per decade, each in a separate run
 FADING = levels(4.0, 1e-12, 31)
 FINE, FINE_FADING = levels(1e4, 1e-9, 1301), levels(4.0, 1e-12, 601)  # in one frame
-WORTH, FINE_WORTH = 4, 8  # steps of a path that are looked into
-POINTS = 49  # values of a parameter, evenly spread, and as many by equal factors
-OFTEN = (POINTS, 2, RANK)  # values of a parameter, steps looked into by each number of a summary, and rank
+WORTH, FINE_WORTH = 4, 8  # steps of a path that are subdivided
+POINTS = 49  # values of a parameter at equal distances, and as many at equal ratios
+# Number of values of a parameter; number of steps subdivided for each number of a summary; rank.
+OFTEN = (POINTS, 2, RANK)
 DEAR = (9, 0, 40.0)  # the same for a stage that prepares tables or is a transfer function: one step in all
-VAGUE = 0.05  # stated error beyond which a jump of a parameter could not be told from it
-NICE = (2.0, 0.5, 1.0, 3.0, 1.5, 4.0, 5.0, 2.5, 6.0, 8.0)  # values for which code may have a formula of its own
+VAGUE = 0.05  # stated error above which a jump along a parameter cannot be distinguished from that error
+NICE = (2.0, 0.5, 1.0, 3.0, 1.5, 4.0, 5.0, 2.5, 6.0, 8.0)  # values for which a stage may use a separate formula
 BESIDE = 1e-9
-PROOF: Frame = (6, 8)  # in which it is seen whether places know of each other
-BY_ITSELF = 1e-12  # relative; vector units round by place
+PROOF: Frame = (6, 8)  # frame with which is tested whether places influence each other
+BY_ITSELF = 1e-12  # relative; vector instructions round differently depending on the place in the array
 Path = tuple[str, Array, Walk, int]
 
 
@@ -51,12 +52,14 @@ def stated(bench: Bench, inputs: Arrays, frame: Frame = SMALL) -> float:
 
 
 def by_place(bench: Bench) -> list[str]:
-    """Return the variables that have places; others may be counts."""
+    """Return the variables that have positions; others may be counts."""
     return [name for name, d in bench.writes.items() if {"y", "x"} <= set(d.dims)]
 
 
 def continuous_in_light(bench: Bench) -> None:
-    """Uniform light over thirteen decades; an ordinary picture; one channel that fades; one place that shines."""
+    """Check for jumps with uniform light over thirteen decades, an ordinary picture of varying level, one channel that
+    fades, and one bright place.
+    """
     if not bench.reads or bench.looks or bench.given_grids or is_transfer(bench.kind) or not may_be_walked(bench):
         return
     for port, declaration in bench.reads.items():
@@ -88,7 +91,9 @@ def may_be_walked(bench: Bench) -> bool:
 
 
 def treats_places_alone(bench: Bench) -> bool:
-    """Return whether moved places, and others beside them, give the same values: every place is treated by itself."""
+    """Return whether a value depends on its own place only: it stays the same if the places are permuted or their
+    neighbours change.
+    """
     framed = [port for port, d in bench.reads.items() if d.dims[-2:] == ("y", "x")]
     if any(d.dims[-2:] != ("y", "x") for d in bench.writes.values() if {"y", "x"} & set(d.dims)):
         return False
@@ -119,7 +124,7 @@ def treats_places_alone(bench: Bench) -> bool:
 
 
 def frames(bench: Bench, port: str) -> Iterator[Path]:
-    """Yield paths of a stage that treats every place by itself: a frame of one row holds many places of a path."""
+    """Yield paths of a stage that treats each place independently: a frame of one row holds many points of a path."""
     names, depth = by_place(bench), bench.reads[port].dims[:-2]
     one = bench.arrays("ordinary", (1, 1))[port]
 
@@ -152,7 +157,7 @@ def frames(bench: Bench, port: str) -> Iterator[Path]:
 
 
 def paths(bench: Bench, port: str) -> Iterator[Path]:
-    """Yield paths of any stage: a run for every place of a path."""
+    """Yield paths of any stage, with one run for each point of a path."""
     even, ordinary = bench.arrays("uniform", SMALL), bench.arrays("ordinary", SMALL)
 
     def walked(lit: Callable[[float], Arrays]) -> Walk:
@@ -178,7 +183,9 @@ def paths(bench: Bench, port: str) -> Iterator[Path]:
 
 
 def of_codes(bench: Bench, port: str) -> None:
-    """Every step from a code to the next is between the one before and the one after: no code is lost or doubled."""
+    """Check that the step from each code to the next lies between the steps before and after it, so that no code is
+    lost or doubled.
+    """
     side = 256
     codes = np.broadcast_to(np.arange(side * side).reshape(side, side), bench.array(port, "zeros", (side, side)).shape)
     trial = tried(bench, {port: codes}, (side, side))
@@ -197,7 +204,7 @@ def of_codes(bench: Bench, port: str) -> None:
 
 
 def along_entries(bench: Bench, port: str) -> None:
-    """Walk along each of the first numbers of an input without places, such as the white of each channel."""
+    """Vary each of the first numbers of an input without positions, such as the white level of each channel."""
     ordinary = bench.arrays("ordinary", SMALL)
     allowed = 2 * stated(bench, ordinary) + LEAST
     for entry in range(min(ordinary[port].size, 3)):
@@ -215,7 +222,7 @@ def along_entries(bench: Bench, port: str) -> None:
 
 
 def continuous_in_parameters(bench: Bench) -> None:
-    """Every number of a stage over the whole of its range, but for values that are declared to stand ``apart``."""
+    """Check every numeric parameter over its whole range, except values that are declared as ``apart``."""
     if not bench.reads or bench.looks or bench.given_grids or not may_be_walked(bench):
         return
     inputs = bench.arrays("ordinary", SMALL)
@@ -233,7 +240,7 @@ def continuous_in_parameters(bench: Bench) -> None:
 
 
 def continuous_in(bench: Bench, name: str, span: tuple[float, float], inputs: Arrays, dear: bool) -> None:
-    """One number over a range; of stages that take long, fewer values."""
+    """Check one numeric parameter over a range, with fewer values for slow stages."""
     points, worth, rank = DEAR if dear else OFTEN
     (low, high), apart = span, parameters_of(bench.kind)[name][0].apart
     ways = [np.linspace(low, high, points)]
@@ -264,7 +271,7 @@ def continuous_in(bench: Bench, name: str, span: tuple[float, float], inputs: Ar
 
 
 def cheaper(bench: Bench) -> Bench:
-    """Return the bench of the stage with its cheapest setting of each knob that states no larger error with it."""
+    """Return the bench of the stage with each knob at the cheapest setting that does not increase the stated error."""
     stage, inputs = bench.stage, bench.arrays("ordinary", SMALL)
     for name, (parameter, _, _) in parameters_of(bench.kind).items():
         for value in parameter.settings[:1] if parameter.fidelity else ():

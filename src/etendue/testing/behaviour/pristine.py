@@ -3,8 +3,8 @@
 In:  a ``Bench`` and inputs, in the order in which they are to be computed.
 Out: digests of the results; None where the stage cannot be sent to another process.
 
-One server process imports what every stage needs and then only forks: each question is answered by a new child. It
-ends with its owner, since it reads a pipe. Where processes cannot fork, nothing is compared.
+One server process imports the modules that every stage needs, and forks a new child for each question. It ends when its
+owner ends, because the pipe that it reads is then closed. On systems without fork nothing is compared.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def digests_alone(bench: Bench, inputs: list[Arrays]) -> Answer | None:
     words = (bench.stage, bench.given_grids, bench.scales, bench.coordinates, inputs)
     try:
         question = pickle.dumps(([*sys.path, *_home(bench.kind.__module__)], pickle.dumps(words)))
-    except Exception:  # what cannot be sent is reported by another law
+    except Exception:  # another law reports stages that cannot be pickled
         return None
     with _lock:
         try:
@@ -48,7 +48,9 @@ def digests_alone(bench: Bench, inputs: list[Arrays]) -> Answer | None:
 
 
 def _home(module: str) -> list[str]:
-    """Return the folder that a module's top package lies in: pytest may import it from none of the path."""
+    """Return the folder that contains a module's top package. pytest may import a module from a folder that is not on
+    sys.path.
+    """
     spec = sys.modules[module.partition(".")[0]].__spec__
     places = [] if spec is None else [*(spec.submodule_search_locations or ()), *([spec.origin] if spec.origin else ())]
     return [str(Path(places[0]).parent)] if places else []
@@ -93,7 +95,7 @@ def _receive(pipe: IO[bytes]) -> bytes:
 
 
 def serve() -> None:
-    """Answer questions until the pipe is closed, each in a child of its own."""
+    """Answer questions until the pipe is closed, each in a new child process."""
     pipe, back = sys.stdin.buffer, sys.stdout.buffer
     while True:
         try:

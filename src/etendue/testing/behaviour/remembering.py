@@ -1,4 +1,5 @@
-"""What a stage remembers: results of one picture in another, buffers that are used again, state that threads share.
+"""Checks for hidden state: one picture that affects the next, buffers that are overwritten, state shared between
+threads.
 
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken``.
@@ -21,8 +22,8 @@ from etendue.testing.behaviour import pristine
 from etendue.testing.bench import FRAME, Arrays, Bench, digests
 from etendue.testing.measured import hold, untried
 
-LINES = 60  # lines of a stage's own code at which another thread runs it meanwhile
-PATIENCE = 0.5  # seconds for that run; one that waits for a lock is left waiting until the first has ended
+LINES = 60  # number of lines of the stage's code at which another thread runs the stage as well
+PATIENCE = 0.5  # seconds allowed for that run; a run that waits for a lock continues when the first run has ended
 PICTURES = ("ordinary", "decades", "uniform")
 
 
@@ -32,7 +33,9 @@ def pictures(bench: Bench) -> list[Arrays]:
 
 
 def one_after_another(bench: Bench) -> None:
-    """A, B, A, in one process; B first in a fresh process; and what was returned stays as it was."""
+    """Compute pictures A, B, A in one process and B alone in a fresh process. Check that equal inputs give equal
+    results and that returned arrays do not change later.
+    """
     given = pictures(bench) if bench.reads else []
     found = []
     for inputs in given:
@@ -64,7 +67,9 @@ def one_after_another(bench: Bench) -> None:
 
 
 def one_inside_another(bench: Bench) -> None:
-    """Another thread computes another picture at every line of the stage's own code; neither notices."""
+    """Compute another picture in another thread at every line of the stage's own code, and check that both results stay
+    the same.
+    """
     if not bench.reads:
         return
     first, second, *_ = pictures(bench)
@@ -96,12 +101,12 @@ def _wait(pool: ThreadPoolExecutor, call: Callable[[], None]) -> None:
     try:
         pool.submit(call).result(PATIENCE)
     except Late:
-        return  # it waits for a lock that the interrupted run holds
+        return  # the second run waits for a lock that the interrupted run holds
 
 
 @contextmanager
 def stopping_at_lines_of(bench: Bench, call: Callable[[], None]) -> Iterator[None]:
-    """Call something the first time that this thread comes to a line of the stage's own distribution."""
+    """Call a function when this thread first reaches each line of the stage's own distribution."""
     folder = own_folder(bench)
     seen: set[tuple[str, int]] = set()
     before = sys.gettrace()

@@ -1,11 +1,11 @@
-"""What a stage draws, against what it declares: mean, variance, and independence of places and of draws.
+"""Random draws compared with the declaration of a stage: mean, variance, and independence of places and of draws.
 
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken``.
 
-Every comparison is a test at ``P``, shared out over what one call compares: an honest stage is accused once in a
-million calls. A million draws show a mean that
-is off by a hundredth of their spread, and a variance that is off by a percent.
+``P`` is the probability that one call rejects a correct stage, one in a million; it is divided among the comparisons of
+the call. A million draws reveal a mean that is wrong by a hundredth of the standard deviation, and a variance that is
+wrong by one percent.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from etendue.types.arrays import Array
 
 P = 1e-6
 FRAME: Frame = (448, 512)
-DRAWS = 4  # frames at a level; two of several planes
+DRAWS = 4  # frames at one level; two if a frame has several planes
 PLANES = 3
 LEVELS = (0.0, 1e-5, 3e-4, 2.5e-3, 3.3e-3, 0.1, 0.5)  # of full scale
-ROUNDED = 1e-13  # relative spread that is rounding
-RARE = 30.0  # kurtosis above which a few events make the sums, which are then not normal
+ROUNDED = 1e-13  # relative spread that rounding explains
+RARE = 30.0  # kurtosis above which a few events dominate the sums, which are then not normally distributed
 NEAR: tuple[Frame, ...] = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
 
 
@@ -43,7 +43,9 @@ def z_of(p: float) -> float:
 
 
 def drawn_as_declared(bench: Bench) -> None:
-    """Draw frames at several levels; compare mean and variance of each, and look for what places or draws share."""
+    """Draw frames at several levels, compare mean and variance of each level with the declaration, and test whether
+    places or draws are correlated.
+    """
     port = next((p for p, d in bench.reads.items() if d.dims[-2:] == ("y", "x")), None)
     if port is None or not is_random(bench.kind) or bench.given_grids or bench.looks:
         return
@@ -81,7 +83,7 @@ def check_level(bench: Bench, port: str, main: str, level: float, by_line: bool)
 
 
 def check_planes(bench: Bench, main: str, value: float, one: Array, other: Array) -> None:
-    """No plane knows of the one before."""
+    """Check that successive planes are uncorrelated."""
     one, other = one - one.mean(), other - other.mean()
     scale = float(one.std() * other.std())
     off = abs(ratio_of(float((one * other).mean()), scale)) if scale else 0.0
@@ -101,7 +103,7 @@ def check_plane(
         return  # nothing is drawn at this level
     tests = len(LEVELS) * (len(NEAR) + 6)
     z = z_of(P / tests)
-    share = bound_of(bench, inputs, "float64")  # what the stage states about its distribution
+    share = bound_of(bench, inputs, "float64")  # the mean and the variance that the stage states
     if said is not None:
         check_means(bench, found, said, main, value, z, share, by_line)
     if isinstance(bench.stage, Noisy):
@@ -136,7 +138,9 @@ def check_means(
 def check_variances(
     bench: Bench, found: Array, port: str, main: str, value: float, z: float, share: float, by_line: bool
 ) -> None:
-    """Compare where input and output have one unit; others are compared by the law of the stated variance."""
+    """Compare the variances if input and output have the same unit; the law of the stated variance compares the
+    others.
+    """
     stage: Any = bench.stage
     if bench.writes[main].unit != bench.reads[port].unit:
         units = wording.units()
@@ -159,7 +163,9 @@ def check_variances(
 
 
 def check_independence(bench: Bench, found: Array, main: str, value: float, z: float) -> None:
-    """No place knows of another: neighbours, rows, columns, and any displacement; nor one draw of the next."""
+    """Check that places are uncorrelated, at every displacement and in rows and columns, and that successive draws are
+    uncorrelated.
+    """
     apart = found - found.mean()
     variance = float((apart**2).mean())
     for down, right in NEAR:

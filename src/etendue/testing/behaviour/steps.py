@@ -1,4 +1,4 @@
-"""Steps of a stage that rounds: how wide they are, and where its codes stand in them.
+"""Steps of a stage that rounds: their width, and the position of each code within its step.
 
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken``.
@@ -16,8 +16,8 @@ from etendue.testing.measured import ratio_of, within
 from etendue.types.arrays import Array
 
 FRAME: Frame = (96, 128)
-FEW = 16  # codes below which a line cannot be told from steps
-STAIRS = 0.2  # of evenly spread values: fewer different results are those of a stage that rounds
+FEW = 16  # number of codes below which a straight line cannot be distinguished from steps
+STAIRS = 0.2  # share of evenly spread values; a stage rounds if it gives fewer different results
 OFFSET = 0.08  # of a code; the mean over 12,288 places has an error of 0.003
 STRAIGHT = 0.45  # rms of codes about a line; rounding alone has 0.289
 SPANS = ((0.02, 0.9), (1e-4, 0.05), (1e-7, 1e-3), (0.5, 20.0))  # of full scale
@@ -49,8 +49,8 @@ def codes_in_the_middle(bench: Bench) -> None:
 
 
 def codes_of(bench: Bench, port: str, main: str, shares: Array) -> Array | None:
-    """Return the last plane that comes of an input, given in full scales; None if the stage refuses it or has another
-    frame.
+    """Return the last plane of the result for an input in units of full scale; None if the stage refuses the input or
+    changes the size of the frame.
     """
     inputs = bench.arrays("uniform", FRAME)
     inputs[port] = np.broadcast_to(shares * bench.scale(port), inputs[port].shape).copy()

@@ -1,10 +1,10 @@
-"""Walks along a path of inputs: which steps stand out, and what is left of them when they are divided.
+"""Search for jumps along a path of inputs: find the steps with unusual changes and subdivide them.
 
 In:  ``Walk``: results at several places of a path.
 Out: the size of a jump, and where it is.
 
-A step stands out if its change is not that of a polynomial through its neighbours. What is left of the change when the
-step is a billionth of its place is a jump.
+A step is unusual if its change differs from that of a polynomial through its neighbours. The step is subdivided until
+it is a billionth of its position; the change that remains is a jump.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from etendue.types.arrays import Array
 
 PARTS = 4  # into which a step is divided
 DEPTH = 17  # divisions: 4^17 = 2e10
-SHALLOW = 4  # of a stage for which a run costs much
+SHALLOW = 4  # for a stage with expensive runs
 NEAR, TINY = 1e-9, 1e-100  # of the first step from 0
-FALLS = 6  # divisions over which the change at a jump stays as large, and that of a root does not
-LEAST = 1e-6  # of full scale; what a smooth stage with a condition number of 1,000 changes over a billionth
-ENOUGH = 4.0  # times smaller than allowed: not looked into any further
-RANK = 4.0  # how many times more than its neighbours a step must bend to be looked into
-AROUND = 13  # steps with which one is compared
+FALLS = 6  # number of divisions over which the change at a jump stays constant, while that of a square root falls
+LEAST = 1e-6  # of full scale; the change of a smooth stage with a condition number of 1,000 over a billionth
+ENOUGH = 4.0  # times smaller than allowed: not subdivided further
+RANK = 4.0  # a step is subdivided if its curvature exceeds that of its neighbours by this factor
+AROUND = 13  # number of neighbouring steps with which a step is compared
 Results = Mapping[str, Array]
 Walk = Callable[[Array], Sequence[Results | None]]  # results at several places of a path; None where refused
 Jump = tuple[float, float, float]  # of the largest value, between two places
@@ -35,8 +35,9 @@ Jump = tuple[float, float, float]  # of the largest value, between two places
 def jumps_along(
     walk: Walk, places: Array, variables: Sequence[str], allowed: float, worth: int, rank: float = RANK
 ) -> dict[str, Jump]:
-    """Return the largest jump of each variable along a path, of the steps that stand out; 0 for jumps that are much
-    smaller than allowed. ``worth``: steps looked into by each number of a summary; 0: one in all, by a few divisions.
+    """Return the largest jump of each variable along a path, among the unusual steps; 0 for jumps that are much smaller
+    than allowed. ``worth`` is the number of steps that are subdivided for each number of a summary; with 0, a single
+    step is subdivided a few times.
     """
     found = {variable: (0.0, float(places[0]), float(places[-1])) for variable in variables}
     trials = walk(places)
@@ -50,7 +51,7 @@ def jumps_along(
         steps = outstanding(places, values, max(worth, 1), rank)
         for step in steps if worth else steps[:1]:
             depth, high = DEPTH if worth else SHALLOW, float(places[step + 1])
-            ends = (float(places[step]) or NEAR * high, high)  # what is beside 0 was compared above
+            ends = (float(places[step]) or NEAR * high, high)  # the step next to 0 was compared above
             jump = narrowed(walk, variable, *ends, allowed / ENOUGH, depth)
             if jump[0] > found[variable][0]:
                 found[variable] = jump
@@ -58,7 +59,7 @@ def jumps_along(
 
 
 def outstanding(places: Array, values: Sequence[Array | None], worth: int, rank_at_least: float) -> list[int]:
-    """Return the steps whose change stands out from a polynomial through those beside it."""
+    """Return the steps whose change differs from a polynomial through the neighbouring steps."""
     if len(places) < 2:
         return []
     table = summaries(values)
@@ -81,7 +82,9 @@ def outstanding(places: Array, values: Sequence[Array | None], worth: int, rank_
 
 
 def beside_zero(walk: Walk, variable: str, first: float, allowed: float) -> Jump | None:
-    """Compare 0 with two small numbers: of a root, however steep, little is left at the smaller."""
+    """Compare the result at 0 with those at two small numbers. At the smaller number even a square root has changed
+    little; a jump is as large as at the other.
+    """
     trials = walk(np.array([0.0, first * TINY, first * NEAR]))
     values = [np.asarray(one[variable], dtype=float) for one in trials if one is not None]
     if len(values) < len(trials) or any(value.shape != values[0].shape for value in values):
@@ -94,8 +97,8 @@ def beside_zero(walk: Walk, variable: str, first: float, allowed: float) -> Jump
 
 
 def summaries(values: Sequence[Array | None]) -> Array:
-    """Return three numbers of each array that jump where it does: its largest value, and two weighted sums relative to
-    it.
+    """Return three numbers for each array that jump if the array jumps: its largest value, and two weighted sums
+    relative to that value.
     """
     shapes = [np.shape(value) for value in values if value is not None]
     usual = max(set(shapes), key=shapes.count) if shapes else ()
@@ -113,8 +116,8 @@ def summaries(values: Sequence[Array | None]) -> Array:
 
 
 def narrowed(walk: Walk, variable: str, low: float, high: float, least: float, depth: int = DEPTH) -> Jump:
-    """Divide a step, always keeping the part whose change differs most from that of the others: by the whole of a jump,
-    if there is one.
+    """Subdivide a step repeatedly, and keep the part whose change differs most from that of the other parts. If there
+    is a jump, that part contains all of it.
     """
     none = (0.0, low, high)
     jump, sizes = none, list[float]()
@@ -144,5 +147,5 @@ def narrowed(walk: Walk, variable: str, low: float, high: float, least: float, d
         untried(f"{variable} between {low:.6g} and {high:.6g} was not divided any further")
         return none
     if len(sizes) > FALLS and sizes[-1] < 0.5 * sizes[-1 - FALLS]:
-        return none  # steep, as a root at 0, but smaller with every division
+        return none  # steep like a square root at 0, but the change falls with every division
     return jump

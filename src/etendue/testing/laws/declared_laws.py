@@ -1,5 +1,5 @@
-"""What a stage declares about its values beyond their size: order, sum, added noise, and the digits that its matrix
-costs.
+"""Laws on further declarations of a stage: order and sum of its values, added noise, and the digits that are lost in
+solving with a matrix.
 
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken``.
@@ -32,7 +32,7 @@ STEP = 0.3  # step of a channel, from which a matrix is derived
 
 
 def order_kept(bench: Bench) -> None:
-    """No value falls if the input rises, at one position or everywhere, apart from rounding."""
+    """Check that no value falls if the input rises, at one position or everywhere, apart from rounding."""
     port = frame_read(bench)
     if "order" not in bench.kind.keeps or port is None or not bench.steady:
         return
@@ -83,7 +83,7 @@ def check_order(bench: Bench, base: Mapping[str, Array], brighter: Mapping[str, 
 
 
 def sum_kept(bench: Bench) -> None:
-    """What leaves one position arrives at another: the sum over the frame is kept for light far from its borders."""
+    """Check that the sum over the frame stays the same, for light far from its borders."""
     port = frame_read(bench)
     if "sum" not in bench.kind.keeps or port is None or not bench.steady:
         return
@@ -105,8 +105,8 @@ def sum_kept(bench: Bench) -> None:
 
 
 def variance_told(bench: Bench) -> None:
-    """``Noisy.variance`` is what ``run`` adds: for values that vary a little around several levels, the spread around a
-    straight line.
+    """Check that ``run`` adds the variance that ``Noisy.variance`` states. The input varies a little around each of
+    several levels; the added variance is that of the output around a straight line.
 
     Tolerance: five standard errors of a variance, from the fourth moment of the drawn values.
     """

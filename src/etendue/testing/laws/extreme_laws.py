@@ -38,7 +38,7 @@ class ExtremeLaws:
         declared_laws.order_kept(self.bench)
 
     def test_the_sum_that_it_keeps_is_kept(self) -> None:
-        """``keeps = ("sum",)``: what leaves one position arrives at another."""
+        """``keeps = ("sum",)``: the sum over the frame stays the same."""
         declared_laws.sum_kept(self.bench)
 
     def test_the_noise_has_the_variance_that_it_says(self) -> None:

@@ -1,4 +1,4 @@
-"""The laws on what a plan relies on to trade error for time: means of draws, settings of knobs.
+"""The laws on declarations with which a plan trades error for time: means of draws, settings of knobs.
 
 In:  the bench of a stage, with the grids and scales used for testing.
 Out: nothing, or a broken law.

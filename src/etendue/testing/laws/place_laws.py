@@ -16,7 +16,9 @@ class PlaceLaws:
     bench: Bench
 
     def test_uniform_light_stays_uniform_to_the_rim(self) -> None:
-        """Unless a stage is told where it is; and then the border of what it is given does not show."""
+        """For a stage that gets positions, the result need not be uniform, but must not depend on the border of its
+        input.
+        """
         geometry.uniform_to_the_rim(self.bench)
 
     def test_mirrored_input_gives_the_mirrored_result(self) -> None:
@@ -24,7 +26,7 @@ class PlaceLaws:
         geometry.mirror_images(self.bench)
 
     def test_a_shifted_picture_gives_the_shifted_result(self) -> None:
-        """For a stage that is not told where it is."""
+        """For a stage that gets no positions."""
         geometry.shifted_pictures(self.bench)
 
     def test_the_far_corner_of_a_large_frame_is_like_the_near_one(self) -> None:

@@ -17,7 +17,7 @@ class RangeLaws:
     bench: Bench
 
     def test_nothing_jumps_over_thirteen_decades_of_light(self) -> None:
-        """Unless it decides, or writes whole numbers: then by no more than twice the error that it states."""
+        """A stage that decides or writes whole numbers may jump, but by no more than twice the error that it states."""
         paths.continuous_in_light(self.bench)
 
     def test_nothing_jumps_over_the_range_of_a_parameter(self) -> None:
@@ -25,9 +25,11 @@ class RangeLaws:
         paths.continuous_in_parameters(self.bench)
 
     def test_codes_stand_in_the_middle_of_their_steps(self) -> None:
-        """No offset of half a code, and no step larger than the stated error."""
+        """Codes have no offset of half a code, and no step is larger than the stated error."""
         steps.codes_in_the_middle(self.bench)
 
     def test_a_neutral_value_changes_nothing(self) -> None:
-        """Where a parameter at 0 or 1 nearly leaves the input alone, it does so within the stated error."""
+        """If a stage with a parameter at 0 or 1 hardly changes its input, the change must be within the stated
+        error.
+        """
         neutral.neutral_is_identity(self.bench)

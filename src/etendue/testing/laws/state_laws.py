@@ -16,9 +16,11 @@ class StateLaws:
     bench: Bench
 
     def test_nothing_of_one_picture_reaches_the_next(self) -> None:
-        """A, B, A gives the same A; B after A is B in a process of its own; what was returned stays."""
+        """Computing A, B, A gives the same A twice; B after A equals B computed in a fresh process; returned arrays do
+        not change later.
+        """
         remembering.one_after_another(self.bench)
 
     def test_two_threads_do_not_notice_each_other(self) -> None:
-        """Another thread computes another picture at every line of its code."""
+        """Another thread computes another picture at every line of its code; both results stay the same."""
         remembering.one_inside_another(self.bench)

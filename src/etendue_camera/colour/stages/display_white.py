@@ -16,8 +16,9 @@ MEASURED = ("Apple Studio Display", "Typical CRT Brainard 1997")  # displays who
 
 
 def white_name(name: str) -> str:
-    """Return the illuminant that is the white of an RGB space; for an illuminant or a measured display, its own
-    name."""
+    """Return the name of the illuminant that is the white of an RGB space; return the name of an illuminant or measured
+    display unchanged.
+    """
     if name in D65_DISPLAYS:
         return "D65"
     return spectra.rgb_space_white(name) if name in spectra.rgb_space_names() else name
@@ -26,8 +27,9 @@ def white_name(name: str) -> str:
 def white_of(name: str) -> FloatArray:
     """Return XYZ (Y = 1) of an illuminant, of a measured display with all primaries on, or of an RGB space's white.
 
-    Display standards give their white as the published chromaticity of an illuminant. Illuminants use it here too, so
-    that "D65" equals the white of sRGB to the last bit; a sum over its spectrum differs by 2e-4 in Z.
+    Display standards give their white as the published chromaticity of an illuminant. The same chromaticity is used for
+    the illuminant itself, so that "D65" equals the white of sRGB to the last bit; a sum over the spectrum of D65
+    differs by 2e-4 in Z.
     """
     if name in D65_DISPLAYS:
         return matrices.xyz_from_xy(matrices.D65_XY)

@@ -36,9 +36,9 @@ class ColourFit(Collecting):
     number.
 
     Channels with equal responses do not distinguish some colours: such directions are set to zero and counted in
-    ``directions_floored``. Any number of channels works: one gives luminance in the colour of the white, two a plane of
-    colours, and the residual gives the error. Crosstalk below the filters is included in the camera RGB, as in a
-    picture.
+    ``directions_floored``. Any number of channels is allowed: one channel gives luminance in the colour of the white,
+    two give a plane of colours; the residual states the error. Crosstalk below the filters is included in the camera
+    RGB, as in a picture.
     """
 
     role: ClassVar = "colour matrix"
@@ -166,12 +166,12 @@ class ColourFit(Collecting):
 
 @dataclass(frozen=True, kw_only=True)
 class CameraToXyz(Haloed):
-    """Apply the fitted matrix to camera RGB over the white: what is rendered as display white has Y = 1.
+    """Apply the fitted matrix to camera RGB divided by the white: the level rendered as display white gets Y = 1.
 
-    That is the scene white, capped at the level at which the first balanced channel clips (with ``brightness =
-    "camera"`` always that level), whether or not ``balance_mosaic`` has applied it already. The true value of a clipped
-    channel is unknown: ``highlights = "neutral"`` clips all balanced channels at that level, so that overexposed areas
-    are white and not magenta.
+    This level is that of the scene white, but at most the level at which the first balanced channel clips (with
+    ``brightness = "camera"`` always that one). ``balance_mosaic`` uses the same level, so the result does not depend on
+    whether it was applied. The true value of a clipped channel is unknown: ``highlights = "neutral"`` clips all
+    balanced channels at that level, so that overexposed areas are white and not magenta.
     """
 
     role: ClassVar = "camera colour"
@@ -261,7 +261,7 @@ class Balance(Viewed, Haloed):
         return white_of(self.target)
 
     def assumes(self) -> dict[str, Hashable]:
-        """The paper's diagonal has its own target white."""
+        """Return the target white that the gains assume; the paper's printed diagonal has its own."""
         return {"the white of the display": white_name(self.target)} if self.gains == "white" else {}
 
     def viewing_white(self) -> FloatArray | None:

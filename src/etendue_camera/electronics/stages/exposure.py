@@ -58,12 +58,14 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
 
     @property
     def photo_spread(self) -> float:
-        """PRNU: that of the sensor if it states one, else the stage's own."""
+        """Return the PRNU: that of the sensor if it states one, otherwise the parameter of this stage."""
         return self.sensor_prnu if self.sensor_prnu > 0 else self.prnu
 
     @property
     def dark_spread(self) -> float:
-        """Dark current non-uniformity: that of the sensor if it states one, else the stage's own."""
+        """Return the dark current non-uniformity: that of the sensor if it states one, otherwise the parameter of this
+        stage.
+        """
         return self.sensor_dark_nonuniformity if self.sensor_dark_nonuniformity > 0 else self.dark_nonuniformity
 
     def dark_charge(self, time: float) -> FloatArray:
@@ -114,8 +116,9 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         }
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float | None, str]:
-        """Bound the rounding error. Without the dark current pattern, whose mean is kept, also the fraction of the
-        variance of any pixel that it would add, since every pixel has at least the shot noise of its dark charge.
+        """Bound the rounding error. If the dark current pattern is omitted (its mean is kept), include the fraction
+        that the pattern would add to the variance of a pixel. This fraction is bounded, because every pixel has at
+        least the shot noise of its dark charge.
         """
         rounding = 2e-7 if precision == "float32" else 1e-15
         if self.dark_pattern or self.dark_spread == 0:
@@ -202,8 +205,8 @@ class ShotNoise(Sampled, Noisy, Haloed):
         return facts["expected_charge"]
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the total variation from Poisson, not the error of the mean: largest where the expansion begins, and at
-        the transition of common draws.
+        """Bound the total variation distance from a Poisson distribution, rather than the error of the mean. It is
+        largest where the expansion begins, and at the transition of common draws.
         """
         if math.isinf(self.exact_below):
             return 0.0, "proved"
@@ -218,7 +221,7 @@ class FullWell(Well, Bounded, Datasheet):
     reads: ClassVar = {"charge": "y x [electron]"}
     writes: ClassVar = {"charge": "y x [electron]"}
     keeps: ClassVar = ("order",)
-    gain: ClassVar = None  # where the light exceeds the full well, the unclipped part grows relative to full scale
+    gain: ClassVar = None  # above 1 where light exceeds the full well, see `growth`
     elementwise: ClassVar = True
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1.0
@@ -240,8 +243,8 @@ class FullWell(Well, Bounded, Datasheet):
         return sigma * math.exp(-0.5 * away**2) / self.well(), "the light stays below the full well"
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
-        """Return the brightest light over the full well, if that is more than 1: what is not clipped is relative to
-        less.
+        """Return the brightest light over the full well, at least 1: clipping reduces full scale, so errors of
+        unclipped pixels grow relative to it.
         """
         high = facts["charge"].high
         return 1.0 if high is None else max(1.0, high / self.well())

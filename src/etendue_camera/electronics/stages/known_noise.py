@@ -1,7 +1,6 @@
-"""Noise model known to the camera maker: variance of a pixel of the linearised mosaic, from camera quantities.
+"""Noise model of the camera maker: variance of a pixel of the linearised mosaic, from camera quantities.
 
-Sensor metrics take the rest from datasheets: noise of stages that is not a camera quantity, such as row and column
-noise.
+Noise that is not a camera quantity, such as row and column noise, is taken from the ``datasheet`` of the stages.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ def elsewhere(sheets: Sheets, figure: str) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class KnownNoise(ReadOut, GainChain):
-    """A stage that knows the noise of its input: variance = shot x value + floor, 1 = clipping.
+    """A stage that uses the noise of its input: variance = shot x value + floor, for values that are 1 at clipping.
 
     It includes photon shot noise, read noise, DSNU and quantisation. Dark current shot noise depends on the time, which
     metering may set, and is not included: 1.3 electrons rms after 10 ms at 1e-10 A/cm2 and 5.4 um.

@@ -35,7 +35,7 @@ class Meter(GainChain):
     role: ClassVar = "metering"
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
     writes: ClassVar = {"integration_time": "[s]"}
-    gain: ClassVar = None  # a brighter highlight makes everything else darker
+    gain: ClassVar = None  # a brighter highlight shortens the exposure and makes everything else darker
     negative: ClassVar = "clip"
     nanoseconds: ClassVar = 6.0
     error: ClassVar = measured(1e-6, 1e-14)
@@ -81,8 +81,8 @@ class Meter(GainChain):
     def levels(self, light: Facts) -> tuple[float, float]:
         """Return bounds on the metered level, electron/s; 0 and inf where they are unknown.
 
-        Of the centre only the smallest value is known. A quantile q of values with a mean m, of which a share 1 - q may
-        be as large as h, is at least (m - (1 - q) h) / q.
+        A centre-weighted level is bounded below only by the smallest value. If values have the mean m and the maximum
+        h, their quantile q is at least (m - (1 - q) h) / q.
         """
         if light.low is None or light.high is None:
             return 0.0, math.inf
@@ -101,7 +101,9 @@ class Meter(GainChain):
         return metering.metered_time(level, share * self.saturation(), self.ev_bias, self.shortest, self.longest)
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
-        """Return the largest light over the metered level: the time changes with the level."""
+        """Return the largest light over the metered level, because an error of the level changes the time and with it
+        all values.
+        """
         if self.metering == "exposure_value":
             return 0.0
         low, high = self.levels(facts["photocurrent"])

@@ -112,8 +112,9 @@ class ExposureReport(KnownNoise):
     Noise is that of one frame after the expected charge: shot noise, read noise, DSNU, rounding, rows and columns.
     PRNU, the dark current pattern and hot pixels are part of that charge.
 
-    A pixel counts as clipped at the top code, or where the expected charge exceeds the full well: read noise after a
-    full well, or a full well below the top code, leaves no trace in the codes.
+    A pixel counts as clipped at the top code, or where the expected charge exceeds the full well. The second condition
+    is needed because the codes do not show clipping at a full well that lies below the top code, or is followed by read
+    noise.
     """
 
     role: ClassVar = "figures"

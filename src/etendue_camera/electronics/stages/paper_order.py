@@ -53,7 +53,7 @@ class PaperExposure(Haloed):
     decides: ClassVar = True  # charge below the smallest detectable is 0
     reads: ClassVar = {"rgb_camera": "channel y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
-    gain: ClassVar = None  # it jumps at the smallest detectable charge, and clips
+    gain: ClassVar = None  # the output jumps at the smallest detectable charge, and is clipped
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
     working: ClassVar = 2.2

@@ -39,10 +39,10 @@ class PhotonTransfer(Stage):
     """Measure the photon transfer of one cell: every channel of a uniform scene after ``bracket``, whose first level is
     dark.
 
-    A level is ``repeats`` consecutive frames, as ``bracket`` takes them; surplus frames are ignored. The first level is
-    dark (a bracket of -30 stops receives no light). Without it, with fewer than four other levels, with fewer than 8 x
-    8 pixels per channel or where the signal does not rise, all metrics except the curve are NaN. Where nothing
-    saturates, full well and saturation are NaN.
+    A level is ``repeats`` consecutive frames, as ``bracket`` takes them; surplus frames are ignored. The first level
+    must be dark (a bracket of -30 stops receives no light). All metrics except the curve are NaN without a dark level,
+    with fewer than four other levels, with fewer than 8 x 8 pixels per channel, or if the signal does not rise. Where
+    nothing saturates, full well and saturation are NaN.
 
     ``transfer_signal`` is the mean above dark and ``transfer_variance`` the temporal variance with the dark variance
     subtracted; ``transfer_fit`` is the line through the origin with slope ``emva_gain``

@@ -143,7 +143,7 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
         }
 
     def halo(self) -> int | None:
-        """Return None where new column offsets are drawn: they are drawn once for all rows."""
+        """Return None if new column offsets are drawn, because one draw serves all rows of a frame."""
         return None if self.of_column_noise > 0 else 0
 
     def run(self, charge: FloatArray, rng: np.random.Generator, rng_sensor: PatternRandom) -> dict[str, Array]:
@@ -176,8 +176,8 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
-    """Convert charge to codes by amplifier and ADC: a response that may bend, gain, pedestal, rounding, top code
-    2^n - 1, which a high gain reaches below the full well.
+    """Convert charge to codes by amplifier and ADC: optional non-linear response, gain, pedestal, rounding, clipping at
+    the top code 2^n - 1, which a high gain reaches below the full well.
     """
 
     role: ClassVar = "converter"
@@ -199,7 +199,7 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
 
     def variance(self, charge: float) -> float:
         share = min(max(charge, 0.0) / self.bend_scale(), 1.0) ** self.response_order if self.response_bend > 0 else 0.0
-        slope = 1 - self.response_bend * (1 + self.response_order) * share  # of the response, at this charge
+        slope = 1 - self.response_bend * (1 + self.response_order) * share  # slope of the response at this charge
         return 1 / (12 * (self.dn_per_electron() * slope) ** 2)
 
     def datasheet(self) -> dict[str, float]:
@@ -215,7 +215,9 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
         }
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
-        """Return the brightest charge over that of the top code or the full well: full scale is there."""
+        """Return the brightest charge over the charge at the top code or the full well, at which full scale of the
+        output lies.
+        """
         high = facts["charge"].high
         return 1.0 if high is None else high / self.saturation()
 
@@ -240,7 +242,7 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
 @dataclass(frozen=True, kw_only=True)
 class Linearise(KnownNoise, Scaled):
     """Scale to (DN - black) / (white - black): 1 where pixels saturate, at full well or top code; negatives are kept.
-    A response that bends (``response_bend``) is inverted.
+    A non-linear response (``response_bend``) is inverted.
 
     ``clipping_level`` is the lowest value of a clipped pixel: rounding, and noise after a full well that lies below the
     top code, bring it slightly below 1 (four sigma of read noise and offsets).

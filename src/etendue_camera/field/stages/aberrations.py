@@ -25,7 +25,7 @@ from etendue_camera.optics.stages.wavefront import Aberrated
 PER_SPOT = 0.45  # PSF spacing in lambda N_w: the PSF is band-limited at 0.5
 COARSE = 64
 MOST_SAMPLES = 1024
-NEARLY = 0.98  # of the PSF radius: light in the outermost rings may be lost
+NEARLY = 0.98  # fraction of the PSF radius; light in the outermost rings may be lost
 COARSE_ERROR = 0.04  # error of kernels as cell means, on a grid too coarse for the lens
 
 

@@ -38,7 +38,9 @@ def _table(path: str, state: tuple[int, int]) -> tuple[FloatArray, FloatArray, F
 
 @dataclass(frozen=True)
 class _Held:
-    """A table that is equal to itself only: those that are read are cached."""
+    """A table that compares equal only to itself. Tables are cached by file, so this comparison is enough, and
+    cheap.
+    """
 
     table: warp.Table
 
@@ -53,7 +55,7 @@ class _Held:
 def _curve(
     coefficients: tuple[float, float, float], reference: float, colour: float, wavelength: float, held: _Held | None
 ) -> warp.DistortionCurve:
-    """Return a curve; the same object for the same lens, whatever the body."""
+    """Return the curve of a lens; the same object for every body, so that caches recognise it."""
     return warp.DistortionCurve(coefficients, reference, colour, wavelength, None if held is None else held.table)
 
 
@@ -265,8 +267,8 @@ class Distortion(Profiled, Banded, Bounded):
             raise ValueError("table and coefficients are both given; give only one of them")
 
     def of_lens(self) -> warp.Table | None:
-        """Return the measured heights of the lens at this focal length; None if there are none, or the stage has
-        coefficients or a table of its own.
+        """Return the measured heights of the lens at this focal length; None if there are none, or if the stage has its
+        own coefficients or table.
         """
         if not self.lens_profile or self.table or self.k1 or self.k2 or self.k3:
             return None
@@ -315,7 +317,9 @@ class Distortion(Profiled, Banded, Bounded):
         return lost, f"light moves by at most {most:.2g} um, and the scene has little detail that fine"
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Keep the facts of a uniform plane; of any other the range between samples, which a spline may leave a bit."""
+        """Keep the facts of a uniform plane. For any other plane keep the range of its samples, widened because a
+        spline overshoots between them.
+        """
         own = facts["irradiance"]
         low, high = own.content.range_of_light() if own.content is not None else (None, None)
         return (
@@ -325,8 +329,8 @@ class Distortion(Profiled, Banded, Bounded):
         )
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the interpolation error, wave by wave, for the light that is there. For unknown light: at a Gaussian
-        edge with the scene's band limit, or of 1 sample rms if that is unknown too.
+        """Bound the interpolation error of the light, frequency by frequency. If its content is unknown, return the
+        error at a Gaussian edge with the scene's band limit, or with 1 sample rms if that is unknown too.
         """
         rounding = 2e-6 if precision == "float32" else 1e-12
         if self.does_nothing():

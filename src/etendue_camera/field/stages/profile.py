@@ -1,4 +1,4 @@
-"""What is measured of a lens that exists, for the stages that apply it.
+"""Measured distortion and fall-off of a real lens, for the stages that apply them.
 
 In:  camera quantities: the file of the lens, the crop factor and mount of the body.
 Out: real heights and relative illumination as the tables of the stages ``distortion`` and ``falloff``.
@@ -26,7 +26,7 @@ FLAT = 0.05  # where the slope of real heights falls below this of its value on 
 
 @dataclass(frozen=True, kw_only=True)
 class Profiled(Stage):
-    """A stage that applies what was measured of the lens."""
+    """A stage that applies measurements of a real lens."""
 
     lens_profile: str = quantity("lens_profile")
     crop_factor: float = quantity("crop_factor")
@@ -34,7 +34,7 @@ class Profiled(Stage):
     adapter: bool = quantity("adapter")
 
     def check_lens(self) -> None:
-        """Raise ValueError for a file that is no lens, or a lens that does not fit the mount of the body."""
+        """Raise ValueError if the file does not describe a lens, or the lens does not fit the mount of the body."""
         if not self.lens_profile:
             return
         own = lens_file(self.lens_profile)
@@ -52,7 +52,7 @@ class Profiled(Stage):
     def lens_notes(
         self, what: str, instead: str, measured: bool, settings: tuple[float, float] | None = None
     ) -> list[str]:
-        """Return notes on a lens of which something was not measured, or that is used beyond what it can do."""
+        """Return notes on properties of the lens that were not measured, and on settings outside its range."""
         if not self.lens_profile:
             return []
         own = lens_calibration.chosen(lens_file(self.lens_profile).entries, self.crop_factor)
@@ -77,7 +77,7 @@ class Profiled(Stage):
 
 
 def measured_falloff(stage: Any, focal: float, aperture: float, distance_mm: float) -> FieldTable | None:
-    """Return the relative illumination of a stage's lens by height; None if it has none near these settings."""
+    """Return the relative illumination of a stage's lens by height; None if it was not measured near these settings."""
     if not stage.lens_profile:
         return None
     state = file_state(stage.lens_profile)
@@ -94,14 +94,14 @@ def _falloff(
     values = lens.relative(nodes, focal, aperture, 1e-3 * distance_mm)
     if values is None:
         return None
-    beyond = nodes > lens.half_diagonal()  # a polynomial may rise or fall steeply where nothing was measured
+    beyond = nodes > lens.half_diagonal()  # outside the measured range a polynomial may rise or fall steeply
     inside = float(values[~beyond][-1])
     values = np.where(beyond, np.minimum(values, inside), values)
     return FieldTable(own.name, "height_mm", nodes, np.maximum(values, 0.0)[:, None], ())
 
 
 def measured_heights(stage: Any, focal: float) -> Table | None:
-    """Return ideal heights, wavelengths and real heights (um) of a stage's lens; None if none were measured."""
+    """Return ideal heights, wavelengths and real heights of a stage's lens, all um; None if they were not measured."""
     state = file_state(stage.lens_profile)
     return _heights(stage.lens_profile, state, stage.crop_factor, focal)
 

@@ -133,7 +133,7 @@ def _wavelengths(path: str, names: list[str]) -> tuple[float, ...]:
 
 
 def _number(text: str) -> float:
-    """Return the number, or NaN if the text is none."""
+    """Return the number that the text denotes, or NaN if it denotes none."""
     try:
         return float(text)
     except ValueError:

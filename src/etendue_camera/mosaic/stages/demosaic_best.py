@@ -1,4 +1,4 @@
-"""The demosaicer of highest quality, where it matters more than a fraction of a second.
+"""The demosaicer with the highest quality, for cases where quality matters more than a fraction of a second.
 
 In:  ``mosaic_linear`` (y, x), 1 at clipping, of a Bayer array, preferably balanced.
 Out: ``rgb_camera`` (channel, y, x), linear camera RGB.

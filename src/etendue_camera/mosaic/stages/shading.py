@@ -45,7 +45,7 @@ class LensShading(Conjugates, Bounded, Haloed):
 
     ``map = "model"``: the falloff of the stage ``falloff`` (``model``, ``geometry``, ``full_field``), times the rim of
     ``vignetting`` and the cosine response of ``angular_response``, for the camera's own aperture and focus. The
-    parameters are those of these stages; where they differ from theirs, the correction has a corresponding error.
+    parameters have the same names as in these stages; if the values differ, the correction is wrong by the difference.
     ``map = "table"``: a CSV file with gains by height, one column for all channels or one per channel, as
     `etendue_camera.mosaic.shading.calibrated` computes from a flat field. Black stays black; noise grows with the gain,
     and the plan reports by how much. ``clipping_level`` is multiplied by the smallest gain of the frame.
@@ -107,8 +107,9 @@ class LensShading(Conjugates, Bounded, Haloed):
         return found
 
     def rows(self) -> shading.GainTable:
-        """Return the table; its columns are the pattern's channels, or one for all; for a single plane, its own
-        column."""
+        """Return the table. It has a column for each channel of the pattern, or one column for all; for a single plane
+        only its column is returned.
+        """
         table = _table(self.table, file_state(self.table))
         channels, columns = set(mask_of(self.pattern).channels), set(table.columns)
         if len(columns) > 1 and channels != columns and not (len(channels) == 1 and channels < columns):

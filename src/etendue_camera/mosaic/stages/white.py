@@ -36,8 +36,8 @@ class White(GainChain, Collecting):
     """Compute the linear camera signal of a perfect white diffuser on axis, over ``render_exposure``: from the
     illuminant, noise-free.
 
-    It may exceed 1, above pixel saturation: ``white_saturated`` counts the channels in which the diffuser itself
-    does.
+    Above pixel saturation the signal exceeds 1: ``white_saturated`` counts the channels in which the diffuser itself
+    saturates.
     """
 
     role: ClassVar = "camera white"
@@ -185,11 +185,12 @@ class BalanceMosaic(Haloed):
     """Divide the mosaic by the white of each site's channel before demosaicing, so that grey edges get no false
     colours.
 
-    Gains are relative to the largest channel of the white, the first to clip: ``clipping_level`` remains the level at
-    which it does. Above it the true values of the other channels are useless without its own, so ``highlights =
-    "neutral"`` clips them there too. ``white`` becomes the level rendered as display white, equal in all channels: that
-    of the scene white as long as no channel clips below it, otherwise (and with ``brightness = "camera"`` always) the
-    clipping level. Overexposed areas are white, whatever the exposure, and later stages need no change.
+    Gains are relative to the largest channel of the white, which is the first to clip: ``clipping_level`` remains the
+    level at which that channel clips. Above this level its true value is unknown, and the other channels alone give no
+    colour, so ``highlights = "neutral"`` clips them there too. ``white`` becomes the level rendered as display white,
+    equal in all channels: that of the scene white as long as no channel clips below it, otherwise (and with
+    ``brightness = "camera"`` always) the clipping level. Overexposed areas are white, whatever the exposure, and later
+    stages need no change.
     """
 
     role: ClassVar = "white balance"
@@ -215,7 +216,9 @@ class BalanceMosaic(Haloed):
         return {"white": channels, "balance_gains": channels}
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
-        """Return the largest gain over the level that is rendered as white, which is full scale from then on."""
+        """Return the largest gain over the level that is rendered as white: later stages use that level as full
+        scale.
+        """
         white = facts["white"]
         if white.low is None or white.contrast is None:
             return 1.0
@@ -232,7 +235,7 @@ class BalanceMosaic(Haloed):
         channel: Array,
     ) -> dict[str, Array]:
         gains, mask = white_balance.gains_of(white), mask_of(self.pattern)
-        own = gains[[list(channel).index(name) for name in mask.channels]]  # for a single plane, its own
+        own = gains[[list(channel).index(name) for name in mask.channels]]  # a single plane has only its own channel
         clipped = float(clipping_level)  # the smallest gain is 1
         shown = white_balance.display_white(float(np.max(white)), clipped, self.brightness == "camera")
         ceiling = clipped if self.highlights == "neutral" else math.inf
@@ -244,7 +247,9 @@ class BalanceMosaic(Haloed):
 
 
 def _same_channels(grid: Grid, pattern: str, variable: str) -> Grid:
-    """Return the grid of a variable by channel, whose channels must be those of the pattern."""
+    """Return the grid of a variable that has a channel axis; raise an error unless its channels are those of the
+    pattern.
+    """
     found, wanted = tuple(grid["channel"].values()), mask_of(pattern).channels
     require.that(
         found == wanted,

@@ -73,7 +73,7 @@ class IdealMosaic(GainChain):
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
     keeps: ClassVar = ("order",)
-    gain: ClassVar = None  # where the light exceeds the full well, the unclipped part grows relative to full scale
+    gain: ClassVar = None  # above 1 where light exceeds the full well, as for FullWell
     negative: ClassVar = "clip"  # undershoot of band-limited light, as before the Poisson draw
     nanoseconds: ClassVar = 2.0
     error: ClassVar = proved(2e-7, 4e-16)
@@ -104,8 +104,8 @@ class NoDemosaicing(_HandedOn):
 
 @dataclass(frozen=True, kw_only=True)
 class CrosstalkPlanes(Crosstalk):
-    """Apply crosstalk below the filters to full planes: at every pixel, what each channel would collect next to the
-    mask's neighbours.
+    """Apply crosstalk below the filters to full planes: each pixel of each channel exchanges charge with the neighbours
+    that it would have in the mask.
 
     Put it before ``no_mask`` where ``crosstalk`` follows a mosaic (``crosstalk = "through_filter"``).
     """

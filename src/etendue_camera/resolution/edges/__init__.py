@@ -1,1 +1,1 @@
-"""The slanted edge: finding it, its spread function, and the interval of what is measured."""
+"""The slanted edge: search for it, its edge spread function, and confidence intervals of its resolution."""

@@ -25,7 +25,7 @@ PASSES = 2
 class Binned:
     """Means by bin about the edge."""
 
-    means: FloatArray  # of bins `knot` apart across the rows, the edge in the middle
+    means: FloatArray  # means of bins that are `knot` apart across the rows, with the edge in the middle
     knot: float
     cosine: float  # factor by which a bin is narrower along the normal
     window: str

@@ -23,10 +23,11 @@ BENT = 0.04  # distance of the edge from a straight line, relative to its length
 WIDE = 0.3  # 10 to 90 % rise, relative to the fitted range
 FINE = 0.75  # pixels rms, smoothing of the curve
 BEYOND = 0.35  # overshoot beyond the plateaus, relative to the step: sharpening reaches up to a third
+# Minimum of a second rise, relative to the steepest slope; maximum slope between both, relative to the weaker rise.
 AGAIN, BETWEEN = (
     0.15,
     0.7,
-)  # relative to the steepest slope: a second rise; and relative to the weaker rise: the slope between both
+)
 NAMES = ("bent", "changes", "pattern", "no_plateau", "line", "double")
 
 

@@ -57,7 +57,7 @@ class EdgeResolution:
     window: tuple[int, int, int, int]  # top, bottom, left, right of the measured part
     doubts: tuple[str, ...] = ()  # reasons against a single straight edge, see `edge_doubts`
     written: tuple[Rewritten, Rewritten] | None = (
-        None  # shift of MTF50 and MTF10 by a lossy file; included in the interval
+        None  # shift of MTF50 and MTF10 by a lossy file format; the interval includes it
     )
 
     @property
@@ -211,11 +211,11 @@ def _written(
 
 
 def _block(found: MeasuredEdge, rows: EdgeSpread, response: EdgeResponse) -> tuple[int, float]:
-    """Return the rows to smooth the draws over, 1 if contributions of neighbours to the response are uncorrelated, and
-    a factor.
+    """Return the number of rows over which draws are smoothed (1 if the contributions of neighbouring rows are
+    uncorrelated), and a factor on the draws.
 
-    The factor on the draws compensates the correlation lost by smoothing, the freedom absorbed by the fit where few
-    pixels are independent, and the uncertainty of a variance over few blocks.
+    The factor compensates for three losses: the correlation that smoothing removes, the degrees of freedom that the fit
+    uses where few pixels are independent, and the uncertainty of a variance from few blocks.
     """
     at = response.mtf50_limited * ABOUT
     moved = redrawn(found.curve, rows, np.eye(found.rows)).response(at) - found.curve.response(at)
@@ -274,7 +274,7 @@ def lowest_crossing(frequency: FloatArray, sfr: FloatArray, share: float) -> Flo
 
 
 def _between(values: FloatArray, confidence: float) -> tuple[float, float]:
-    """Return the central percentiles, each the nearest draw outside."""
+    """Return the limits of the central percentile interval, each rounded outwards to a draw."""
     ordered = np.sort(values)
     cut = 0.5 * (1 - confidence) * (len(ordered) - 1)
     return float(ordered[math.floor(cut)]), float(ordered[len(ordered) - 1 - math.floor(cut)])

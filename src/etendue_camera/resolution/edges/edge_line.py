@@ -65,9 +65,8 @@ def first_line(image: FloatArray, sites: Sites | None = None) -> tuple[bool, Flo
     gradient."""
     gy, gx = gradient(image, sites)
     weight = gx**2 + gy**2
-    most = np.partition(weight.ravel(), -max(weight.shape))[
-        -max(weight.shape)
-    ]  # as many strong pixels as the edge is long
+    # Keep about as many strong pixels as the edge has rows.
+    most = np.partition(weight.ravel(), -max(weight.shape))[-max(weight.shape)]
     if not most > 0:
         raise ValueError(lost("it is uniform"))
     weight = np.where(weight > STRONG * most, weight, 0.0)

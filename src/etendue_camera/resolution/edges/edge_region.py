@@ -22,8 +22,8 @@ SLANTED = (1.8, 43.2)  # for one of several edges: 2 to 43 plus its uncertainty
 ALIVE = 0.35  # fraction of the seed's strength at which the edge ends
 OTHER = 0.02  # fraction of the edge's strength at which other content begins
 NOISE = 10.0  # times the median strength of the picture, rarely reached by noise alone
-FAINT = 1e-9  # of the strongest, below which a gradient has no direction
-SMALLEST = 3  # pixels along a side that have a gradient
+FAINT = 1e-9  # fraction of the strongest gradient below which a gradient has no direction
+SMALLEST = 3  # minimum length, in pixels, of a side that has gradients
 ENDS = 6.0  # pixels omitted at either end
 SHORTEST, NARROWEST = 24.0, 8.0  # half length and half width of the strip, pixels
 ROUNDS, STILL = 12, 1e-4  # largest number of iterations for the direction, and tolerance in radians
@@ -257,7 +257,8 @@ def _half_width(energy: FloatArray, ridge: _Ridge) -> float:
     reach = math.ceil(math.hypot(*energy.shape))
     across = np.arange(-reach, reach + 1.0)
     seen = _sampled(energy, ridge, ridge.along, across)
-    profile = np.sort(seen, axis=0)[-max(3, seen.shape[0] // 20)]  # shown by a twentieth of the length
+    # Other content begins where a twentieth of the length shows it.
+    profile = np.sort(seen, axis=0)[-max(3, seen.shape[0] // 20)]
     peak = float(profile.max())
     least = max(OTHER * peak, min(NOISE * float(np.median(energy)), 0.5 * peak))
     found = []

@@ -22,12 +22,13 @@ from etendue_camera.resolution.edges.slanted_edge import MeasuredEdge
 
 Written = Callable[[FloatArray, np.random.Generator], FloatArray]
 TIMES, TRIED = 16, 3  # rewritten edges, and those used to set their noise
+# Factors on the bootstrap interval and on the spread of rewritten edges; both contain the noise of the picture.
 BY_ROWS, AGAIN = (
     0.93,
     0.57,
-)  # weights of the bootstrap interval and of the spread of rewritten edges: both include the noise of the picture
-SEEN = 1.05  # times the residual without noise, above which noise is visible in a file
-MOST = 3.0  # times the residual: largest noise assumed before the file
+)
+SEEN = 1.05  # factor on the residual without noise; noise whose residual is above this survives the file
+MOST = 3.0  # the noise assumed before the file is at most this factor times the residual
 
 
 @dataclass(frozen=True)
@@ -43,11 +44,11 @@ class Rewritten:
 
         Notes
         -----
-        The parts add in squares. With noise both include the same noise; without it only the second includes the effect
-        of the file. `BY_ROWS` and `AGAIN` minimise the interval score (Gneiting and Raftery 2007) of 4,800 edges, 60
-        kinds of file, blur and noise, which ``benchmarks/measure_coverage.py`` does not draw (other seeds; for half of
-        them other sides, angles and levels), times 1.045: coverage is 96 %, and the coverage of the 60 kinds scatters
-        no more than expected from the draws.
+        The squares of both parts are added. Both parts contain the noise of the picture; without noise, only the second
+        part contains the effect of the file. `BY_ROWS` and `AGAIN` minimise the interval score (Gneiting and Raftery
+        2007) of 4,800 edges, 60 kinds of file, blur and noise, which ``benchmarks/measure_coverage.py`` does not draw
+        (other seeds; for half of them other sides, angles and levels), times 1.045: coverage is 96 %, and the coverage
+        of the 60 kinds scatters no more than expected from the draws.
         """
         if not math.isfinite(self.spread):
             return low, math.inf
@@ -71,8 +72,8 @@ def rewritten(
 
     Notes
     -----
-    The measured edge spread function replaces the scene. On either side of the edge it gets as much white noise as
-    leaves the measured residual after the file; where noise does not pass the file, none is added.
+    The measured edge spread function replaces the scene. On each side of the edge, white noise is added so that the
+    residual after writing equals the measured one. No noise is added where the file format removes it.
 
     """
     v, across = np.linspace(-1.0, 1.0, found.rows), np.arange(found.columns) - 0.5 * (found.columns - 1)

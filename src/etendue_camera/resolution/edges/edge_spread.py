@@ -38,7 +38,7 @@ class Fit:
     rest: FloatArray  # value minus spline
     value: FloatArray
     steep: FloatArray  # derivative of the spline at the pixels
-    first: NDArray[np.intp]  # of the four coefficients that act at each pixel
+    first: NDArray[np.intp]  # index of the first of the four coefficients that act at each pixel
     basis: FloatArray  # (4, pixels): their weights
     factor: FloatArray  # of the normal equations
     pixel: NDArray[np.intp]  # indices of the pixels in the flattened picture
@@ -193,9 +193,10 @@ def centred(count: int) -> FloatArray:
 def whole(found: Fit, half_width: float | None, tails: bool) -> EdgeSpread:
     """Combine the spline near the edge, plateaus with tails far from it, and a smooth transition between them.
 
-    Where the tails describe the picture completely, the spline only adds noise. The transition therefore ends at the
-    smallest of several distances beyond which the tails describe the pixels as well as the spline does; or, for
-    correlated noise, at the smallest from half of which on the spline deviates from the tails no more than farther out.
+    Where the tails describe the picture completely, the spline only adds noise. Several distances are tried, and the
+    transition ends at the smallest one beyond which the tails describe the pixels as well as the spline does. If noise
+    is correlated, it ends at the smallest distance d for which the spline deviates from the tails between d/2 and d by
+    no more than it does beyond d.
     """
     reach = float(np.abs(found.distance).max())
     width = reach
@@ -215,8 +216,9 @@ def whole(found: Fit, half_width: float | None, tails: bool) -> EdgeSpread:
 
 
 def _strays(found: Fit, model: FloatArray, width: float, reach: float) -> bool:
-    """Return whether the spline deviates from plateaus and tails between half a width and a width no more than
-    beyond."""
+    """Return whether the spline deviates from plateaus and tails between half a width and a width by no more than it
+    does farther out.
+    """
     if width > 0.5 * reach:
         return False
     places = np.abs(centred(len(found.coefficients)) * found.knot)
@@ -235,7 +237,7 @@ def _far(found: Fit, width: float, tails: bool) -> tuple[NDArray[np.bool_], Floa
 
 
 def joined(coefficients: FloatArray, knot: float, model: FloatArray, width: float) -> EdgeSpread:
-    """Blend the spline (..., coefficients) into the plateaus and the tail (..., 2 or 3) of ``model``."""
+    """Blend the spline (..., coefficients) into the plateaus and, if ``model`` (..., 2 or 3) has one, its tail."""
     places = centred(coefficients.shape[-1]) * knot
     kept = np.abs(places) <= width
     places = places[kept]
@@ -271,8 +273,8 @@ def influence(found: Fit, curve: EdgeSpread, rows: int, tails: bool) -> EdgeSpre
 
 
 def refitted(found: Fit, curve: EdgeSpread, values: FloatArray, tails: bool) -> tuple[EdgeSpread, FloatArray]:
-    """Return curves for other values (n, pixels) at the pixels of a fit, with line and transition of the first, and
-    their residuals.
+    """Return curves, and their residuals, for other values (n, pixels) at the same pixels; line and transition are
+    kept.
     """
     size, acting = len(found.coefficients), found.first + np.arange(DEGREE + 1)[:, None]
     right = np.stack([np.bincount(acting.ravel(), (found.basis * own).ravel(), size) for own in values], axis=1)
@@ -286,9 +288,7 @@ def refitted(found: Fit, curve: EdgeSpread, values: FloatArray, tails: bool) -> 
 
 
 def redrawn(curve: EdgeSpread, rows: EdgeSpread, weights: FloatArray) -> EdgeSpread:
-    """Return curves for new pictures whose residuals are those of this one times a weight per row: ``weights`` (n,
-    rows).
-    """
+    """Return curves for n pictures whose residuals are those of this picture multiplied by ``weights`` (n, rows)."""
     return EdgeSpread(
         curve.coefficients + weights @ rows.coefficients,
         curve.knot,

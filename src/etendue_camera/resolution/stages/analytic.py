@@ -96,12 +96,12 @@ def half_contrast(
 
 
 def gains(otf: Otf, mtf50: Callable[[Any], float], nyquist: float, highest: float) -> FloatArray:
-    """Return the ratio of MTF50 without each factor to MTF50 with it, (factor,); for sampling, MTF50 over Nyquist where
-    above it.
+    """Return the ratio of MTF50 without each factor to MTF50 with it, (factor,). For sampling, it is MTF50 over the
+    Nyquist frequency, if that is above 1.
 
     The rendering of the chart is not part of the camera and is excluded. Where contrast without a factor does not fall
-    to one half up to ``highest``, that frequency is used for MTF50, as a lower bound. NaN where the whole camera's does
-    not.
+    to one half up to ``highest``, that frequency is used for MTF50, as a lower bound. NaN where the contrast of the
+    whole camera does not fall to one half.
     """
     whole = mtf50(otf)
     if math.isnan(whole):
@@ -123,7 +123,7 @@ def factor_curves(otf: Otf, observed: Observed, towards: tuple[float, float], pi
 
 
 def first_largest(values: FloatArray) -> float:
-    """Return the index of the largest gain; NaN where no gain is known, or nothing limits."""
+    """Return the index of the largest gain; NaN where no gain is known, or no gain is above 1."""
     return (
         float(np.argmax(values))
         if np.isfinite(values).any() and not np.isnan(values).any() and values.max() > 1
@@ -141,15 +141,16 @@ class Resolution(Probe):
     softness with which the chart was drawn is in every picture and in ``edge_resolution``, but here only with
     ``rendering = true``.
 
-    ``mtf50`` and ``mtf10``: lowest frequency at which contrast has fallen to one half, to a tenth; ``cut_off``: highest
-    at which it is ``cut_off_contrast``; NaN where that is not below ``highest``, and from the first stage on that moves
-    light without a transfer function. ``aliasing``: fraction of the line spread energy (white spectrum) above Nyquist,
-    which sampling folds back. ``sparrow`` and ``rayleigh``: separation of two points without a dip between them, and
-    with the dip of two Airy discs at Rayleigh's criterion; the curve along the direction is taken for all directions.
-    ``effective_*``: MTF50, capped at Nyquist. ``limiting_factor`` is the index into ``factor`` with the largest
-    ``resolution_gain``, the factor by which MTF50 would grow without it; for sampling, MTF50 over Nyquist. ``mtf`` is
-    the whole curve after each stage and ``factor_mtf`` that of each factor alone, at 65 frequencies up to 1 cycle/pixel
-    (``frequency``; ``frequency_lp_mm`` in cycles/mm); sampling has no transfer function and no curve.
+    ``mtf50`` and ``mtf10``: lowest frequency at which contrast has fallen to one half and to a tenth. ``cut_off``:
+    highest frequency at which contrast is ``cut_off_contrast``. They are NaN if this frequency is not below
+    ``highest``, and from the first stage on that moves light without a transfer function. ``aliasing``: fraction of the
+    line spread energy (white spectrum) above Nyquist, which sampling folds back. ``sparrow``: separation at which the
+    dip between two points disappears. ``rayleigh``: separation at which the dip equals that of two Airy discs at
+    Rayleigh's criterion. Both use the curve along the direction for all directions. ``effective_*``: MTF50, capped at
+    Nyquist. ``limiting_factor`` is the index into ``factor`` with the largest ``resolution_gain``, the factor by which
+    MTF50 would grow without it; for sampling, MTF50 over Nyquist. ``mtf`` is the whole curve after each stage and
+    ``factor_mtf`` that of each factor alone, at 65 frequencies up to 1 cycle/pixel (``frequency``; ``frequency_lp_mm``
+    in cycles/mm); sampling has no transfer function and no curve.
     """
 
     role: ClassVar = "resolution"
@@ -258,8 +259,8 @@ class Resolution(Probe):
         return Observed(_shares(own * light), prepared, light)
 
     def curves(self, otfs: list[Otf], observed: Observed, towards: tuple[float, float]) -> FloatArray:
-        """Return the contrast after each stage, (stage, frequency), on the curve itself whatever the settings; NaN
-        where no product of transfer functions describes the camera.
+        """Return the contrast after each stage, (stage, frequency), always from the transfer functions themselves
+        rather than a spline; NaN where no product of transfer functions describes the camera.
         """
         at = curves.PER_PIXEL / self.pixel_pitch
         found = [
@@ -268,8 +269,8 @@ class Resolution(Probe):
         return np.array(found).reshape(-1, curves.SAMPLES)
 
     def seen(self, otf: Otf, observed: Observed, towards: tuple[float, float]) -> CurveFigures | None:
-        """Return what does not depend on the pitch of later pixels, cached for them; None where no product of transfer
-        functions describes the camera.
+        """Return the results that do not depend on the pitch of later pixels, cached for all pitches; None where no
+        product of transfer functions describes the camera.
         """
         if not otf.whole:
             return None
@@ -344,7 +345,9 @@ class CurveFigures:
 
 
 def _shares(weights: FloatArray) -> FloatArray:
-    """Return fractions of all photons, to 12 places: equal to rounding for all pitches, so that curves are shared."""
+    """Return fractions of all photons, rounded to 12 digits. They agree for all pitches up to rounding errors, so
+    rounding lets all pitches share one curve.
+    """
     weights = np.asarray(weights, dtype=float)
     return np.round(weights / weights.sum(), 12)
 

@@ -72,13 +72,13 @@ class EdgeProbe(PictureProbe):
     cycle/pixel (``frequency``; ``frequency_lp_mm`` in cycles/mm), NaN above 1 cycle/sample for light on a grid coarser
     than the pixels, and ``esfr_analytic`` that of the transfer functions.
 
-    ``limiting_factor`` is an index into ``factor``. It is noise where the intervals of the mosaic and of the first
-    picture in camera channels, both capped at Nyquist, are wider than a tenth, or hide an edge that the pixels show;
-    otherwise the factor with the largest ``resolution_gain``, by which MTF50 would grow without it. Lens, diffusion,
-    geometry and sampling are analytic (see ``resolution``); demosaic is MTF50 of the pixels over that of the first
-    ``rgb_camera``, each capped at Nyquist; noise is 1 plus the width of the narrower interval over MTF50. It is NaN
-    where pixels are clipped, where the analytic gains are unknown (a lens without a transfer function), and where the
-    pixels' own noise-free picture shows no edge.
+    ``limiting_factor`` is an index into ``factor``. It is noise if the intervals of the mosaic and of the first picture
+    in camera channels, both capped at Nyquist, are wider than a tenth of MTF50, or if noise hides an edge that is
+    visible in the noise-free pixels. Otherwise it is the factor with the largest ``resolution_gain``, the ratio by
+    which MTF50 would grow without it. Lens, diffusion, geometry and sampling are analytic (see ``resolution``);
+    demosaic is MTF50 of the pixels over that of the first ``rgb_camera``, each capped at Nyquist; noise is 1 plus the
+    width of the narrower interval over MTF50. It is NaN where pixels are clipped, where the analytic gains are unknown
+    (a lens without a transfer function), and where the pixels' own noise-free picture shows no edge.
     """
 
     writes: ClassVar = {
@@ -310,8 +310,8 @@ class EdgeProbe(PictureProbe):
     def known_gains(
         self, transfers: Sequence[tuple[str, Otf]], observed: Observed, edges: list[Edge]
     ) -> tuple[Any, float]:
-        """Return the gains of the transfer functions along the first edge, NaN where they are incomplete, and the part
-        of MTF50 that remains after charge moves between pixels.
+        """Return the gains of the transfer functions along the first edge, NaN where they are incomplete; and the ratio
+        of MTF50 after charge has moved between pixels to MTF50 before.
         """
         pixel = next((otf for _, otf in transfers if otf.weights is not None), None)
         if pixel is None or not pixel.whole or not edges:

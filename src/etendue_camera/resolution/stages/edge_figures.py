@@ -62,7 +62,7 @@ def carry_clipped(rows: dict[str, dict[str, float]], mosaic: list[str], stage: A
 def effective(edge: Edge, per_pixel: float, spread: float = 1.0) -> float:
     """Return MTF50 in cycles/pixel, capped at Nyquist; NaN above the range of a coarse grid.
 
-    ``spread``: the part of it that remains after charge moves between pixels.
+    ``spread``: ratio of MTF50 after charge has moved between pixels to MTF50 before.
     """
     if edge.not_reached:
         return NYQUIST if edge.frequency[-1] * per_pixel >= NYQUIST else math.nan

@@ -1,4 +1,4 @@
-"""Measured resolution of star and texture: a Siemens star and dead leaves in every picture of a run.
+"""Measured resolution: a Siemens star or a dead-leaves texture in every picture of a run.
 
 In:  the pictures and white of all stages.
 Out: MTF50 and MTF10 of the star, MTF50 of the texture, by ``stage``; NaN where nothing can be measured.

@@ -55,8 +55,8 @@ class Inverse(KnownNoise):
             raise ValueError(f"nodes is {self.nodes}; it must be 0 (every frequency) or at least 16")
 
     def table_error(self) -> float:
-        """Return the error that the table causes in the picture: largest where the lens cut-off lies inside, f/22 at
-        2 um; 1e-5 at f/4 and 4 um.
+        """Return the error that the table causes in the picture. It is largest where the cut-off of the lens lies
+        within the table, as for f/22 and 2 um pixels; it is 1e-5 for f/4 and 4 um.
         """
         return 1.5e-3 * max((128 / self.nodes) ** 3, 128 / self.nodes) if self.nodes else 0.0
 
@@ -216,10 +216,9 @@ class RichardsonLucy(Inverse):
         return estimate, transfer, done
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the rounding error. It grows with each iteration, more so with places far above clipping beside
-        ordinary ones; the stopping point depends on all of it. Total variation magnifies it without an end: where a
-        picture is nearly flat, rounding decides the direction of a gradient, and a picture in single precision may
-        differ by all of its full scale.
+        """Bound the rounding error. It grows with each iteration, and faster if some pixels are far above clipping; it
+        also shifts the stopping point. With total variation there is no useful bound: where a picture is nearly flat,
+        rounding decides the direction of a gradient, so a picture in single precision may differ by its full scale.
         """
         if self.total_variation:
             return (1.0 if precision == "float32" else 1e-7) + self.table_error(), "measured"

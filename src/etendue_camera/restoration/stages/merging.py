@@ -29,7 +29,7 @@ class MergeFrames(KnownNoise):
     """
 
     role: ClassVar = "merging"
-    decides: ClassVar = True  # which values of a frame are clipped, or too far from the median, and count no more
+    decides: ClassVar = True  # a small change decides whether a value counts as clipped or far from the median
     reads: ClassVar = {
         "rgb_camera": "frame channel y x [1]",
         "integration_time": "frame [s]",

@@ -60,7 +60,7 @@ class RadianceCube(Source, Banded, Discretised):
         return {"bins": "those of the file", "spacing": "that of the file", "margin": "that of the file"}
 
     def refined(self, name: str, factor: int) -> dict[str, Any]:
-        """Return nothing: a file is as fine as it is."""
+        """Return no finer values: the sampling of a file is fixed."""
         return {}
 
     def _open(self) -> tuple[Any, Any]:

@@ -1,4 +1,4 @@
-"""What all scenes have in common: level, light, grid, and how they are refined.
+"""Parameters common to all scenes: level, light, grid, and how the grid is refined.
 
 In:  a chart's geometry (um on the image plane), an illuminant, the luminance of a white diffuser.
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
@@ -18,8 +18,8 @@ from etendue_camera import spectra
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.scene import charts
 
-WIDEST_BINS = 10.0  # nm, of those chosen where the pipeline leaves them open
-AROUND = 8  # the surround chosen is the longer side of the scene divided by this
+WIDEST_BINS = 10.0  # nm; width of the bins that are chosen if the pipeline gives none
+AROUND = 8  # the automatic surround is the longer side of the scene divided by this
 DIMMEST, BRIGHTEST = 1e-12, 1e12  # cd m-2: the sun has 1.6e9
 
 
@@ -113,8 +113,9 @@ class Scene(Source, Banded, Discretised):
 
     @classmethod
     def chosen(cls, name: str, values: Mapping[str, Any], shared: Mapping[str, tuple[Any, ...]]) -> float:
-        """Return whole bins of at most 10 nm; samples half the smallest pixel pitch apart, a whole number of them over
-        the width, or 1 um without pixels; a surround of an eighth of the longer side if the chart extends.
+        """Return the value of a parameter left open: bins of at most 10 nm that divide the range evenly; a spacing of
+        half the smallest pixel pitch, adjusted to divide the width evenly (1 um without pixels); a surround of an
+        eighth of the longer side if the chart extends beyond the frame.
         """
         own = {"wavelength_from": 380.0, "wavelength_to": 780.0, "width": 1000.0, "height": 1000.0, **values}
         if name == "bin_width":
@@ -171,12 +172,12 @@ class Scene(Source, Banded, Discretised):
             return {"spacing": self.spacing / factor if factor > 0 else self.spacing * -factor}
         if factor < 0 or not self.extends:
             return {}
-        # A whole number of samples on each side: they stay where they are.
+        # Add a whole number of samples on each side, so that the existing ones keep their positions.
         more = (factor - 1) * 0.5 * max(line.size for _, line in self.plane().entries[1:]) * self.spacing
         return {"surround": self.surround + math.ceil(more / self.spacing - 1e-9) * self.spacing}
 
     def finer(self, name: str) -> dict[str, Any]:
-        """Return values one step finer; of the margin, a surround twice as wide."""
+        """Return the parameter values one step finer; a margin becomes twice as wide."""
         if name != "margin" or not self.surround:
             return self.refined(name, 2)
         return {"surround": 2 * self.surround} if self.extends else {}

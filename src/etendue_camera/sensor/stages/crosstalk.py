@@ -81,7 +81,9 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         light: FloatArray,
         prepared: tuple[FloatArray, tuple[FloatArray, ...]],
     ) -> Any:
-        """Return the transfer of kernels as wide as the diffusion reaches, whatever ``beyond`` is."""
+        """Return the transfer functions of kernels that contain all of the diffusion; ``beyond`` does not truncate
+        them.
+        """
         electrons, (kept, moved, along_y, along_x) = prepared
         share = shares_of(electrons * light)
         per_pixel = np.asarray(fy) * self.pixel_pitch, np.asarray(fx) * self.pixel_pitch
@@ -100,8 +102,8 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         return facts["photocurrent"] if self.crosstalk == "per_plane" else Facts()
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the charge beyond the largest kernel, both where it is missing and where it is added, plus the rounding
-        of the transforms.
+        """Bound the error: twice the charge beyond the largest kernel, which is missing in one place and added in
+        another, plus the rounding of the transforms.
         """
         if self.crosstalk == "per_plane":
             return 0.0, "proved"
@@ -145,8 +147,8 @@ def shares_of(photons: FloatArray) -> FloatArray:
 
 
 def mixing_of(stage: Any, edges: tuple[float, ...], photons: FloatArray) -> FloatArray:
-    """Return what uniform light becomes after crosstalk, (channel, channel); the identity where charge stays in its
-    plane.
+    """Return the mixing matrix of uniform light by crosstalk, (channel, channel); the identity where charge stays in
+    its plane.
     """
     if stage.crosstalk == "per_plane":
         return np.eye(len(photons))

@@ -1,7 +1,8 @@
 """Defective pixels, drawn or listed, fixed per sensor.
 
 In:  ``photocurrent``, electron/s (hot, dead); ``raw``, DN (stuck).
-Out: the same with defects, and their map, which no camera stage reads but a test may.
+Out: the same with defects, and a map of them. No stage of a real camera can read this map; corrections and tests use it
+     as the truth.
 """
 
 from __future__ import annotations
@@ -83,7 +84,9 @@ class Defects(Sampled):
 
 @dataclass(frozen=True, kw_only=True)
 class StuckPixels(Sampled):
-    """Make pixels stuck at one code, whatever the light, time and noise: each at its own code, or all at the same."""
+    """Make pixels stuck at a code that does not depend on light, time and noise: each pixel at its own code, or all at
+    the same.
+    """
 
     role: ClassVar = "stuck pixels"
     reads: ClassVar = {"raw": "y x [DN] uint16"}

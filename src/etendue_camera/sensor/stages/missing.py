@@ -1,8 +1,8 @@
-"""The error of a pixel stage that expands the bands in few terms and keeps few frequencies.
+"""The error of a pixel stage that combines bands in a few terms and keeps only low frequencies.
 
 In:  weights of the channels, preceding stages, the content of the light, the number of terms and the fraction of
      frequencies kept.
-Out: what is missing, relative to the largest signal of the channel.
+Out: the omitted part, relative to the largest signal of the channel.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ def of_the_light(
     Returns
     -------
     float
-        In the content's norm, with the errors of the bands added in phase, relative to the least that the largest
-        signal of the channel can be.
+        In the norm of the content, with the errors of the bands added in phase, relative to a lower bound on the
+        largest signal of the channel.
     """
     edges = light.bands().edges
     steps = (light.line("y").step, light.line("x").step)
@@ -73,13 +73,13 @@ def of_the_light(
 
 @lru_cache(96)
 def _full(weights: Weights, before: tuple[Transfer, ...], content: Content, light: Grid, width: float) -> FloatArray:
-    """Return the least that the largest signal of every channel can be, (channel,)."""
+    """Return a lower bound on the largest signal of every channel, (channel,)."""
     left = _left(before, light.bands().edges, content.edges, width)
     return peaks.largest_of_sums(np.array(weights), left, content, light)
 
 
 def _highest(light: Grid, kept: float) -> float:
-    """Return the frequency up to which everything is kept along both axes, cycles/um."""
+    """Return the frequency up to which all frequencies are kept along both axes, cycles/um."""
     if kept == 1:
         return math.inf
     lines = (light.line("y"), light.line("x"))
@@ -88,10 +88,13 @@ def _highest(light: Grid, kept: float) -> float:
 
 @lru_cache(96)
 def _left(before: tuple[Transfer, ...], edges: tuple[float, ...], rings: tuple[float, ...], width: float) -> FloatArray:
-    """Return the smallest share of every ring that the stages and the aperture leave, (band or 1, ring)."""
+    """Return, for every ring of frequencies, the smallest transfer function of the stages and the aperture, (band or 1,
+    ring).
+    """
     points = scene_rings.frequencies_in(np.array(rings))
     found = np.abs(effects.in_directions(before, edges, points)).min(axis=0)
-    aperture = np.abs(photodiode.aperture_otf(points, width))  # along an axis, where a square passes least at first
+    # along an axis, where the response of a square aperture first reaches its minimum
+    aperture = np.abs(photodiode.aperture_otf(points, width))
     return -scene_rings.largest_in_rings(-found * aperture)
 
 
@@ -127,7 +130,8 @@ def _missing(
     transfer = effects.in_directions(before, edges, points)
     beyond = points > limit
     whole = np.abs(own[:, :, None] * transfer[:, None])
-    straddling = int(np.searchsorted(np.array(rings), limit)) - 1  # it loses most at the limit, not at its ends
+    # In the ring that the limit crosses, most is lost at the limit rather than at the borders of the ring.
+    straddling = int(np.searchsorted(np.array(rings), limit)) - 1
     if 0 <= straddling < len(rings) - 1:
         at_limit = np.abs(own[:, :, None] * effects.in_directions(before, edges, np.array([limit]))[:, None])
         whole[..., 2 * straddling + 1] = at_limit[..., 0]

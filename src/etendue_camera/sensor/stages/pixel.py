@@ -35,8 +35,8 @@ from etendue_camera.sensor.stages.sensitivity import (
     unused_notes,
 )
 
-TABLES = 3e-7  # most that tables of transfer functions differ where they end at other frequencies; measured
-MEAN = 0.7  # what the mean over pixels at least is of that over the light: their apertures leave gaps
+TABLES = 3e-7  # largest difference of tabulated transfer functions whose tables end at different frequencies; measured
+MEAN = 0.7  # lower bound of the mean over pixels relative to the mean of the light; apertures leave gaps between pixels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +90,7 @@ class Diffusion(Transfer, Bounded, InSilicon):
         return (0.0, "the scene is uniform: diffusion changes nothing") if facts.uniform else None
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """As for every blur: only a uniform plane is certain to stay within its range."""
+        """Keep the range of a uniform plane only, as every blur does."""
         return facts["irradiance"] if facts["irradiance"].uniform else Facts(uniform=facts["irradiance"].uniform)
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
@@ -119,7 +119,7 @@ class Pixel(Collecting, Summed):
     """
 
     role: ClassVar = "pixel"
-    handed: ClassVar = True  # aperture_offset_x and aperture_offset_y move what a pixel sees
+    handed: ClassVar = True  # aperture_offset_x and aperture_offset_y shift the light-sensitive area of each pixel
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"photon_rate": "channel y x [electron/s]"}
     # worst case: pixels smaller than the sample spacing, which interpolate, 10000 x 10000; 1.4 from two samples on
@@ -233,8 +233,9 @@ class Pixel(Collecting, Summed):
     def segment_error(
         self, before: tuple[Transfer, ...], facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str
     ) -> tuple[float, str]:
-        """Bound the error including the expansion and the omitted frequencies: for the content of the scene where it is
-        known, otherwise for light equally strong in every band, at the worst frequency."""
+        """Bound the error, including the expansion and the omitted frequencies: for the content of the scene if it is
+        known, otherwise for light that is equally strong in every band and at the worst frequency.
+        """
         bound, how = self.error(facts, grid, precision)
         light = grid["irradiance"]
         few = 0 < self.wavelength_terms < light.bands().size and bool(before)
@@ -266,7 +267,7 @@ class Pixel(Collecting, Summed):
         weights = electrons_per_irradiance(self, grid["irradiance"].bands().edges)
         low, high = light.content.bands_of_light()
         below, above = weights @ np.array(low), weights @ np.array(high)
-        # the mean over pixels is that of the light but for what lies between them
+        # the mean over pixels differs from that of the light only by the light between their apertures
         mean = MEAN * light.content.full * float((weights @ np.array(light.content.mean)).min())
         return Facts(uniform=light.uniform, low=float(below.min()), high=float(above.max()), mean=mean)
 
@@ -290,9 +291,8 @@ class Pixel(Collecting, Summed):
 
     def _beyond_the_light(self, edges: tuple[float, ...]) -> list[str]:
         """Warn about sensitivity outside the wavelengths of the scene; narrow-band light needs no more bands."""
-        known = self.sensitivity == FLAT or spectra.spectrum(
-            self.sensitivity
-        )  # tables of colour-science end with their filters
+        # Tables of colour-science end where their filters block the light.
+        known = self.sensitivity == FLAT or spectra.spectrum(self.sensitivity)
         if edges[-1] - edges[0] < 200 or not known:
             return []
         bins = tuple(300.0 + 10 * i for i in range(91))

@@ -48,7 +48,7 @@ class Sensitive(Stage):
 
     def __post_init__(self) -> None:
         spectra.check_camera(self.sensitivity)
-        if not isinstance(self.peak_qe, tuple):  # one value for all, as on an axis
+        if not isinstance(self.peak_qe, tuple):  # one number for all channels, as an axis gives it
             object.__setattr__(self, "peak_qe", (float(self.peak_qe),))
         channels = self.channels
         if len(self.peak_qe) not in (1, len(channels)):
@@ -99,7 +99,7 @@ class Collecting(Sensitive):
 
 
 def _columns_of(stage: Any, names: tuple[str, ...]) -> list[int | None]:
-    """Return each channel's column in a table with these names; None for a clear pixel that needs none."""
+    """Return the column of each channel in a table with these names; None for a clear pixel, which needs no column."""
     channels = mask_of(stage.pattern).channels
     if len(channels) == len(names) == 1:
         return [0]
@@ -214,7 +214,7 @@ def peaks_note(stage: Any) -> list[str]:
 
 
 def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
-    """Return notes on a table that ends where a channel still responds: beyond its end the channel sees nothing.
+    """Return notes on a table that ends where a channel still responds: beyond its end the response counts as 0.
 
     Filters over silicon are judged separately: the charge at their ends depends on the silicon too.
     """
@@ -239,7 +239,7 @@ def collection_at_zero(stage: Any, wavelength_nm: FloatArray) -> FloatArray:
     return np.array([_collected_at_zero(float(a), *diode) for a in alphas])
 
 
-@lru_cache(4096)  # plans ask for the same wavelengths of the same diode again and again
+@lru_cache(4096)  # a plan needs the same wavelengths of the same diode many times
 def _collected_at_zero(alpha: float, *diode: Any) -> float:
     return float(photodiode.collection(0.0, alpha, *diode))
 
@@ -270,8 +270,8 @@ SEEN_BY = tuple(
 
 @lru_cache(64)
 def shares(seen_by: tuple[Any, ...], files: Any, edges: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
-    """Return each channel's electrons per irradiance, normalised to a sum of 1, (channel, wavelength); 0 where it sees
-    nothing.
+    """Return each channel's electrons per irradiance, normalised to a sum of 1, (channel, wavelength); 0 for a channel
+    without response.
 
     ``seen_by`` contains the values of ``SEEN_BY``, ``files`` the state of the files that they name.
     """

@@ -1,4 +1,4 @@
-"""Sources of run time and error, and omissions: the ledger of an archive, stage by stage.
+"""Run time, error and omissions by stage, from the ledger of an archive.
 
 In:  holdings with a table ``ledger``.
 Out: a ``Plot`` of three columns of bars over the stages in their order.
@@ -164,7 +164,7 @@ def _draw_cells(axes: Axes, at: Mapping[str, list[AxisValue]]) -> None:
 
 
 def _draw_loss(axes: Axes, loss: DocumentView) -> None:
-    """Draw bars of each stage's share; stages that win back loss extend to the left."""
+    """Draw bars of each stage's share of the loss; bars of stages that reduce the loss extend to the left."""
     names, shares = [one["stage"] for one in loss["stages"]], np.array([_known(one["share"]) for one in loss["stages"]])
     place = np.arange(len(names))
     axes.barh(place, 100 * shares, color=np.where(shares < 0, "#44aa77", "#cc6677"))
