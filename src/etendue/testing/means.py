@@ -7,6 +7,7 @@ Out: the arrays that ``mean`` returns when the engine calls it.
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -29,3 +30,16 @@ def mean_of(bench: Bench, inputs: Arrays, frame: Frame = FRAME) -> dict[str, Arr
     if report.status != "done":
         raise LawBroken(f"{bench.name}.mean failed: {report.message}")
     return result.arrays
+
+
+def missed(values: Array, p: float) -> float:
+    """Return by how much the mean over many places may be off, at a probability ``p``, because events are rare.
+
+    If most places have one value, a stage draws events, such as dead pixels. A kind of them with ln(1/p) events
+    expected may not have occurred at all, or that much less often than its standard error says; each event counts at
+    most what a place has, or what the largest event has changed.
+    """
+    usual = float(np.median(values))
+    if np.count_nonzero(values == usual) <= 0.5 * values.size:
+        return 0.0
+    return math.log(1 / p) / values.size * max(abs(usual), float(np.abs(values - usual).max(initial=0.0)))

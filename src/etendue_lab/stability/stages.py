@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import Stage
 from etendue.telling import said, without_folders
 from etendue.testing import StageConformance
 from etendue.testing.bench import FRAME, Bench, LawBroken
-from etendue.testing.cases import END, FAR, ORDINARY, Case, Untried, cases
+from etendue.testing.cases import END, FAR, MIXED, ORDINARY, Case, Untried, cases
 from etendue.testing.digits import allowed, compare
+from etendue.testing.kept import anew, keeping
 from etendue.testing.measured import WorstError, measuring
 from etendue.testing.small_changes import parameter_changes
 from etendue_lab.stability import references
@@ -69,6 +71,7 @@ ALWAYS = (
     "one after another",
     "threads",
 )  # reported even without a number, for every stage that reads
+STATE = ("inputs left alone", "repetition", "one after another", "threads")  # of trials of their own
 ONCE = (  # for the ordinary instance only
     "NaN and infinity",
     "negative input",
@@ -85,7 +88,8 @@ ONCE = (  # for the ordinary instance only
     DRAWS,
 )
 
-CHOSEN = (DRAWS, "uniform to the rim", "mirror image", "shifted picture", "window", "strips", "steps and codes")
+PLACED = ("uniform to the rim", "mirror image", "shifted picture", "window", "strips")
+CHOSEN = (DRAWS, *PLACED, "steps and codes")
 
 
 def rows_of(name: str) -> Iterator[LawCase]:
@@ -101,10 +105,16 @@ def rows_of_kind(name: str, kind: type[Stage]) -> Iterator[LawCase]:
         yield LawCase(name, WITHIN, "ordinary", None, why=str(error))
         return
     for case in every:
-        yield from rows_of_case(name, kind, case)
+        yield from rows_of_case(name, case)
 
 
-def rows_of_case(name: str, kind: type[Stage], case: Case) -> Iterator[LawCase]:
+def rows_of_case(name: str, case: Case) -> Iterator[LawCase]:
+    """Yield every row of one case; its laws share the trials that several of them ask for."""
+    with keeping():
+        yield from laws_of_case(name, case)
+
+
+def laws_of_case(name: str, case: Case) -> Iterator[LawCase]:
     if case.stage is None:
         yield LawCase(
             name, WITHIN, case.name, not case.broke, why=case.refused if case.broke else f"refused: {case.refused}"
@@ -128,18 +138,21 @@ def rows_of_case(name: str, kind: type[Stage], case: Case) -> Iterator[LawCase]:
         return
     if case.where == END and isinstance(getattr(case.stage, case.parameter), float):
         yield from held(name, MOVED, case, lambda: parameter_changes(bench, (case.parameter,)))
-    one = type("Conformance", (StageConformance,), {"stage": case.stage})()
+    one = type("Conformance", (StageConformance,), {"stage": case.stage, "bench": bench})()
     for law, word in LAWS.items():
         if case.where == ORDINARY or wanted(word, case):
-            yield from held(name, word, case, getattr(one, law), word in ALWAYS and bool(bench.reads))
+            with anew() if word in STATE else nullcontext():
+                yield from held(name, word, case, getattr(one, law), word in ALWAYS and bool(bench.reads))
 
 
 def wanted(word: str, case: Case) -> bool:
     """Return whether a law is tested on a case that is not the ordinary one: noise and places for every choice of a
-    word, most laws at corners and inside.
+    word, places and means for mixed instances, most laws at corners and inside.
     """
     if case.where == FAR:
         return word == "mean kept, bounded"
+    if case.where == MIXED:
+        return word in (*PLACED, "mean kept, bounded")
     if case.where != END:
         return word not in ONCE
     chosen = isinstance(getattr(case.stage, case.parameter), str) and word in CHOSEN

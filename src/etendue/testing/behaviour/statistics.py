@@ -20,7 +20,7 @@ from etendue.contract.capabilities import Noisy, Sampled, draws_anew, is_random,
 from etendue.contract.stage import patterns_of
 from etendue.testing.bench import Bench, Frame
 from etendue.testing.checks import bound_of
-from etendue.testing.means import mean_of
+from etendue.testing.means import mean_of, missed
 from etendue.testing.measured import hold, ratio_of, within
 from etendue.testing.seeds import seed_of
 from etendue.types.arrays import Array
@@ -123,7 +123,7 @@ def check_means(
     count = found.size / (min(found.shape[-2:]) if by_line else 1)
     error = found.std() / math.sqrt(count)
     rounded = 0.5 if rounds(bench.kind) else 0.0  # codes at one level
-    room = z * error + share * abs(found.std()) + 1e-12 * abs(said) + rounded
+    room = z * error + share * abs(found.std()) + 1e-12 * abs(said) + rounded + missed(found, P / len(LEVELS))
     off = abs(float(found.mean()) - said)
     within(
         ratio_of(off, float(found.std())),
