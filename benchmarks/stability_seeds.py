@@ -4,7 +4,7 @@
     python benchmarks/stability_seeds.py 200 shot_noise # as many seeds, these stages
     python benchmarks/stability_seeds.py 8+50           # 50 seeds from number 8 on
 
-In:  seeds 1, 2, ...; every case of a stage on which the command tests a law that draws. The command itself takes seed 0.
+In:  seeds 1, 2, ...; every case of a stage on which the command tests a law that draws. The command itself takes 0.
 Out: a line for each accusation, and how near each law came to one: the largest error over its bound; exit code 1 where
      there was an accusation.
 """

@@ -19,8 +19,8 @@ import numpy as np
 from etendue.contract.capabilities import decides, is_transfer
 from etendue.contract.stage import Stage, parameters_of
 from etendue.plan.wiring.parameters import SMALLEST
-from etendue.testing.behaviour.walking import LEAST, RANK, Results, Walk, jumps_along
 from etendue.testing import mixed
+from etendue.testing.behaviour.walking import LEAST, RANK, Results, Walk, jumps_along
 from etendue.testing.bench import SMALL, Arrays, Bench, BenchTrial, Frame
 from etendue.testing.cases import span_of
 from etendue.testing.measured import ratio_of, untried, within
