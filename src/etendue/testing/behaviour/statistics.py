@@ -50,11 +50,18 @@ def drawn_as_declared(bench: Bench) -> None:
     main = next((v for v, d in bench.writes.items() if d.dims[-2:] == ("y", "x") and d.unit != "1"), None) or next(
         (v for v, d in bench.writes.items() if d.dims[-2:] == ("y", "x") and d.dtype == "float"), None
     )
-    if main is None or bench.steady:
+    if main is None or nothing_drawn(bench, port, main):
         return
     by_line = bool(getattr(bench.kind, "by_line", False))
     for level in LEVELS:
         check_level(bench, port, main, level, by_line)
+
+
+def nothing_drawn(bench: Bench, port: str, main: str) -> bool:
+    """Return whether two large frames are the same: in a small one, rare events may just not have occurred."""
+    inputs = {**bench.arrays("uniform", FRAME), port: bench.array(port, "uniform", FRAME) * LEVELS[-1]}
+    first, second = (draw(bench, inputs, number) for number in range(2))
+    return first is None or second is None or np.array_equal(first[main], second[main])
 
 
 def check_level(bench: Bench, port: str, main: str, level: float, by_line: bool) -> None:
