@@ -57,21 +57,27 @@ def drawn_as_declared(bench: Bench) -> None:
         check_level(bench, port, main, level, by_line)
 
 
+def even(bench: Bench, port: str, frame: Frame, level: float) -> dict[str, Array]:
+    """Return uniform inputs of which one is at a share of full scale; whole numbers if it holds codes."""
+    array = bench.array(port, "uniform", frame) * level
+    whole = bench.reads[port].dtype != "float"
+    return {**bench.arrays("uniform", frame), port: np.rint(array) if whole else array}
+
+
 def nothing_drawn(bench: Bench, port: str, main: str) -> bool:
     """Return whether two large frames are the same: in a small one, rare events may just not have occurred."""
-    inputs = {**bench.arrays("uniform", FRAME), port: bench.array(port, "uniform", FRAME) * LEVELS[-1]}
+    inputs = even(bench, port, FRAME, LEVELS[-1])
     first, second = (draw(bench, inputs, number) for number in range(2))
     return first is None or second is None or np.array_equal(first[main], second[main])
 
 
 def check_level(bench: Bench, port: str, main: str, level: float, by_line: bool) -> None:
     """Check each plane by itself, and with the next."""
-    inputs = {**bench.arrays("uniform", FRAME), port: bench.array(port, "uniform", FRAME) * level}
+    inputs = even(bench, port, FRAME, level)
     value = float(np.asarray(inputs[port]).flat[0])
     expected: dict[str, Array] | None = None
     if issubclass(bench.kind, Sampled):
-        small = {**bench.arrays("uniform", (2, 3)), port: bench.array(port, "uniform", (2, 3)) * level}
-        expected = mean_of(bench, small, (2, 3))
+        expected = mean_of(bench, even(bench, port, (2, 3), level), (2, 3))
     frames = []
     for number in range(DRAWS if len(bench.reads[port].dims) == 2 else 2):
         trial = draw(bench, inputs, number)
