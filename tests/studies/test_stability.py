@@ -13,7 +13,7 @@ import pytest
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of
 from etendue.errors import RequestError
-from etendue.testing.cases import CORNER, END, FAR, INSIDE, ORDINARY, cases, ordinary
+from etendue.testing.cases import CORNER, END, FAR, INSIDE, MIXED, ORDINARY, cases, ordinary
 from etendue_lab.stability import cameras, kernels, study
 from etendue_lab.stability.rows import LawCase, counts, document, groups
 from tests.fresh import process
@@ -97,7 +97,7 @@ def test_cases_stand_in_the_declared_ranges_and_at_their_ends(use):
     kind = installed_stages().load(use)
     every = list(cases(kind))
     assert [case.where for case in every[:1]] == [ORDINARY]
-    assert {case.where for case in every} == {ORDINARY, END, CORNER, FAR, INSIDE}
+    assert {case.where for case in every} == {ORDINARY, END, CORNER, FAR, INSIDE, MIXED}
     assert [case.name for case in every] == [case.name for case in cases(kind)]  # the same in every run
     for case in every:
         for name, (parameter, form, _) in parameters_of(kind).items() if case.stage else ():

@@ -33,6 +33,7 @@ from etendue.contract.stage import Stage, looks, looks_at_stages, reads_of, writ
 from etendue.contract.values import quantities
 from etendue.plan.expansion.forms import output_grid
 from etendue.plan.model import CellRef
+from etendue.testing import kept
 from etendue.testing.examples import GUESSED, BlurAndSum, GaussianTransfer, edges, edges_of, exemplary, sheet
 from etendue.types.arrays import Array
 
@@ -111,6 +112,7 @@ class Bench:
     ) -> None:
         self.stage, self.kind = stage, type(stage)
         self.given_grids, self.scales, self.coordinates = dict(grids or {}), dict(scales or {}), dict(coordinates or {})
+        self._grids: dict[Frame, dict[str, Grid]] = {}
         if wrong := no_coordinates(self.kind):
             raise LawBroken(wrong)
 
@@ -188,10 +190,12 @@ class Bench:
         )
 
     def input_grids(self, frame: Frame = FRAME) -> dict[str, Grid]:
-        return {
-            port: self.given_grids.get(port) or Grid.of({dim: self.coordinate(dim, d, frame) for dim in d.dims})
-            for port, d in self.reads.items()
-        }
+        if frame not in self._grids:
+            self._grids[frame] = {
+                port: self.given_grids.get(port) or Grid.of({dim: self.coordinate(dim, d, frame) for dim in d.dims})
+                for port, d in self.reads.items()
+            }
+        return dict(self._grids[frame])
 
     def job(
         self, precision: str = "float64", frame: Frame = FRAME, seed: bytes = b"conformance", summed: bool = False
@@ -306,8 +310,17 @@ class Bench:
         """Compute one cell with the engine. With ``rows``, compute it in strips of that many rows; errors are then
         raised.
         """
-        job = self.job(precision, frame, seed, summed)
         given = self.given(inputs, precision)
+        before = digests(given)
+        grids = tuple(self.input_grids(frame).items())
+        key = (self.stage, tuple(before.items()), grids, precision, frame, seed, summed, rows)
+        return kept.once(
+            key, lambda: self._computed(self.job(precision, frame, seed, summed), given, before, precision, frame, rows)
+        )
+
+    def _computed(
+        self, job: Job, given: Arrays, before: dict[str, str], precision: str, frame: Frame, rows: int
+    ) -> BenchTrial:
         results: dict[CellRef, Result] = {
             (port, ()): Result(
                 {self.reads[port].variable: a}, {self.reads[port].variable: smallest(a)} if a.dtype.kind == "f" else {}
@@ -321,7 +334,6 @@ class Bench:
             results[(name, ())] = Result(
                 {self.looks[port]: (plane / number).astype(plane.dtype) for port, plane in planes.items()}
             )
-        before = digests(given)
         with _pools.limit(limits=1), np.errstate(all="ignore"):
             if rows:
                 job.walk = Walk(0, 1, rows, tuple(job.writes))
@@ -367,7 +379,7 @@ def _usual(declaration: Declaration) -> tuple[str, ...]:
 
 def digests(arrays: Arrays) -> dict[str, str]:
     return {
-        name: hashlib.sha256(f"{a.dtype}{a.shape}".encode() + a.tobytes()).hexdigest() for name, a in arrays.items()
+        name: hashlib.sha256(f"{a.dtype.str}{a.shape}".encode() + a.tobytes()).hexdigest() for name, a in arrays.items()
     }
 
 

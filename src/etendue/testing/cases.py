@@ -7,7 +7,8 @@ Out: ``Case`` values: a name, and the instance or the text with which it was ref
 Ordinary values are the defaults, or the ``example`` of a parameter that has no default or an expensive one. Ends are
 those that the plan allows (``at_least``, ``held``, ...): just inside if open, extreme numbers if there is no end, zero
 and infinity if allowed. Integers without a near upper end, and knobs, change cost rather than physics: they are only
-taken to their cheap end. Interior points are a Sobol sequence, logarithmic over decades, the same in every run.
+taken to their cheap end. Interior points are a Sobol sequence, logarithmic over decades, the same in every run. Mixed
+instances have many parameters beside their ordinary values at once.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from typing import Any, get_args, get_origin
 from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.plan.wiring.parameters import LARGEST, SMALLEST, Unfit, resolve_file
+from etendue.testing import mixed
 
-ORDINARY, END, CORNER, FAR, INSIDE = "ordinary", "end", "corner", "far", "inside"
+ORDINARY, END, CORNER, FAR, INSIDE, MIXED = "ordinary", "end", "corner", "far", "inside", "mixed"
 BEYOND = (
     1e6,
     1e30,
@@ -40,7 +42,7 @@ class Case:
     """One instance of a stage."""
 
     name: str
-    where: str  # ordinary, end, corner, far (all at their ultimate ends) or inside
+    where: str  # ordinary, end, corner, far (all at their ultimate ends), inside or mixed
     stage: Stage | None
     refused: str = ""  # if there is no stage, the reason
     broke: bool = False  # whether it failed instead of refusing
@@ -64,6 +66,11 @@ def cases(kind: type[Stage], points: int = POINTS) -> Iterator[Case]:
     for name in base:
         for value in ends(*declared(kind, name), base[name]):
             yield made(f"{name} = {shown(value)}", END, kind, {**base, name: value}, name)
+    found = [base]
+    for number in range(mixed.MIXED):
+        found.append(mixed.mixed(kind, base, number))
+        if found[-1] not in found[:-1]:
+            yield made(f"mixed {number + 1}", MIXED, kind, found[-1])
     ranges = {name: span for name in base if (span := span_of(*declared(kind, name), base[name])) is not None}
     if not ranges:
         return

@@ -7,6 +7,7 @@ Out: the arrays that ``mean`` returns when the engine calls it.
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -29,3 +30,20 @@ def mean_of(bench: Bench, inputs: Arrays, frame: Frame = FRAME) -> dict[str, Arr
     if report.status != "done":
         raise LawBroken(f"{bench.name}.mean failed: {report.message}")
     return result.arrays
+
+
+def events(values: Array) -> bool:
+    """Return whether most places have one value, as of a stage that draws events, such as dead pixels."""
+    return bool(np.count_nonzero(values == np.median(values)) > 0.5 * values.size)
+
+
+def missed(values: Array, p: float) -> float:
+    """Return by how much the mean over many places may be off, at a probability ``p``, because events are rare.
+
+    A kind of them with ln(1/p) events expected may not have occurred at all, or that much less often than its standard
+    error says; each event counts at most what a place has, or what the largest event has changed.
+    """
+    if not events(values):
+        return 0.0
+    usual = float(np.median(values))
+    return math.log(1 / p) / values.size * max(abs(usual), float(np.abs(values - usual).max(initial=0.0)))

@@ -17,6 +17,7 @@ from etendue_camera.constants import BOLTZMANN, ELEMENTARY_CHARGE
 
 BOLTZMANN_EV = BOLTZMANN / ELEMENTARY_CHARGE  # eV/K
 COLDEST, HOTTEST = 150.0, 450.0  # K, where the law of `dark_current_factor` is used
+MOST_DOUBLINGS = 100  # 1e30: the largest number that a pipeline may contain
 
 
 def silicon_band_gap(temperature_K: ArrayLike) -> NDArray:
@@ -64,7 +65,8 @@ def dark_current_factor(temperature_K: float, reference_K: float, doubling_K: fl
     Raises
     ------
     ValueError
-        If a temperature or the doubling is outside the range named above.
+        If a temperature or the doubling is outside the range named above, or the dark current would double more than a
+        hundred times: no number that a pipeline may contain is that large.
 
     Notes
     -----
@@ -78,7 +80,13 @@ def dark_current_factor(temperature_K: float, reference_K: float, doubling_K: fl
     if temperature_K == reference_K:
         return 1.0
     if doubling_K > 0:
-        return 2.0 ** ((temperature_K - reference_K) / doubling_K)
+        times = (temperature_K - reference_K) / doubling_K
+        require.that(
+            times <= MOST_DOUBLINGS,
+            f"doubling_K is {doubling_K:g}, so that the dark current would double {times:.4g} times from "
+            f"{reference_K:g} to {temperature_K:g} K; at most {MOST_DOUBLINGS} times are computed",
+        )
+        return 2.0**times
     here = float(silicon_band_gap(temperature_K)) / temperature_K
     there = float(silicon_band_gap(reference_K)) / reference_K
     return (temperature_K / reference_K) ** 1.5 * math.exp((there - here) / (2 * BOLTZMANN_EV))

@@ -25,6 +25,7 @@ Centre = Literal["reference", "centroid"]
 
 _ORDER = 5  # of the spline
 _OVERSAMPLING = 3  # of the table that the spline interpolates
+_TOGETHER = 1 << 14  # samples that are interpolated in one call: few enough for the cache
 _POINTS = 64  # image points evaluated at a time, to bound memory
 
 
@@ -148,13 +149,15 @@ class Sampler:
         parts = 1 if self.light == "bandlimited" else max(1, int(np.ceil(2 * self.spacing / step)))
         total = np.zeros(self.dy.shape)
         offsets = ((np.arange(parts) + 0.5) / parts - 0.5) * self.spacing
-        for oy in offsets:
-            for ox in offsets:
-                dy, dx = self.dy + oy, self.dx + ox
-                where = np.stack([c * dy + s * dx, c * dx - s * dy])
-                where /= step
-                where += middle
-                total += scipy.ndimage.map_coordinates(table, where, order=order, mode="constant", prefilter=False)
+        oy, ox = (a.reshape(-1, 1) for a in np.meshgrid(offsets, offsets, indexing="ij"))
+        together = max(1, _TOGETHER // max(self.dy.size, 1))
+        for first in range(0, oy.size, together):
+            dy, dx = self.dy + oy[first : first + together], self.dx + ox[first : first + together]
+            where = np.stack([c * dy + s * dx, c * dx - s * dy])
+            where /= step
+            where += middle
+            for values in scipy.ndimage.map_coordinates(table, where, order=order, mode="constant", prefilter=False):
+                total += values
         return total
 
     def _levelled(self, values: FloatArray, wanted: FloatArray) -> FloatArray:

@@ -189,19 +189,16 @@ def replaced(
     )
     result, left = mosaic.copy(), 0
     every_row, every_column = np.nonzero(defective)
-    period, (height, width) = mask.period, mosaic.shape
+    period = mask.period
     phases = (every_row + first_row) % period[0] * period[1] + (every_column + first_column) % period[1]
     for phase in np.unique(phases):
         rows, columns = every_row[phases == phase], every_column[phases == phase]
         place = divmod(int(phase), period[1])
         offsets = neighbours(mask, *place, mosaic.shape, 24)
         best, joined = _along_lines(mosaic, defective, mask, place, rows, columns)
-        for number in np.flatnonzero(~joined):
-            around = [(rows[number] + dy, columns[number] + dx) for dy, dx in offsets]
-            sound = [at for at in around if 0 <= at[0] < height and 0 <= at[1] < width and not defective[at]]
-            if sound:
-                near = [float(mosaic[at]) for at in sound[:NEIGHBOURS]]
-                best[number], joined[number] = np.median(near), True
+        alone = np.flatnonzero(~joined)
+        if alone.size and offsets:
+            best[alone], joined[alone] = _middle(mosaic, defective, rows[alone], columns[alone], np.array(offsets))
         result[rows[joined], columns[joined]] = best[joined]
         left += int(np.count_nonzero(~joined))
     return result, left
@@ -231,6 +228,20 @@ def _along_lines(
     with np.errstate(invalid="ignore"):
         share = weight / weight.sum(axis=0)
     return (np.where(share > 0, share, 0.0) * values).sum(axis=0), joined
+
+
+def _middle(
+    mosaic: FloatArray, defective: NDArray, rows: NDArray, columns: NDArray, offsets: NDArray
+) -> tuple[FloatArray, NDArray]:
+    """Return the median of the nearest sound pixels at offsets from places, and where there was any."""
+    values, sound = _taken(mosaic, defective, rows[:, None] + offsets[:, 0], columns[:, None] + offsets[:, 1])
+    near = sound & (np.cumsum(sound, axis=1) <= NEIGHBOURS)
+    count = near.sum(axis=1)
+    ordered = np.sort(np.where(near, values, np.inf), axis=1)
+    place = np.arange(rows.size)
+    return 0.5 * (
+        ordered[place, np.maximum(count - 1, 0) // 2] + ordered[place, count // 2 % offsets.shape[0]]
+    ), count > 0
 
 
 def _taken(mosaic: FloatArray, defective: NDArray, rows: NDArray, columns: NDArray) -> tuple[FloatArray, NDArray]:

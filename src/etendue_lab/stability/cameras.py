@@ -211,8 +211,8 @@ def white_charge() -> float:
     )
 
 
-def run(document: Document) -> Any:
-    """Run a camera on one thread and return its tree.
+def run(document: Document, errors: bool = True) -> Any:
+    """Run a camera on one thread and return its tree, with the errors of what is wanted unless ``errors`` is False.
 
     Raises
     ------
@@ -224,7 +224,7 @@ def run(document: Document) -> Any:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            return simulate(document, scheduler="serial")
+            return simulate(document, scheduler="serial", errors=errors)
     except RequestError as error:
         raise Refused("; ".join(dict.fromkeys(f"{fault.place}: {fault.message}" for fault in error.faults))) from None
     except PluginError as error:
@@ -258,7 +258,8 @@ def rows_of_camera(name: str, document: Document) -> Iterator[LawCase]:
 
 
 def broken(made: Document, judge: Callable[[Document, Any], Iterator[Broken]]) -> list[Broken]:
-    return list(judge(made, run(made)))
+    """Return what breaks a law of a twin, of which nothing but what the law looks at is kept, without its error."""
+    return list(judge(made, run({**made, "keep": made["wanted"]}, errors=False)))
 
 
 def judged(law: str, name: str, check: Callable[[], list[Broken]]) -> Iterator[LawCase]:

@@ -25,9 +25,9 @@ from etendue_camera.constants import ELEMENTARY_CHARGE
 from etendue_camera.electronics import distributions, dynamic_range
 from etendue_camera.field import illumination
 from etendue_camera.light import planck, radiometry
-from etendue_camera.optics import diffraction
+from etendue_camera.optics import diffraction, glare, wavefront
 from etendue_camera.restoration import deconvolution, sharpening
-from etendue_camera.sensor import photodiode
+from etendue_camera.sensor import defects, photodiode
 from etendue_lab.stability.rows import LawCase
 
 DOUBLE, SINGLE = 1e-14, 3e-7
@@ -67,6 +67,8 @@ FORMS = {
     "pixel_airy": ClosedForm(
         diffraction.pixel_airy, least=1e-15
     ),  # faint pixels are differences of terms of order 0.1, so they have the rounding errors of these terms
+    "defocus_w020": ClosedForm(wavefront.defocus_w020),
+    "tail_otf": ClosedForm(glare.tail_otf),
     "mtf_geometric": ClosedForm(photodiode.aperture_otf),
     "irradiance_paraxial": ClosedForm(_paraxial),
     "irradiance_disk": ClosedForm(lambda n, m, angle: radiometry.disc_factor(n, _tangent(angle), m)),
@@ -86,6 +88,7 @@ FORMS = {
     "overlap_of_discs": ClosedForm(illumination.overlap_of_discs),
     "segment_area": ClosedForm(illumination.segment_area),
     "photons_from_energy": ClosedForm(radiometry.photons_from_energy),
+    "hot_rates": ClosedForm(lambda u, mean: defects.hot_rates(np.asarray(u), mean)),
     "i_max": ClosedForm(lambda well, t, dark: dynamic_range.saturation_current(well, t, dark)),
     "i_min": ClosedForm(dynamic_range.smallest_current),
     "dr_db": ClosedForm(

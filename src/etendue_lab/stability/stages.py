@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import Stage
 from etendue.telling import said, without_folders
 from etendue.testing import StageConformance
 from etendue.testing.bench import FRAME, Bench, LawBroken
-from etendue.testing.cases import END, FAR, ORDINARY, Case, Untried, cases
+from etendue.testing.cases import END, FAR, MIXED, ORDINARY, Case, Untried, cases
 from etendue.testing.digits import allowed, compare
+from etendue.testing.kept import anew, keeping
 from etendue.testing.measured import WorstError, measuring
 from etendue.testing.small_changes import parameter_changes
 from etendue_lab.stability import references
@@ -70,6 +72,7 @@ ALWAYS = (
     "one after another",
     "threads",
 )
+STATE = ("inputs left alone", "repetition", "one after another", "threads")  # laws that make their own trials
 ONCE = (  # for the ordinary instance only
     "NaN and infinity",
     "negative input",
@@ -86,7 +89,8 @@ ONCE = (  # for the ordinary instance only
     DRAWS,
 )
 
-CHOSEN = (DRAWS, "uniform to the rim", "mirror image", "shifted picture", "window", "strips", "steps and codes")
+PLACED = ("uniform to the rim", "mirror image", "shifted picture", "window", "strips")
+CHOSEN = (DRAWS, *PLACED, "steps and codes")
 
 
 def rows_of(name: str) -> Iterator[LawCase]:
@@ -102,10 +106,16 @@ def rows_of_kind(name: str, kind: type[Stage]) -> Iterator[LawCase]:
         yield LawCase(name, WITHIN, "ordinary", None, why=str(error))
         return
     for case in every:
-        yield from rows_of_case(name, kind, case)
+        yield from rows_of_case(name, case)
 
 
-def rows_of_case(name: str, kind: type[Stage], case: Case) -> Iterator[LawCase]:
+def rows_of_case(name: str, case: Case) -> Iterator[LawCase]:
+    """Yield every row of one case; its laws share the trials that several of them ask for."""
+    with keeping():
+        yield from laws_of_case(name, case)
+
+
+def laws_of_case(name: str, case: Case) -> Iterator[LawCase]:
     if case.stage is None:
         yield LawCase(
             name, WITHIN, case.name, not case.broke, why=case.refused if case.broke else f"refused: {case.refused}"
@@ -129,18 +139,22 @@ def rows_of_case(name: str, kind: type[Stage], case: Case) -> Iterator[LawCase]:
         return
     if case.where == END and isinstance(getattr(case.stage, case.parameter), float):
         yield from held(name, MOVED, case, lambda: parameter_changes(bench, (case.parameter,)))
-    one = type("Conformance", (StageConformance,), {"stage": case.stage})()
+    one = type("Conformance", (StageConformance,), {"stage": case.stage, "bench": bench})()
     for law, word in LAWS.items():
         if case.where == ORDINARY or wanted(word, case):
-            yield from held(name, word, case, getattr(one, law), word in ALWAYS and bool(bench.reads))
+            with anew() if word in STATE else nullcontext():
+                yield from held(name, word, case, getattr(one, law), word in ALWAYS and bool(bench.reads))
 
 
 def wanted(word: str, case: Case) -> bool:
     """Return whether a law is tested on a case other than the ordinary one. Laws of noise and of positions are tested
-    for every choice of a text parameter, most other laws at the corners and inside of ranges.
+    for every choice of a text parameter, laws of positions and means for mixed instances, most other laws at the
+    corners and inside of ranges.
     """
     if case.where == FAR:
         return word == "mean kept, bounded"
+    if case.where == MIXED:
+        return word in (*PLACED, "mean kept, bounded")
     if case.where != END:
         return word not in ONCE
     chosen = isinstance(getattr(case.stage, case.parameter), str) and word in CHOSEN

@@ -47,6 +47,7 @@ class Parameter:
     apart: tuple[float, ...] = ()
     # value for testing a stage that has no default, or a large one; a file as in a pipeline, "package:..."
     example: Any = None
+    tried: tuple[Any, ...] = ()  # other values for testing a text without choices
     doc: str = ""
 
     @property

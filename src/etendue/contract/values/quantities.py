@@ -36,7 +36,7 @@ class Quantity(Parameter):
     default: Any = dataclasses.field(default_factory=lambda: MISSING)
 
     def __post_init__(self) -> None:
-        for name in ("choices", "held", "apart", "default", "example"):
+        for name in ("choices", "held", "apart", "default", "example", "tried"):
             if isinstance(getattr(self, name), list):
                 object.__setattr__(self, name, tuple(getattr(self, name)))
         parse_unit(self.units)

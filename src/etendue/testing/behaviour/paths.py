@@ -19,6 +19,7 @@ import numpy as np
 from etendue.contract.capabilities import decides, is_transfer
 from etendue.contract.stage import Stage, parameters_of
 from etendue.plan.wiring.parameters import SMALLEST
+from etendue.testing import mixed
 from etendue.testing.behaviour.walking import LEAST, RANK, Results, Walk, jumps_along
 from etendue.testing.bench import SMALL, Arrays, Bench, BenchTrial, Frame
 from etendue.testing.cases import span_of
@@ -222,17 +223,19 @@ def along_entries(bench: Bench, port: str) -> None:
 
 
 def continuous_in_parameters(bench: Bench) -> None:
-    """Check every numeric parameter over its whole range, except values that are declared as ``apart``."""
+    """Check every numeric parameter over its whole range, except values that are declared as ``apart``. The other
+    parameters take values beside 0 if their ordinary value is 0: otherwise the result might depend on none of them.
+    """
     if not bench.reads or bench.looks or bench.given_grids or not may_be_walked(bench):
         return
     inputs = bench.arrays("ordinary", SMALL)
     dear = is_transfer(bench.kind) or bench.kind.prepare is not Stage.prepare
-    bench = cheaper(bench) if dear else bench
+    ordinary, bench = bench.stage, awake(cheaper(bench) if dear else bench)
     if stated(bench, inputs) > VAGUE:
         untried(f"no parameter was walked along: a jump could not be told from the stated error, {VAGUE:g} or more")
         return
     for name, (parameter, kind, _) in parameters_of(bench.kind).items():
-        span, own = span_of(parameter, kind, getattr(bench.stage, name)), getattr(bench.stage, name)
+        span, own = span_of(parameter, kind, getattr(ordinary, name)), getattr(ordinary, name)
         if span is not None and dear and not math.isfinite(own):
             untried(f"{name} was not walked along: its ordinary value is {own:g}")
         elif span is not None:
@@ -265,7 +268,7 @@ def continuous_in(bench: Bench, name: str, span: tuple[float, float], inputs: Ar
         least = min(error(float(values[0])), error(float(values[-1]))) + LEAST
         for variable, (off, first, last) in jumps_along(walk, beside, by_place(bench), least, worth, rank).items():
             judge(bench, variable, off, error(first) + error(last) + LEAST, f"{name} = {first:.9g}")
-    for value in NICE[: 1 if dear else None]:
+    for value in NICE[: 1 if bench.kind.prepare is not Stage.prepare else None]:
         if low < value < high and value not in apart:
             beside_a_whole_number(bench, walk, value, name, error)
 
@@ -282,6 +285,21 @@ def cheaper(bench: Bench) -> Bench:
             except ValueError:  # it refuses the setting
                 continue
     return Bench(stage, bench.given_grids, bench.scales, bench.coordinates)
+
+
+def awake(bench: Bench) -> Bench:
+    """Return the bench of the stage with numbers that are ordinarily 0 beside it, as many as it accepts together; not
+    those whose 0 has a meaning of its own.
+    """
+    now = {name: getattr(bench.stage, name) for name in parameters_of(bench.kind)}
+    wanted = {
+        name: mixed.numbers(parameter, 0.0, 1, place)
+        for place, (name, (parameter, kind, _)) in enumerate(parameters_of(bench.kind).items())
+        if kind is float and now[name] == 0 and 0 not in parameter.apart and not parameter.fidelity
+    }
+    wanted = {name: found for name, found in wanted.items() if found}
+    found = mixed.as_many(bench.kind, now, wanted, mixed.computes)
+    return Bench(bench.kind(**found), bench.given_grids, bench.scales, bench.coordinates)
 
 
 def nearer(span: tuple[float, float], now: float) -> tuple[float, float]:

@@ -24,6 +24,7 @@ class PeriodicPattern(Stage):
     role: ClassVar = "periodic pattern"
     reads: ClassVar = {"charge": "y x [electron]"}
     writes: ClassVar = {"charge": "y x [electron]"}
+    handed: ClassVar = True  # a wave begins at the first pixel
     gain: ClassVar = None  # the pattern does not count towards the full scale of the light
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 2.0

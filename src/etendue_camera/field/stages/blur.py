@@ -290,8 +290,10 @@ class Distortion(Profiled, Banded, Bounded):
 
     def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         corner = math.hypot(np.abs(coordinates["y_um"]).max(), np.abs(coordinates["x_um"]).max())
-        lens = self.map()
-        return tuple(lens.ratio(corner, float(w) * 1e-3) for w in coordinates["wavelength"])
+        lens, bands = self.map(), coordinates["wavelength"]
+        if lens.table is None and not lens.lateral_colour:  # the same for every colour
+            return (lens.ratio(corner, float(bands[0]) * 1e-3),) * len(bands)
+        return tuple(lens.ratio(corner, float(w) * 1e-3) for w in bands)
 
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[bands]
