@@ -73,14 +73,10 @@ def etendue_roles() -> dict[str, str]:
 @hookimpl
 def etendue_vocabularies() -> Document:
     return {
-        "sensors": {
-            "word": "sensor"
-        },  # a TOML file as in data/sensors, or the same as a mapping: [camera] sensor = "NAME"
-        "spectra": {
-            "word": "spectrum",
-            "endings": (".csv", ".spdx"),
-            "library": LIBRARY,
-        },  # accepted wherever the path of a table is
+        # a TOML file as in data/sensors, or the same as a mapping: [camera] sensor = "NAME"
+        "sensors": {"word": "sensor"},
+        # accepted wherever the path of a table is
+        "spectra": {"word": "spectrum", "endings": (".csv", ".spdx"), "library": LIBRARY},
         "lens_profiles": {"word": "lens profile", "endings": (".lens",)},
     }
 

@@ -103,9 +103,8 @@ class Walk:
     rows: int  # of a strip
     whole: tuple[str, ...] = ()  # of what this cell writes: variables that are stored, or read from outside the walk
     seen: tuple[str, ...] = ()  # of what this cell writes: variables that the caller only reduces
-    places: Mapping[str, Any] = field(
-        default_factory=dict
-    )  # the caller's arrays for some of these; in the caller's process only
+    # the caller's arrays for some of these; in the caller's process only
+    places: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(eq=False)  # never changed after creation; freezing it would cost more than creating it

@@ -87,9 +87,8 @@ class _Slices:
         self.labels = [list(coordinate.values()) for _, coordinate in mapped.dims]
         self.sizes = tuple(len(own) for own in self.labels)
         declared = {d.variable: d for d in writes_of(type(job.stage)).values() if d.variable in job.writes}
-        self.led = [
-            v for v, d in declared.items() if job.writes[v].dims != d.dims
-        ]  # variables that the mapped dims lead; the stage writes the others with these dims itself
+        # variables that the mapped dims lead; the stage writes the others with these dims itself
+        self.led = [v for v, d in declared.items() if job.writes[v].dims != d.dims]
         grids = {v: job.grids[v].take(d.dims) for v, d in declared.items()}
         self.core = replace(job, mapped=None, waiting=None, writes=declared, grids=grids)
         self.along = {

@@ -152,9 +152,8 @@ class Shelf:
         """Return every picture of a variable, in stored axis order; ``light``: bands of light form one picture too."""
         found = [frame for group in self.groups(variable, stage) for frame in self._frames_of(group, variable, light)]
         there = [frame.labels for frame in found if frame.status != "not_computed"]
-        return [
-            f for f in found if f.status != "not_computed" or f.labels not in there
-        ]  # it belongs to another shape of the stage
+        # it belongs to another shape of the stage
+        return [f for f in found if f.status != "not_computed" or f.labels not in there]
 
     def _frames_of(self, group: StageGroup, variable: str, light: bool) -> Iterator[ArchivedFrame]:
         array = group.data[variable]

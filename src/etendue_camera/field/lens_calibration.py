@@ -26,15 +26,8 @@ MODELS = {
 }  # terms of each model
 FARTHEST = 1000.0  # m; the distance that stands for infinity in calibrations
 POWER = 3.5  # of the distance between calibration points in the weights of fall-off
-RANKS = (
-    (1.41, 2),
-    (1.31, 4),
-    (1.21, 6),
-    (1.11, 8),
-    (1.01, 10),
-    (1.0 - 1e-6, 5),
-    (0.96, 3),
-)  # of ratios of crop factors
+# of ratios of crop factors
+RANKS = ((1.41, 2), (1.31, 4), (1.21, 6), (1.11, 8), (1.01, 10), (1.0 - 1e-6, 5), (0.96, 3))
 COLOURS = (460.0, 540.0, 600.0)  # nm: blue, green and red of a camera in daylight, to which lateral colour refers
 
 

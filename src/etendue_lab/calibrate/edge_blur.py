@@ -109,9 +109,7 @@ def edge_blur(
     if float((codes[sites] >= top).mean()) > CLIPPED:
         raise RequestError(f"--edge {path}: the bright side is at the top code {top}; take it with less light")
     try:
-        found = edge_resolution(
-            image, order=BEND, sites=None if sites.all() else sites, confidence=confidence
-        )  # fmt: skip
+        found = edge_resolution(image, order=BEND, sites=None if sites.all() else sites, confidence=confidence)
     except ValueError as error:
         raise RequestError(f"--edge {path}: {' '.join(str(error).split())[:200]}; --edge-window selects it") from None
     if found.doubts:

@@ -29,17 +29,12 @@ FIGURES = (
     "snr_max",
     "quantum_efficiency",
 )
-SIMULATED = (
-    0.93,
-    0.97,
-)  # range over metrics of the share of intervals that held the true value: benchmarks/emva.py, 900 sensors of 2 kinds
+# range over metrics of the share of intervals that held the true value: benchmarks/emva.py, 900 sensors of 2 kinds
+SIMULATED = (0.93, 0.97)
 HIDDEN = ("read_noise", "dark_current", "dsnu")  # metrics distorted by rounding where it hides the noise of the dark
 SHEET = ("gain", "read_noise", "dark_current", "full_well", "prnu", "quantum_efficiency")
-STEPPED = (
-    "saturation_capacity",
-    "dynamic_range",
-    "snr_max",
-)  # known to a step between levels, which the interval over pixels does not include
+# known to a step between levels, which the interval over pixels does not include
+STEPPED = ("saturation_capacity", "dynamic_range", "snr_max")
 UNITS = {
     "gain": "DN/electron",
     "read_noise": "electron",

@@ -47,10 +47,8 @@ SERIES = frozenset({"bracketing", "metering"})  # roles that set how a frame is 
 BELOW = tuple(np.linspace(0.035, 0.7, 11))  # fractions of saturation: the photon transfer curve
 ABOVE = (0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98, 1.0, 1.02, 1.05, 1.1, 1.3, 1.6, 2.0)
 FRAMES = 2
-AT_FIRST, AT_LAST = (
-    0.05,
-    0.3,
-)  # share of the full well that dark current may fill, at saturation and at the longest time
+# share of the full well that dark current may fill, at saturation and at the longest time
+AT_FIRST, AT_LAST = (0.05, 0.3)
 DIM = 1e-3  # relative to the best channel; below it a channel counts as blind
 Told = Callable[[Plan], Progress] | None
 

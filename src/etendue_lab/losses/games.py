@@ -38,9 +38,8 @@ class Game:
     ideal: float  # metric without any of the stages
     camera: float  # with all of them
     without: Mapping[str, float]  # stage -> metric without it alone
-    pairs: Mapping[
-        tuple[str, str], tuple[float, float]
-    ]  # loss minus that without both: predicted from shares, and actual
+    # loss minus that without both: predicted from shares, and actual
+    pairs: Mapping[tuple[str, str], tuple[float, float]]
 
 
 def pictures_of(detail: FineDetail) -> list[StageVariable]:

@@ -25,15 +25,11 @@ from etendue_lab.measure.regions import corners
 
 ROWS, COLUMNS = 4, 6
 GREYS = slice(18, 24)
-WHITE, OBSERVED = (
-    "D50",
-    tuple(float(nm) for nm in range(380, 731)),
-)  # illuminant of the published values; range of the reflectances
+# illuminant of the published values; range of the reflectances
+WHITE, OBSERVED = ("D50", tuple(float(nm) for nm in range(380, 731)))
 CLIPPED = 0.02  # share of clipped pixels above which a patch's colour is unknown
-BETTER, BAD = (
-    0.6,
-    5.0,
-)  # another order of corners must reduce the mean difference to this share; tried only above this one
+# another order of corners must reduce the mean difference to this share; tried only above this one
+BETTER, BAD = (0.6, 5.0)
 STRANGE = 20.0  # mean difference after gain above which it is hardly that chart
 ORDER = "dark skin, bluish green, black, white"
 

@@ -25,10 +25,8 @@ from etendue_lab.measure.photograph import PLANES, PhotographFile
 from etendue_lab.measure.regions import FOUND, PixelWindow, window
 
 ORDER = 3  # of the polynomial fitted to an edge: distortion bends edges
-LEAST, MOST = (
-    1.0,
-    44.0,
-)  # degrees from the raster; the method's own limits are 2 to 43, with a margin for photographs
+# degrees from the raster; the method's own limits are 2 to 43, with a margin for photographs
+LEAST, MOST = (1.0, 44.0)
 STEEP = 2.0, 43.0  # degrees from the raster of edges that are found automatically
 MISFIT, TIMES = 0.04, 4.0  # relative to the step, and to the noise: rms residual above which it is not a single edge
 ALONE = 0.02  # relative to the step: rms residual up to which the region holds nothing else
@@ -37,10 +35,8 @@ CLEARER = (
 )
 TILTED = 1.92  # scale of the effect of level errors on MTF50: covers 96 % of 400 edges in 8 bits without noise
 LOST, COARSER, FINER = 0.0235, 2.0, 8.34  # of MTF50: see `_lost`
-FINE, TWICE = (
-    2.0,
-    0.5,
-)  # mean step of a table below which rewritten edges show little but rounding, and how much of it is counted twice
+# mean step of a table below which rewritten edges show little but rounding, and how much of it is counted twice
+FINE, TWICE = (2.0, 0.5)
 METHOD = 5e-4  # relative to MTF50: error of the method itself (`slanted_edge`), a lower bound of every interval
 SEEN = 5.0  # times the noise: a step visible by eye; noise alone reaches 3.3
 HIDDEN = "its step is lost in noise"

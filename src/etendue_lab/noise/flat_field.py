@@ -33,11 +33,8 @@ from etendue_camera.sensor import cfa
 from etendue_lab.compare import installed
 
 PICTURES = ("rgb_camera", "xyz_scene", "rgb_linear", "xyz_display", "rgb_display")
-BORDER, REACH, LARGEST = (
-    16,
-    20,
-    192,
-)  # pixels: ignored at the border, half width of a response, largest side of the measured window
+# pixels: ignored at the border, half width of a response, largest side of the measured window
+BORDER, REACH, LARGEST = (16, 20, 192)
 STEP = 1e-4  # step of a response, relative to full scale
 MOSAIC = "mosaic_linear"
 FLAWS = frozenset({"defect_map", "stuck_map"})  # variables written by stages that make defective pixels

@@ -17,9 +17,8 @@ from etendue.archive.sharding.finding import Finder, State
 from etendue.archive.sharding.shards import ChunkPlace, Shard, kept_of, part_path, put_shard
 from etendue.contract.ports import WrittenChunk
 
-Stored = Mapping[
-    tuple[str, int], tuple[WrittenChunk, ChunkPlace]
-]  # chunks by shard and slot: as written, and where they lie
+# chunks by shard and slot: as written, and where they lie
+Stored = Mapping[tuple[str, int], tuple[WrittenChunk, ChunkPlace]]
 Slots = Iterable[tuple[str, int, int]]  # shard, slot, slots of the shard
 
 
@@ -186,9 +185,8 @@ class Blocks:
             return
         state = self.finder.state(path, slots)
         if state is not None and state.index == own.there() and len(state.index) == len(own):
-            self.journal.put(
-                {path: Shard(state.size, kept_of(own), True)}
-            )  # it was put in its place, but the run was killed before it journalled that
+            # it was put in its place, but the run was killed before it journalled that
+            self.journal.put({path: Shard(state.size, kept_of(own), True)})
             return
         put = put_shard(self.folder, path, slots, own, self.durable)
         self.journal.put({path: put.shard})

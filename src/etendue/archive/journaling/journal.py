@@ -72,9 +72,8 @@ class Read:
     blocks: dict[str, dict[str, Document]] = field(default_factory=dict)
     # by group and variable without an array, because it is left out in all cells: the path of the array it equals
     same: dict[str, dict[str, str]] = field(default_factory=dict)
-    shards: dict[str, Shard] = field(
-        default_factory=dict
-    )  # by path below the archive, as they were put in their places
+    # by path below the archive, as they were put in their places
+    shards: dict[str, Shard] = field(default_factory=dict)
     records: dict[str, str] = field(default_factory=dict)  # by path below the archive: the text of each run's record
     run: Going | None = None
     damaged: int = 0  # invalid lines

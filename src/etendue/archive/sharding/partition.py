@@ -34,9 +34,8 @@ Window = tuple[tuple[int, int], ...]  # (start, end) along each dim of a cell
 def chunk_of(dims: Sequence[str], shape: Shape, itemsize: int) -> Shape:
     """Return the shape of the chunks of a cell; the cell's own shape if it is one chunk."""
     whole = tuple(max(n, 1) for n in shape)
-    if (
-        len(dims) == 3 and is_light(dims) and itemsize * prod(shape) > cost.LARGEST_WHOLE
-    ):  # it is computed by band; Blosc cannot compress 2 GiB or more
+    # it is computed by band; Blosc cannot compress 2 GiB or more
+    if len(dims) == 3 and is_light(dims) and itemsize * prod(shape) > cost.LARGEST_WHOLE:
         whole = (1, *whole[1:])
     size = itemsize * prod(whole)
     if size <= LARGEST_CHUNK or tuple(dims)[-2:] != ("y", "x"):

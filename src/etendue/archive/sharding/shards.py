@@ -136,9 +136,8 @@ class Shard:
     """A shard as it was put in its place."""
 
     size: int
-    kept: tuple[
-        tuple[str, int, int, int], ...
-    ]  # (part, from, to, length): these bytes of the part are at ``to`` in the shard
+    # (part, from, to, length): these bytes of the part are at ``to`` in the shard
+    kept: tuple[tuple[str, int, int, int], ...]
     fresh: bool = False  # put since the last run that ended in order
 
     def at(self, written: WrittenChunk) -> int | None:

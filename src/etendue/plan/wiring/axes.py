@@ -103,9 +103,8 @@ def _quantity_of(request: Request, key: str, entries: Entries, shared: Quantitie
             request.fault(place, f"cannot sweep {key!r}: unknown name{nearest(key, known)}")
         return None
     one = shared.declared[key]
-    dim = (
-        f"{request.pipeline.table.name}_{key}" if key in shared.written else key
-    )  # the bare name is taken by the variable
+    # the bare name is taken by the variable
+    dim = f"{request.pipeline.table.name}_{key}" if key in shared.written else key
     return _Target(one.parameter, one.kind, dim, key, users_of(key, entries))
 
 

@@ -25,12 +25,8 @@ from etendue.types.arrays import Array
 if TYPE_CHECKING:
     from PIL import Image
 
-BOX, LABEL, GAP, HEAD = (
-    256,
-    34,
-    12,
-    34,
-)  # dots: a picture, the two lines above it, gap between pictures, a line of the title
+# dots: a picture, the two lines above it, gap between pictures, a line of the title
+BOX, LABEL, GAP, HEAD = (256, 34, 12, 34)
 MOST = 360  # dots of a picture whose samples are enlarged by a whole factor
 COLUMNS = 4
 TITLE, TEXT = 18, 11  # dots: heights of letters

@@ -47,12 +47,8 @@ class Frame:
     bright: float = 1.0  # value shown as white
     first: int = 0  # its first row in the whole
     part: Any = None  # (y, x, 3) detail, the same place of the scene in all
-    place: tuple[float, float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    )  # of the detail: top, left, height, width as fractions of the whole
+    # of the detail: top, left, height, width as fractions of the whole
+    place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
 
 def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Mapping[str, Thumbnail]]) -> list[Frame]:
@@ -141,10 +137,8 @@ def same_pictures(folder: Path, maps: Callable[[], list[Array]]) -> ContactSheet
 
 def _shared(plan: Plan) -> str:
     """Return the preferred quantities that are not swept, to follow the axis values of a title."""
-    swept, texts = (
-        {axis.key for axis in plan.axes} | {name for node in plan.nodes for name in node.writes},
-        [],
-    )  # swept, or computed by a stage
+    # swept, or computed by a stage
+    swept, texts = ({axis.key for axis in plan.axes} | {name for node in plan.nodes for name in node.writes}, [])
     for name in first("sides"):
         value = plan.shared.get(name)
         if name not in swept and isinstance(value, int | float) and not isinstance(value, bool):

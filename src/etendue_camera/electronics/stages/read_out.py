@@ -191,9 +191,8 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
     working: ClassVar = 2.6
 
     def __post_init__(self) -> None:
-        analogue_gain(
-            self
-        )  # rejects unattainable ISO speeds, and black levels that leave no codes, before anything runs
+        # rejects unattainable ISO speeds, and black levels that leave no codes, before anything runs
+        analogue_gain(self)
         converter.top_code(self.bits, self.black_level)
         response.check(self.response_bend, self.response_order, self.bend_scale())
 

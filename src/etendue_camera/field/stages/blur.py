@@ -339,9 +339,8 @@ class Distortion(Profiled, Banded, Bounded):
             found = peaks.relative(lost, np.ones_like(lost), light.content, lines).apart
             return min(1.0, found + warp.BORDER) + rounding, "proved"
         limit = light.band_limit
-        softness = (
-            1.0 if not limit else 0.483 / (limit * grid["irradiance"].line("x").step)
-        )  # exp(-2 pi^2 s^2 f^2) = 0.01
+        # exp(-2 pi^2 s^2 f^2) = 0.01
+        softness = 1.0 if not limit else 0.483 / (limit * grid["irradiance"].line("x").step)
         return min(1.0, warp.edge_error(self.order, softness, self.oversampling)) + rounding, "fitted"
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:

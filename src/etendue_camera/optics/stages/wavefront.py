@@ -26,10 +26,8 @@ MOST_SAMPLES = 2048
 WAVES: Any = {"units": "um", "held": (-1e3, 1e3)}
 MOVED: Any = {"units": "mm", "held": (-1e3, 1e3)}
 TABLE_BYTES = 64 << 20  # size limit of the tables for all bands
-ROUND_WAVES = {
-    False: 6.0,
-    True: 2.0,
-}  # per pupil radius, clear or obstructed: steeper rotationally symmetric wavefronts are summed over cells
+# per pupil radius, clear or obstructed: steeper rotationally symmetric wavefronts are summed over cells
+ROUND_WAVES = {False: 6.0, True: 2.0}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,10 +23,8 @@ BENT = 0.04  # distance of the edge from a straight line, relative to its length
 WIDE = 0.3  # 10 to 90 % rise, relative to the fitted range
 FINE = 0.75  # pixels rms, smoothing of the curve
 BEYOND = 0.35  # overshoot beyond the plateaus, relative to the step: sharpening reaches up to a third
-AGAIN, BETWEEN = (
-    0.15,
-    0.7,
-)  # relative to the steepest slope: a second rise; and relative to the weaker rise: the slope between both
+# relative to the steepest slope: a second rise; and relative to the weaker rise: the slope between both
+AGAIN, BETWEEN = (0.15, 0.7)
 NAMES = ("bent", "changes", "pattern", "no_plateau", "line", "double")
 
 

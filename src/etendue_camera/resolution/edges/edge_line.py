@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 from etendue_camera.arrays import FloatArray
 
 Sites = NDArray[np.bool_]
-CLOSER, NEAREST = (
-    (0.25, 0.12, 0.06, 0.04, 0.04),
-    8.0,
-)  # distances within which the line is located again: fractions of the picture width, and a minimum in pixels
+# distances within which the line is located again: fractions of the picture width, and a minimum in pixels
+CLOSER, NEAREST = ((0.25, 0.12, 0.06, 0.04, 0.04), 8.0)
 STRONG = 0.2  # fraction of the strongest squared gradient above which a pixel belongs to the edge
 
 
@@ -65,9 +63,8 @@ def first_line(image: FloatArray, sites: Sites | None = None) -> tuple[bool, Flo
     gradient."""
     gy, gx = gradient(image, sites)
     weight = gx**2 + gy**2
-    most = np.partition(weight.ravel(), -max(weight.shape))[
-        -max(weight.shape)
-    ]  # as many strong pixels as the edge is long
+    # as many strong pixels as the edge is long
+    most = np.partition(weight.ravel(), -max(weight.shape))[-max(weight.shape)]
     if not most > 0:
         raise ValueError(lost("it is uniform"))
     weight = np.where(weight > STRONG * most, weight, 0.0)

@@ -22,10 +22,8 @@ from etendue_camera.resolution.edges.slanted_edge import MeasuredEdge
 
 Written = Callable[[FloatArray, np.random.Generator], FloatArray]
 TIMES, TRIED = 16, 3  # rewritten edges, and those used to set their noise
-BY_ROWS, AGAIN = (
-    0.93,
-    0.57,
-)  # weights of the bootstrap interval and of the spread of rewritten edges: both include the noise of the picture
+# weights of the bootstrap interval and of the spread of rewritten edges: both include the noise of the picture
+BY_ROWS, AGAIN = (0.93, 0.57)
 SEEN = 1.05  # times the residual without noise, above which noise is visible in a file
 MOST = 3.0  # times the residual: largest noise assumed before the file
 

@@ -290,9 +290,8 @@ class Pixel(Collecting, Summed):
 
     def _beyond_the_light(self, edges: tuple[float, ...]) -> list[str]:
         """Warn about sensitivity outside the wavelengths of the scene; narrow-band light needs no more bands."""
-        known = self.sensitivity == FLAT or spectra.spectrum(
-            self.sensitivity
-        )  # tables of colour-science end with their filters
+        # tables of colour-science end with their filters
+        known = self.sensitivity == FLAT or spectra.spectrum(self.sensitivity)
         if edges[-1] - edges[0] < 200 or not known:
             return []
         bins = tuple(300.0 + 10 * i for i in range(91))

@@ -105,9 +105,8 @@ def map_of_figures(
         bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=panels, fraction=0.05, pad=0.02, aspect=25)
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))
         span = high / max(low, 1e-300)
-        shown = (
-            "" if span > 100 else "25" if span > 4 else "23456789"
-        )  # leading digits labelled in each decade of a logarithmic scale
+        # leading digits labelled in each decade of a logarithmic scale
+        shown = "" if span > 100 else "25" if span > 4 else "23456789"
         bar.ax.yaxis.set_minor_formatter(
             FuncFormatter(lambda value, _: f"{value:.3g}" if f"{value:.0e}"[0] in shown else "")
         )
@@ -233,9 +232,8 @@ def _panels(sides: Sides, title: str) -> tuple[Figure, list[Axes], float]:
         if number % columns == 0:
             panel.set_ylabel(sides.y_name, fontsize=8)
         found.append(panel)
-    cell = min(
-        wide / max(len(sides.x), 1) * 0.62, high / max(len(sides.y), 1) * 1.4
-    )  # inches; 3 or 4 letters take 0.25
+    # inches; 3 or 4 letters take 0.25
+    cell = min(wide / max(len(sides.x), 1) * 0.62, high / max(len(sides.y), 1) * 1.4)
     return figure, found, min(7.5, 26 * cell) if cell > 0.17 else 0
 
 
