@@ -115,11 +115,6 @@ def _saving(seconds: float | None) -> str:
     return f"; saves about {seconds:.2g} s" if seconds is not None and seconds >= LEAST_TOLD else ""
 
 
-def _copies(size: int) -> str:
-    """Return the end of a sentence that states what copies of its input take in an archive; '' if there are none."""
-    return f"; their copies take {human_bytes(size)}" if size else ""
-
-
 def _shown(value: Hashable) -> Hashable:
     return "inf" if isinstance(value, float) and math.isinf(value) else value
 
@@ -129,9 +124,10 @@ def told(name: str, left: Document | None, knobs: list[Document] | None) -> list
     said = []
     if left:
         wrong = "exactly" if left["bound"] == 0 else f"error at most {left['bound']:.2g}"
+        copies = f"; their copies take {human_bytes(left['copies'])}" if left["copies"] else ""
         said.append(
             f"left out  {name} in {left['cells']} of {left['of']} cells, {wrong}: "
-            f"{left['why']}{_saving(left['seconds_saved'])}{_copies(left['copies'])}"
+            f"{left['why']}{_saving(left['seconds_saved'])}{copies}"
         )
     by_knob: dict[str, list[Document]] = {}
     for one in knobs or ():

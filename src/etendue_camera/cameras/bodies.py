@@ -7,6 +7,7 @@ Out: ``Named``: every quantity of a sensor, each with its source; the same quant
 from __future__ import annotations
 
 import csv
+import math
 import tomllib
 from collections.abc import Mapping
 from decimal import Decimal
@@ -21,7 +22,8 @@ from etendue_camera.cameras.databases import Index, given_files, installed_files
 from etendue_camera.cameras.documents import Named, Value, kept
 from etendue_camera.cameras.lensfun import LICENCE, Camera
 from etendue_camera.cameras.names import meant, plain
-from etendue_camera.cameras.tuned import values_of_tuning
+from etendue_camera.cameras.tuned import packaged_tuning, values_of
+from etendue_camera.cameras.tunings import SOURCE
 
 DATA = Path(__file__).parents[1] / "data"
 LISTED = "etendue cameras"
@@ -94,11 +96,14 @@ def body(name: str) -> Named:
     """Return a body by its full name."""
     row = packaged().get(name, {})
     listed = next((one for own, one in cameras().items() if plain(own) == plain(name)), None)
-    form = row.get("format") or _format_of(listed.crop_factor if listed else 1.0)
+    crop = math.log(listed.crop_factor if listed else 1.0)
+    crops = {name: float(one["crop"]) for name, one in formats().items() if name not in ("all", "machine vision")}
+    form = row.get("format") or min(crops, key=lambda name: abs(math.log(crops[name]) - crop))  # nearest in ratio
     given = stand_ins(form)
     facts = {"format": Value(form, TYPICAL, "as makers name it; it chooses the stand-ins")}
     if row.get("tuning"):
-        tuned, more = values_of_tuning(row["tuning"], given)
+        tuning = row["tuning"]
+        tuned, more = values_of(packaged_tuning(tuning), f"{SOURCE}, src/ipa/rpi/vc4/data/{tuning}.json", given)
         given |= tuned
         facts |= more
     if row.get("sensor"):
@@ -120,12 +125,6 @@ def body(name: str) -> Named:
         given,
         facts,
     )
-
-
-def _format_of(crop: float) -> str:
-    """Return the format whose crop factor is nearest in ratio."""
-    known = {name: float(one["crop"]) for name, one in formats().items() if name not in ("all", "machine vision")}
-    return min(known, key=lambda name: abs(known[name] / crop - 1 if known[name] > crop else crop / known[name] - 1))
 
 
 def stand_ins(form: str) -> dict[str, Value]:

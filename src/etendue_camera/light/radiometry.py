@@ -163,27 +163,6 @@ def exit_pupil_distance(
     return focal_length_mm * (pupil_magnification - magnification)
 
 
-def etendue(area: Floats, factor: Floats) -> Floats:
-    """Return the etendue of a pixel: its area times the projected solid angle of the light that reaches it.
-
-    Parameters
-    ----------
-    area : float, um2
-    factor : float, sr
-        E/L on the axis, `aplanatic_factor` or `flat_disc_factor`: pi sin^2 of the half angle of the cone.
-
-    Returns
-    -------
-    float, um2 sr
-        The power on the pixel is the scene's radiance times this, times the transmittance.
-
-    Notes
-    -----
-    Source: G = A pi sin^2 theta in air; a lens conserves it, A/m^2 on the object side times pi (m sin theta)^2.
-    """
-    return area * factor
-
-
 def flat_disc_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
     """Return E/L on axis for a flat, uniformly bright exit pupil, pi / (1 + 4 N_w^2).
 

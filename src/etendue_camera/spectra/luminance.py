@@ -62,12 +62,6 @@ def luminance_of(name: str, lowest: float = EYE[0], highest: float = EYE[1]) -> 
     return total
 
 
-def unmeasured_share(name: str) -> float:
-    """Return the fraction of the luminance of a light that depends on the end values of its table."""
-    total, held = _luminance_of(str(name), *EYE, state_of(name))
-    return held / total if total > 0 else 0.0
-
-
 @lru_cache(maxsize=256)
 def _luminance_of(name: str, lowest: float, highest: float, state: tuple[int, int]) -> tuple[float, float]:
     """Return the luminance between two wavelengths, and its part outside the rows of a table."""
@@ -181,7 +175,8 @@ def luminance_notes(name: str, lowest: float, highest: float) -> list[str]:
     said = []
     first, last = range_of(name)
     if first > MOST_OF_IT[0] - 40 or last < MOST_OF_IT[1] + 40:
-        share = unmeasured_share(name)
+        whole, held = _luminance_of(name, *EYE, state_of(name))
+        share = held / whole if whole > 0 else 0.0
         if share > CONSEQUENCE:
             said.append(
                 f"illuminant {name!r} is tabulated from {first:g} to {last:g} nm: outside, its end values are used, "

@@ -31,7 +31,7 @@ def print_calibration(document: Document) -> None:
     )
     for one in document["channels"]:
         columns = (
-            ("parameter", "left", lambda row: f"{row['name'].replace('_', ' ')}, {_unit(row)}".removesuffix(", ")),
+            ("parameter", "left", _named),
             ("value", "right", lambda row: _text(row, "value")),
             ("interval", "left", lambda row: f"{_text(row, 'low')} to {_text(row, 'high')}"),
             ("how", "left", "how"),
@@ -89,8 +89,9 @@ def _print_check(console: Any, check: Document) -> None:
         )
 
 
-def _unit(row: Document) -> str:
-    return "%" if row["name"] in PERCENT else str(row["unit"])
+def _named(row: Document) -> str:
+    unit = "%" if row["name"] in PERCENT else row["unit"]
+    return f"{row['name'].replace('_', ' ')}{', ' * bool(unit)}{unit}"
 
 
 def _text(row: Document, name: str) -> str:

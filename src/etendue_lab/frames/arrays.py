@@ -113,11 +113,6 @@ def _header(file: IO[bytes], path: Path, member: str) -> tuple[tuple[int, ...], 
     return tuple(shape), dtype, file.tell()
 
 
-def read_npy(path: Path) -> list[ArrayMember]:
-    """Return the one array of a ``.npy`` file."""
-    return [ArrayMember(path, "")]
-
-
 def read_npz(path: Path) -> FrameSet:
     """Read ``.npz`` with `KEYS`, and optionally ``light_photons_per_pixel``, ``light_stack``, ``dark_stack``.
 

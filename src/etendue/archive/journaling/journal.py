@@ -262,13 +262,8 @@ def _written(value: object) -> object:
     return {"float": repr(value)} if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def read_journal(path: Path) -> Mapping[str, Entry]:
-    """Return the last line of every cell. Incomplete and foreign lines count as absent."""
-    return read(path).entries
-
-
 def read(path: Path) -> Read:
-    """Return the latest state of every cell, group and run."""
+    """Return the latest state of every cell, group and run. Incomplete and foreign lines count as absent."""
     found = Read()
     try:
         file = plain_files.open_plain(path, links=False)

@@ -21,7 +21,7 @@ import numpy as np
 from etendue.archive.records.manifest import DATA
 from etendue.archive.sharding.chunks import CODEC, RAW, Chunk
 from etendue.archive.sharding.partition import chunk_of, known_chunk, pieces_of, room_of, windows_of
-from etendue.archive.sharding.shards import EXTRA, LARGEST, block_of, shards_of
+from etendue.archive.sharding.shards import EXTRA, LARGEST, block_of
 from etendue.archive.structure.layout import Layout, VariableLayout
 from etendue.plan.model import Plan
 from etendue.types.documents import Document, DocumentView
@@ -77,7 +77,7 @@ def blocks_of(variables: Sequence[tuple[tuple[int, ...], int, int]]) -> list[tup
     # Double the size limit until all variables together have few shards: each shard is a file to open and to index.
     while True:
         blocks = [block_of(*one, largest) for one in variables]
-        extra = sum(shards_of(one[0], block) - 1 for one, block in zip(variables, blocks, strict=True))
+        extra = sum(pieces_of(one[0], block) - 1 for one, block in zip(variables, blocks, strict=True))
         if extra <= EXTRA or largest >= LARGEST << 8:
             return blocks
         largest *= 2

@@ -128,14 +128,9 @@ def _shared(plan: Plan, layout: Layout) -> Layout:
         for name in (v for v in plan.node(group.node).writes if (group.node, v) in plan.same_as):
             group.same_as[name] = f"/{layout.home[plan.stored(first, name)]}/{name}"
         if group.same_as:
-            group.attrs = {**group.attrs, SAME_AS: same_as_attribute(group.same_as)}
+            paths = list(group.same_as.values())
+            group.attrs = {**group.attrs, SAME_AS: paths[0] if len(paths) == 1 else paths}
     return layout
-
-
-def same_as_attribute(found: Mapping[str, str]) -> str | list[str]:
-    """Return the attribute of a group from the paths that its variables without an array equal."""
-    paths = list(found.values())
-    return paths[0] if len(paths) == 1 else paths
 
 
 def _places(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell]) -> dict[CellRef, tuple[int, ...]]:

@@ -164,12 +164,10 @@ class ArchiveKeeper:
             chosen = [
                 v for v in writes if (ref[0], v) in plan.kept and not (figures_only and set(writes[v].dims) - {"stage"})
             ]
-            found[ref] = {v: self._target(ref, v).read(v) for v in chosen if named is None or v in named}
+            # a variable is stored with the cell, or with the one that has its values
+            wanted = {v: plan.cells[plan.stored(ref, v)] for v in chosen if named is None or v in named}
+            found[ref] = {v: self.store.target(cell).read(v) for v, cell in wanted.items()}
         return found
-
-    def _target(self, ref: CellRef, variable: str) -> CellFiles:
-        """Return where a variable of a cell is stored: with the cell, or with the one that has its values."""
-        return self.store.target(self.store.plan.cells[self.store.plan.stored(ref, variable)])
 
     def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
         return others

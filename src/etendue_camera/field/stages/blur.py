@@ -270,7 +270,7 @@ class Distortion(Profiled, Banded, Bounded):
         """
         if not self.lens_profile or self.table or self.k1 or self.k2 or self.k3:
             return None
-        return measured_heights(self, self.focal_length)
+        return measured_heights(self.lens_profile, file_state(self.lens_profile), self.crop_factor, self.focal_length)
 
     def map(self) -> warp.DistortionCurve:
         table = _table(self.table, file_state(self.table)) if self.table else self.of_lens()

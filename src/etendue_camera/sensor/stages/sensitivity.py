@@ -218,7 +218,7 @@ def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
     """
     if stage.sensitivity == FLAT:
         return []
-    lowest, highest = spectra.camera_range(stage.sensitivity)
+    lowest, highest = spectra.range_of(stage.sensitivity, "camera")
     if lowest <= edges[0] and edges[-1] <= highest:
         return []  # without colour-science
     names, rows, values = spectra.camera_rows(stage.sensitivity)
