@@ -17,6 +17,7 @@ from etendue.present.plots.plot import check_suffix
 from etendue.present.terminal.terminal import _out, _print_whole, _table, escape
 from etendue.result_files import check_folder, write_whole
 from etendue.types.documents import Document
+from etendue_lab.calibrate.drawing import photon_transfer
 from etendue_lab.calibrate.study import Geometry, calibrated
 
 PERCENT = ("dark_nonuniformity", "light_excess", "prnu", "prnu_total", "quantum_efficiency", "bend")
@@ -138,8 +139,6 @@ def calibrate_command(
             document["notes"].append("pixel_pitch is assumed in it: give --pitch UM; charges hold whatever it is")
         document["notes"].append(f'[camera] sensor = "./{output.name}" uses {output}')
     if figure is not None:
-        from etendue_lab.calibrate.drawing import photon_transfer
-
         photon_transfer(document["checks"], document["measurement"]).save(figure)
     tell(as_json, document, print_calibration)
     sys.exit(3 if any(not all(one["within"].values()) for one in document["checks"]) else 0)

@@ -14,6 +14,7 @@ import numpy as np
 
 from etendue import plain_files
 from etendue.errors import RequestError
+from etendue.process import unwarned
 from etendue_camera.arrays import Array
 from etendue_camera.picture_files import check_directories, read_picture
 from etendue_lab.frames.frame_set import as_codes
@@ -105,8 +106,6 @@ def _tiff_time(path: Path) -> float:
 
 def _size(path: Path) -> tuple[int, int]:
     from PIL import Image
-
-    from etendue.process import unwarned
 
     try:
         with unwarned(), Image.open(path) as picture:
