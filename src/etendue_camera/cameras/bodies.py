@@ -13,10 +13,10 @@ from collections.abc import Mapping
 from decimal import Decimal
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from etendue import plain_files
 from etendue.errors import RequestError
+from etendue.types.documents import Document, DocumentView
 from etendue_camera.cameras import camconst
 from etendue_camera.cameras.databases import Index, given_files, installed_files, lens_index
 from etendue_camera.cameras.documents import Named, Value, kept
@@ -49,7 +49,7 @@ def _rows(name: str) -> list[dict[str, str]]:
 
 
 @cache
-def formats() -> dict[str, dict[str, Any]]:
+def formats() -> dict[str, Document]:
     """Return what stands in for values that no source gives, by the format of the sensor."""
     text = (DATA / "cameras" / "formats.toml").read_text(encoding="utf-8")
     return tomllib.loads(text, parse_float=Decimal)
@@ -180,7 +180,7 @@ def levels() -> dict[str, camconst.Constants]:
 def _published(sensor: str) -> dict[str, Value]:
     """Return the values of a packaged sensor, but its curves."""
     text = (DATA / "sensors" / f"{sensor}.toml").read_text(encoding="utf-8")
-    document: Mapping[str, Any] = tomllib.loads(text, parse_float=Decimal)
+    document: DocumentView = tomllib.loads(text, parse_float=Decimal)
     return {
         key: Value(one["value"], one["source"], one.get("note", ""))
         for key, one in document["camera"].items()

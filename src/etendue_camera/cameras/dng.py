@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.types.documents import Document
 from etendue_camera.arrays import FloatArray
 
 MOST_TAGS, MOST_DIRECTORIES, MOST_VALUES = 4096, 64, 1 << 20
@@ -186,7 +187,7 @@ def _noise(values: Any) -> tuple[tuple[float, float], ...]:
     return pairs
 
 
-def _opcodes(own: dict[int, Any]) -> dict[str, Any]:
+def _opcodes(own: dict[int, Any]) -> Document:
     """Return the opcodes that are read; they are big-endian whatever the file is."""
     warp, vignette, other = None, (), list[int]()
     for tag in OPCODES:

@@ -261,7 +261,7 @@ def _row(reader: Reader, branched: Branched, position: int, label: str, repeat: 
     return row
 
 
-def _viewing_white(reader: Reader, branched: Branched, position: int) -> Any:
+def _viewing_white(reader: Reader, branched: Branched, position: int) -> Array:
     """Return the white to which the viewing eye is adapted: the target of the balance, else that of the scene."""
     assert branched.colour is not None
     name = branched.colour.ours[0]

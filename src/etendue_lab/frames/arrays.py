@@ -17,6 +17,7 @@ import numpy as np
 
 from etendue import plain_files
 from etendue.errors import RequestError
+from etendue.types.documents import Document
 from etendue_camera.arrays import Array
 from etendue_lab.frames.frame_set import MOST_FRAMES, Frame, FrameSet, as_codes
 
@@ -141,7 +142,7 @@ def read_npz(path: Path) -> FrameSet:
     return FrameSet(path, frames, photons, "npz")
 
 
-def _frames(path: Path, name: str, small: dict[str, Any], photons: bool) -> list[Frame]:
+def _frames(path: Path, name: str, small: Document, photons: bool) -> list[Frame]:
     member = ArrayMember(path, name)
     if len(member.full) not in (3, 4):
         raise RequestError(

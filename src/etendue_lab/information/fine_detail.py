@@ -197,7 +197,7 @@ class FineDetail(FlatField):
         """
         return self.responses(self.flat_mosaic([self.window(self.arrays[0][self.ref][MOSAIC])]), {}, True)
 
-    def sites(self, shape: tuple[int, ...]) -> Any:
+    def sites(self, shape: tuple[int, ...]) -> Array:
         """Return (place, 2): positions of the stepped pixels in the windows of the responses."""
         corner = [shape[i] - (REACH + 4) for i in (-2, -1)]  # windows may be cut at the near border, not at the far one
         return np.array([[corner[0] + y, corner[1] + x] for y, x in self.order])

@@ -123,7 +123,7 @@ class _Chain:
                 picture[0], picture[1], lambda fy, fx, p=picture: self._together(p, fy, fx), self._by_channel(picture)
             )
 
-    def _together(self, picture: StageVariable, fy: Array, fx: Array) -> Any:
+    def _together(self, picture: StageVariable, fy: Array, fx: Array) -> Array:
         return kernel.neq_of_channels(self.detail.signal_in(picture, fy, fx), self.detail.noise_in(picture, fy, fx))
 
     def _by_channel(self, picture: StageVariable) -> dict[str, float]:

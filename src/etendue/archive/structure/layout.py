@@ -94,7 +94,7 @@ def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
         if not kept:
             continue
         cells = plan.of(node.name)
-        attrs = _node_attributes(plan, node)
+        attrs = _node_attributes(node)
         home, becomes = groups_of(node, cells, kept, before or ArchivedLayout())
         homes[node.name] = home
         if isinstance(home, str):
@@ -259,7 +259,7 @@ def _positions(node: Node, group: GroupLayout, dim: str, lines: Mapping[CellRef,
     group.coordinates[name] = CoordinateLayout((*moving, dim), nested(moving, ()), attrs)
 
 
-def _node_attributes(plan: Plan, node: Node) -> Document:
+def _node_attributes(node: Node) -> Document:
     one = node.alternatives[0]
     return {
         "stage": [a.use for a in node.alternatives] if len(node.alternatives) > 1 else one.use,

@@ -11,7 +11,7 @@ import threading
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from etendue.archive.journaling.accepting import former_of
 from etendue.archive.read import earlier_pictures
@@ -27,7 +27,7 @@ from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
     from etendue.session import Options
-    from etendue.types.arrays import Array
+    from etendue.types.arrays import Array, CellArrays
     from etendue.types.documents import Document
 
 
@@ -130,8 +130,8 @@ class ArchiveKeeper:
             self.store.starting(refs)
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
-    ) -> Mapping[CellRef, dict[str, Any]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, CellArrays]
+    ) -> Mapping[CellRef, CellArrays]:
         with self.lock:
             self.store.reported(reports)
         return arrays

@@ -20,13 +20,13 @@ from etendue.archive.structure.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, 
 from etendue.contract.ports import CellReport, ContactSheet, Passing
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work
-from etendue.types.arrays import Array
+from etendue.types.arrays import Array, CellArrays
 from etendue.types.documents import Document
 
 _Column = tuple[Sequence[str], Array, Document]  # dims, values and attributes
 
 
-class Standing(Mapping[CellRef, dict[str, Any]]):
+class Standing(Mapping[CellRef, CellArrays]):
     """The arrays of the cells that have ended, as views into the results; ``others``: cells that returned more than is
     kept.
     """
@@ -84,8 +84,8 @@ class MemoryKeeper(Passing):
         return None if path is None or whole is None else whole[self.layout.groups[path].cells[ref]]
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
-    ) -> Mapping[CellRef, dict[str, Any]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, CellArrays]
+    ) -> Mapping[CellRef, CellArrays]:
         for report in reports:
             self.status[self.number((report.stage, report.index))] = STATUS.index(report.status) + 1
         return {ref: self._put(ref, found) for ref, found in arrays.items()}

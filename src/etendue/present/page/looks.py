@@ -87,7 +87,7 @@ class Picture:
         return pictures.drawn_as(self.one)
 
     @cached_property
-    def linear(self) -> Any:
+    def linear(self) -> Array:
         """(3, y, x) float32: linear sRGB; if encoded or a map, the values as shown."""
         return pictures.appearance_of(self.one).rgb(self.one.values)
 
@@ -122,11 +122,11 @@ class Picture:
 
         return white_among(order, number, bright_of)
 
-    def eight_bit(self, gain: float = 1.0) -> Any:
+    def eight_bit(self, gain: float = 1.0) -> Array:
         """Return (y, x, 3) uint8. ``gain``: factor of extra brightness."""
         return rendered(self.drawn, self.linear, self.bright / gain)
 
-    def small(self) -> Any:
+    def small(self) -> Array:
         """Return the same, averaged over areas until it fits."""
         return pictures.drawn(self.one, self.bright, small=True)
 

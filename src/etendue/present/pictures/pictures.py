@@ -30,6 +30,7 @@ from etendue.present.pictures.details import PlaneWindow, limited, lines_of, par
 from etendue.present.pictures.fitting import LARGEST
 from etendue.present.pictures.thumbnails import Thumbnail, drawn_before, window_of
 from etendue.types.arrays import Array
+from etendue.types.documents import Document
 
 
 @dataclass
@@ -147,7 +148,7 @@ def _shared(plan: Plan) -> str:
     return f"{',' if plan.axes else ' at'} {', '.join(texts)}" if texts else ""
 
 
-def _parts(frames: list[Frame]) -> dict[str, Any]:
+def _parts(frames: list[Frame]) -> Document:
     """Return the details as arrays, to be stored with the pictures."""
     sizes = [(0, 0) if f.part is None else f.part.shape[:2] for f in frames]
     high, wide = (max(1, *(size[n] for size in sizes), 1) for n in (0, 1))
@@ -177,7 +178,7 @@ def _parts(frames: list[Frame]) -> dict[str, Any]:
     }
 
 
-def frames_table(frames: list[Frame]) -> dict[str, Any]:
+def frames_table(frames: list[Frame]) -> Document:
     """Return the frames as a group of the archive: preview(stage, channel, y, x), 8 bit, padded with zeros."""
     height, width = (max(f.picture.shape[side] for f in frames) for side in (0, 1))
     preview = np.zeros((len(frames), 3, height, width), np.uint8)

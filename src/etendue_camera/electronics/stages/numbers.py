@@ -122,8 +122,7 @@ class ExposureReport(KnownNoise):
     error: ClassVar = measured(1e-6, 1e-14)
 
     def run(self, raw: Array, expected_charge: FloatArray, sheets: Sheets = ()) -> dict[str, Array]:
-        floor = self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
-        floor += elsewhere(sheets, "read_noise") + elsewhere(sheets, "dsnu")
+        floor = self.dark_floor(sheets)
         # rounding of a coarse ADC may be beyond float32
         held = np.result_type(expected_charge, np.min_scalar_type(floor))
         variance = expected_charge + held.type(floor)

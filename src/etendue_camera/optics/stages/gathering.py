@@ -124,7 +124,7 @@ class OpticalFilter(Banded, Bounded, Tinting):
             return transmission
         return filters.smooth_cut(coordinates["wavelength"], self.cut_off, self.edge)
 
-    def transmission(self, grid: Grid) -> Any:
+    def transmission(self, grid: Grid) -> FloatArray:
         bands = grid.bands()
         return np.asarray(
             self.prepare({"wavelength_edges": np.array(bands.edges), "wavelength": np.array(bands.values())})

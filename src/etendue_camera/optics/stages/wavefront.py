@@ -244,7 +244,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         found = np.stack([self.lattice(clear, path, w) for w in bands])
         return bands, None, found
 
-    def radial_path(self, square: Any) -> Any:
+    def radial_path(self, square: Any) -> FloatArray:
         return self.path(0.0, np.sqrt(square))
 
     def lattice(self, clear: FloatArray, path: FloatArray, wavelength: float) -> Array:

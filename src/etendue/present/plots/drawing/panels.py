@@ -43,14 +43,14 @@ class Sides:
 
 
 def map_of_figures(
-    values: Any,
+    values: Array,
     sides: Sides,
     title: str,
     unit: str = "",
     digits: int = 3,
-    failed: Any = None,
-    there: Any = None,
-) -> Any:
+    failed: Array | None = None,
+    there: Array | None = None,
+) -> Figure:
     """Show numbers by colour on one scale, each also written in its cell.
 
     Parameters
@@ -117,14 +117,14 @@ def map_of_figures(
 
 
 def map_of_names(
-    indices: Any,
+    indices: Array,
     names: Sequence[str],
     sides: Sides,
     title: str,
-    failed: Any = None,
+    failed: Array | None = None,
     said: str = "no value",
     tints: Mapping[str, str] | None = None,
-) -> Any:
+) -> Figure:
     """Show names by colour with a legend; ``indices`` (panel, y, x) point into ``names``; NaN stays white.
 
     ``said``: meaning of white; ``tints``: colours of names that have one.
@@ -188,7 +188,7 @@ def _mark(panel: Axes, row: int, column: int, text: str, colour: str, room: floa
     panel.text(column, row, text, ha="center", va="center", fontsize=room or 5, color=colour)
 
 
-def _explain(figure: Any, failed: Any, values: Any, there: Any) -> None:
+def _explain(figure: Figure, failed: Array | None, values: Array, there: Array | None) -> None:
     """Explain below the panels the marks that appear in them."""
     words = [f"{FAILED} the cell failed"] if failed is not None and np.any(failed) else []
     lost = ~np.isfinite(values) & (np.zeros_like(values, bool) if failed is None else ~np.asarray(failed))
@@ -200,7 +200,7 @@ def _explain(figure: Any, failed: Any, values: Any, there: Any) -> None:
         figure.supxlabel("     ".join(words), fontsize=8, color="0.35")
 
 
-def _checked(values: Any, sides: Sides) -> Any:
+def _checked(values: Array, sides: Sides) -> Array:
     values = np.asarray(values, dtype=float)
     wanted = (len(sides.panels), len(sides.y), len(sides.x))
     if values.shape != wanted:
@@ -257,11 +257,11 @@ def _ticks(put: Callable[..., object], labels: Sequence[Any], inches: float, tur
     )
 
 
-def wrapped(text: str, inches: float, points: float = 10) -> str:
+def wrapped(text: str, inches: float) -> str:
     """Break a title into lines that fit over a figure."""
     import textwrap
 
-    return "\n".join(textwrap.wrap(text, max(24, int(inches * 72 / (0.56 * points)))))
+    return "\n".join(textwrap.wrap(text, max(24, int(inches * 72 / 5.6))))
 
 
 def _text(label: Any) -> str:

@@ -33,7 +33,7 @@ MARKERS = "osD^vP*Xhp<>"
 MOST_NAMED = 24
 
 
-def front(points: Any) -> Any:
+def front(points: Any) -> Array:
     """Return which points no other dominates: none is at least as good in every column and better in one.
 
     Parameters
