@@ -85,34 +85,6 @@ def aplanatic_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnif
     return np.pi / (4.0 * working**2)
 
 
-def t_number_factor(t_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
-    """Return E/L on axis for a lens with a T-number, pi / (4 T_w^2), including its losses.
-
-    Parameters
-    ----------
-    t_number : float, 1
-        f-number of the lossless aplanatic lens with the same transmitted light; above 0.
-    magnification, pupil_magnification : float, 1
-        As in `working_f_number`: T_w = T (1 - m/m_p).
-
-    Returns
-    -------
-    float, sr
-        Irradiance per scene radiance, at most pi.
-
-    Raises
-    ------
-    ValueError
-        As `aplanatic_factor`.
-
-    Notes
-    -----
-    Source: ISO 517, T = N / sqrt(transmittance), which makes it `aplanatic_factor` of N times the transmittance. Error:
-    below 4e-16 relative.
-    """
-    return aplanatic_factor(t_number, magnification, pupil_magnification)
-
-
 def t_number_of(f_number: Floats, transmittance: Floats) -> Floats:
     """Return the T-number of a lens, N / sqrt(transmittance).
 

@@ -224,10 +224,6 @@ class FineDetail(FlatField):
             total = total + weight * noise_power.carried_power(found, variance)
         return total
 
-    def periodogram_of(self, picture: StageVariable, block: int) -> Any:
-        """Return (channel, channel, block, block): expected periodograms of a picture's noise."""
-        return sum(w * noise_power.expected_periodogram(h, v, block) for h, v, w in self.answers[picture])
-
     def names_of(self, picture: StageVariable) -> tuple[str, ...]:
         return tuple(str(v) for v in self.plan.cells[picture[0], ()].grids[picture[1]]["channel"].values())
 

@@ -227,7 +227,8 @@ class _Found:
     def _picture(self, place: StageVariable, frames: Array, contrast: Document) -> list[NeqCurve]:
         detail = self.detail
         power, count = noise_power.periodograms(frames, BLOCK)
-        expected_power = detail.periodogram_of(place, BLOCK)
+        answers = detail.answers[place]
+        expected_power: Any = sum(w * noise_power.expected_periodogram(h, v, BLOCK) for h, v, w in answers)
         fy, fx = self._normal()
         signal = np.abs(np.diagonal(detail.signal_in(place, fy, fx), axis1=1, axis2=2))
         zero = np.zeros(1)

@@ -186,9 +186,12 @@ class MemoryKeeper(Passing):
         }
         groups |= {path: self._dataset(path, group, coordinates) for path, group in self.layout.groups.items()}
         for name, table in tables.items():
-            columns = {
-                column: _column_of(dims, values, attrs) for column, (dims, values, attrs) in table["arrays"].items()
-            }
+            columns = {}
+            for column, (dims, values, attrs) in table["arrays"].items():
+                array = np.asarray(values)
+                # text is not searched for times, which takes pandas longer than all else here
+                text = array.dtype == object and all(type(value) is str for value in array.flat)
+                columns[column] = xarray.Variable(dims, array.copy() if text else array, attrs, fastpath=text)
             groups[name] = xarray.Dataset(columns, attrs=table.get("attrs", {}))
         tree = _tree_of(groups)
         tree.attrs["pipeline"] = self.plan.pipeline.name
@@ -229,13 +232,6 @@ class _Coordinates:
             self.known[key] = bare, PandasIndex(bare, name, values.dtype).create_variables(given)[name]
         bare, shown = self.known[key]
         return PandasIndex(bare.rename(name), name, values.dtype), shown
-
-
-def _column_of(dims: Sequence[str], values: Any, attrs: Document) -> xarray.Variable:
-    """Return a column of a table. Text is not searched for times, which takes pandas longer than all else here."""
-    array = np.asarray(values)
-    text = array.dtype == object and all(type(value) is str for value in array.flat)
-    return xarray.Variable(dims, array.copy() if text else array, attrs, fastpath=text)
 
 
 def _tree_of(groups: Mapping[str, xarray.Dataset]) -> xarray.DataTree:

@@ -148,11 +148,6 @@ class Picture:
         tile = np.array([list(row) for row in seen_as.pattern(self.drawn.pattern).moved(*first)])
         return tile[np.arange(self.size[0])[:, None] % tile.shape[0], np.arange(self.size[1])[None, :] % tile.shape[1]]
 
-    def filter_at(self, row: int, column: int) -> str:
-        """Return the letter of the filter at a sample of a pattern, '' for any other picture."""
-        letters = self.filter_letters()
-        return "" if letters is None else str(letters[row, column])
-
 
 def drawn_of(opened: Opened, stage: str, variable: str) -> Drawn:
     """Return how a variable is drawn, as far as that is the same for all cells."""

@@ -21,7 +21,7 @@ from etendue.contract.arrays.drawn import Drawn, Pictured
 from etendue.contract.ports import ContactSheet
 from etendue.contract.values.quantities import declared
 from etendue.contract.wording import first
-from etendue.pipeline.stand_ins import stand_ins_text, standing_in
+from etendue.pipeline.stand_ins import standing_in
 from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.present.pictures.appearance import brightness, rendered, white_among
@@ -122,8 +122,9 @@ def sheet(
     frames = render(plan, shown, small)
     if not frames:
         return None
-    marked = stand_ins_text(standing_in(plan.pipeline, plan.shared))
-    table, title = frames_table(frames), f"{plan.pipeline.name}{at}{_shared(plan)}{'; ' * bool(marked)}{marked}"
+    standing = [len(names) for names in standing_in(plan.pipeline, plan.shared).values()]
+    marked = f"; {'up to ' * (len(standing) > 1)}{max(standing)} stand-ins without a source" if standing else ""
+    table, title = frames_table(frames), f"{plan.pipeline.name}{at}{_shared(plan)}{marked}"
     table["attrs"]["cell"] = {dim: value for ref in shown.values() for dim, value in plan.labels(ref).items()}
     return ContactSheet(table, lambda path: contact_sheet(table, path, title, maps()), tuple(shown.values()), at)
 
