@@ -62,11 +62,6 @@ def pieces_of(shape: Shape, chunk: Shape) -> int:
     return prod(counts_of(shape, chunk))
 
 
-def room_of(shape: Shape, chunk: Shape) -> Shape:
-    """Return the shape that the chunks of a cell cover together: its rows are rounded up to whole bands."""
-    return tuple(count * own for count, own in zip(counts_of(shape, chunk), chunk, strict=True))
-
-
 def windows_of(shape: Shape, chunk: Shape) -> list[Window | None]:
     """Return the part of a cell that each of its chunks covers, in Zarr's order; None for the whole cell."""
     counts = counts_of(shape, chunk)

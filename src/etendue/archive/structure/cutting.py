@@ -20,7 +20,7 @@ import numpy as np
 
 from etendue.archive.records.manifest import DATA
 from etendue.archive.sharding.chunks import CODEC, RAW, Chunk
-from etendue.archive.sharding.partition import chunk_of, known_chunk, pieces_of, room_of, windows_of
+from etendue.archive.sharding.partition import chunk_of, counts_of, known_chunk, pieces_of, windows_of
 from etendue.archive.sharding.shards import EXTRA, LARGEST, block_of
 from etendue.archive.structure.layout import Layout, VariableLayout
 from etendue.plan.model import Plan
@@ -99,8 +99,11 @@ def _noisy(plan: Plan) -> set[str]:
 def chunk_shapes(
     shape: tuple[int, ...], block: Sequence[int], chunk: tuple[int, ...]
 ) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
-    """Return the shapes of a chunk and its shard from that of a cell; no shard for a single number."""
-    return (*(1 for _ in block), *chunk), (*block, *room_of(shape, chunk)) if block or shape else None
+    """Return the shapes of a chunk and its shard from that of a cell; no shard for a single number. The chunks cover
+    the rows of the cell, rounded up to whole bands.
+    """
+    room = (count * own for count, own in zip(counts_of(shape, chunk), chunk, strict=True))
+    return (*(1 for _ in block), *chunk), (*block, *room) if block or shape else None
 
 
 class Whereabouts:
