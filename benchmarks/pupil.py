@@ -39,23 +39,6 @@ def claim(text: str, bound: float, measured: float) -> None:
     print(f"{text:78s} {bound:10.2g} {measured:10.2g}{'' if measured <= bound else '   BEYOND'}")
 
 
-def airy_stack() -> None:
-    print("\n31 Airy spread functions of 512 x 512 samples of 0.5 um, f/2.8; error relative to the peak")
-    print(f"{'way':78s} {'bound':>10s} {'measured':>10s}")
-    axis = 0.5 * (np.arange(512) - 256)
-    peaks = np.pi / (4 * (BANDS * 2.8) ** 2)
-    for name, y, x, tolerance in (
-        ("even grid, closed form", axis, axis, 0.0),
-        ("even grid, tolerance 5e-6", axis, axis, 5e-6),
-        ("off centre, closed form", axis + 0.123, axis - 0.3, 0.0),
-        ("off centre, tolerance 5e-6", axis + 0.123, axis - 0.3, 5e-6),
-    ):
-        exact = diffraction.airy_psf_density(np.hypot(y[:, None], x), BANDS[:, None, None], 2.8)
-        seconds, stack = timed(lambda y=y, x=x, t=tolerance: diffraction.airy_psf_stack(y, x, BANDS, 2.8, t), 3)
-        claim(f"{name}: error", 5e-6, float((np.abs(stack - exact) / peaks[:, None, None]).max()))
-        claim(f"{name}: seconds", 0.6, seconds)
-
-
 def edges() -> None:
     print(
         "\nedge of the pupil: one spread function of 512 x 512 samples of 0.5 um at 0.55 um, f/2.8, by matrix transform"
@@ -235,7 +218,6 @@ def zernikes() -> None:
 
 def main() -> int:
     with threadpool_limits(limits=1):
-        airy_stack()
         edges()
         closed_forms()
         zernikes()

@@ -20,9 +20,8 @@ def main() -> None:
     _flush()
     _last_words()
     _flush()
-    interrupts.end_now(
-        code
-    )  # without interpreter shutdown: no leftover thread delays the exit, and no late signal meets a half-closed state
+    # without interpreter shutdown: no leftover thread delays the exit, and no late signal meets a half-closed state
+    interrupts.end_now(code)
 
 
 def _last_words() -> None:

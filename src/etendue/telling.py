@@ -23,9 +23,8 @@ MOST_LINES = 20
 LONGEST_LINE = 500
 WIDEST, LONGEST_SAID = 200, 1500
 FRAMES = 3
-_OURS = re.compile(
-    re.escape(os.path.dirname(os.path.realpath(__file__))) + r"(?:_[a-z]+)?[/\\]"
-)  # the packages of this distribution
+# the packages of this distribution
+_OURS = re.compile(re.escape(os.path.dirname(os.path.realpath(__file__))) + r"(?:_[a-z]+)?[/\\]")
 _BIDI = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069\u2028\u2029")
 _PATH = re.compile(r"(?<![\w.:/~\-])/[^\s/'\":;,()<>|\[\]]+(?:/[^\s/'\":;,()<>|\[\]]+)+/?")
 

@@ -20,11 +20,8 @@ PRIMARIES = {1: "BT.709", 9: "Rec. 2020", 11: "DCI-P3", 12: "Display P3"}
 TRANSFERS = {1: "BT.709", 4: "gamma 2.2", 8: "linear", 13: "sRGB", 16: "PQ", 18: "HLG"}
 SRGB_XY = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
 NAMES = ("Display P3", "Adobe RGB", "ProPhoto", "Rec. 2020", "Dot Gain", "Gray Gamma", "sRGB")
-SPACES = {
-    "Adobe RGB": "Adobe RGB (1998)",
-    "ProPhoto": "ProPhoto RGB",
-    "Rec. 2020": "ITU-R BT.2020",
-}  # named differently in the library
+# named differently in the library
+SPACES = {"Adobe RGB": "Adobe RGB (1998)", "ProPhoto": "ProPhoto RGB", "Rec. 2020": "ITU-R BT.2020"}
 EXIF_IFD, INTEROPERABILITY, COLOUR_SPACE, ADOBE = 0x8769, 0xA005, 0xA001, 2
 
 

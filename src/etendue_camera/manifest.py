@@ -73,32 +73,23 @@ def etendue_roles() -> dict[str, str]:
 @hookimpl
 def etendue_vocabularies() -> Document:
     return {
-        "sensors": {
-            "word": "sensor"
-        },  # a TOML file as in data/sensors, or the same as a mapping: [camera] sensor = "NAME"
-        "spectra": {
-            "word": "spectrum",
-            "endings": (".csv", ".spdx"),
-            "library": LIBRARY,
-        },  # accepted wherever the path of a table is
+        # a TOML file as in data/sensors, or the same as a mapping: [camera] sensor = "NAME"
+        "sensors": {"word": "sensor"},
+        # accepted wherever the path of a table is
+        "spectra": {"word": "spectrum", "endings": (".csv", ".spdx"), "library": LIBRARY},
         "lens_profiles": {"word": "lens profile", "endings": (".lens",)},
     }
 
 
 @hookimpl
 def etendue_spectra() -> dict[str, str]:
-    rows = csv.reader(
-        line for line in (DATA / "spectral_tables.csv").read_text(encoding="utf-8").splitlines() if line[0] != "#"
+    tables, measured = (
+        csv.DictReader(line for line in (DATA / name).read_text(encoding="utf-8").splitlines() if line[0] != "#")
+        for name in ("spectral_tables.csv", "cameras/sensitivities.csv")
     )
-    library = {name: LIBRARY for kind, name, *_ in rows if kind not in ("kind", "rgb_space")}
-    return {"flat": LIBRARY, **library, **_measured_cameras()}
-
-
-def _measured_cameras() -> dict[str, str]:
-    """Return the packaged sensitivities of cameras by name."""
-    text = (DATA / "cameras" / "sensitivities.csv").read_text(encoding="utf-8")
-    rows = csv.DictReader(line for line in text.splitlines() if line[0] != "#")
-    return {row["camera"]: str(DATA / "cameras" / "sensitivities" / row["file"]) for row in rows}
+    library = {row["name"]: LIBRARY for row in tables if row["kind"] != "rgb_space"}
+    cameras = {row["camera"]: str(DATA / "cameras" / "sensitivities" / row["file"]) for row in measured}
+    return {"flat": LIBRARY, **library, **cameras}
 
 
 @hookimpl

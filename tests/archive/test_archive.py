@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import xarray
 
-from etendue.archive.journaling.journal import read_journal
+from etendue.archive.journaling.journal import read
 from etendue.archive.read.reading import open_archive
 from etendue.archive.sharding import chunks, finding
 from etendue.archive.structure.naming import cell_name
@@ -166,7 +166,7 @@ def test_every_chunk_of_a_cell_is_where_the_journal_says(whole, plan):
 
 
 def test_every_shard_is_in_the_journal(whole, plan):
-    named = {file.path for entry in read_journal(whole / "journal.jsonl").values() for file in entry.files}
+    named = {file.path for entry in read(whole / "journal.jsonl").entries.values() for file in entry.files}
     kept = {node.name for node in plan.nodes}
     on_disk = {
         str(p.relative_to(whole))

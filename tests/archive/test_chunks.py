@@ -16,6 +16,7 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 
 from etendue.archive.records import disk
 from etendue.archive.sharding.chunks import CODEC, LEVEL, RAW, CellFiles, Chunk, decode, encode
+from etendue.archive.sharding.partition import pieces_of
 from etendue.archive.sharding.segments import GATHERED, PARTS, ShardSegment
 from etendue.archive.sharding.shards import (
     MOST,
@@ -26,7 +27,6 @@ from etendue.archive.sharding.shards import (
     part_path,
     put_shard,
     read_index,
-    shards_of,
 )
 from etendue.errors import ArchiveError, ArchiveInUse
 from tests.archive.tiny import index_of
@@ -179,7 +179,7 @@ def test_every_cell_has_one_slot_and_no_shard_too_many(sizes, cell_bytes, pieces
     cut = [own < size for own, size in zip(block, sizes, strict=True)]
     whole = sum(cut) and max(n for n, one in enumerate(cut) if one)
     assert all(own == 1 for own in block[:whole])  # innermost axes first
-    assert shards_of(tuple(sizes), block) * prod(block) >= prod(sizes)
+    assert pieces_of(tuple(sizes), block) * prod(block) >= prod(sizes)
 
 
 @given(st.dictionaries(st.integers(0, 9), st.tuples(st.integers(0, 1 << 40), st.integers(0, 1 << 32))))

@@ -17,7 +17,7 @@ import etendue
 from etendue.archive.read.verified_store import VouchedStore
 from etendue.archive.sharding import partition
 from etendue.archive.sharding.chunks import CODEC, RAW, CellFiles, Chunk, encode
-from etendue.archive.sharding.partition import BANDS, Cutter, chunk_of, joined, pieces_of, room_of, windows_of
+from etendue.archive.sharding.partition import BANDS, Cutter, chunk_of, joined, pieces_of, windows_of
 from etendue.archive.sharding.segments import PARTS
 from etendue.archive.structure.cutting import chunk_shapes
 from etendue.archive.structure.metadata import array_node, document
@@ -32,7 +32,7 @@ def test_the_parts_of_a_cell_are_disjoint_and_together_the_cell(shape, data):
     chunk = tuple(data.draw(st.integers(1, n), label="chunk") for n in shape)
     array = np.arange(prod(shape), dtype="float32").reshape(shape)
     windows = windows_of(shape, chunk)
-    assert len(windows) == pieces_of(shape, chunk) == prod(room_of(shape, chunk)) // prod(chunk)
+    assert len(windows) == pieces_of(shape, chunk) == prod(chunk_shapes(shape, (), chunk)[1]) // prod(chunk)
     cutter = Cutter(array)
     assert sum(cutter.part(window).size for window in windows) == array.size
     parts = [(window, cutter.chunk(window, shape if window is None else chunk)) for window in windows]
@@ -50,7 +50,7 @@ def test_a_band_holds_a_quarter_of_the_largest_chunk_or_is_a_row(rows, columns, 
         assert chunk == shape
     else:
         assert chunk[1] == 1 or 4 * prod(chunk) <= 40_000 / BANDS + 4 * columns * channels
-        assert room_of(shape, chunk)[1] - rows < chunk[1]
+        assert chunk_shapes(shape, (), chunk)[1][1] - rows < chunk[1]
 
 
 @pytest.mark.parametrize("codec", [CODEC, RAW])

@@ -14,7 +14,7 @@ import xarray
 import etendue
 from etendue.archive.checks.describe import describe_archive
 from etendue.archive.checks.verify import verify
-from etendue.archive.journaling.journal import read_journal
+from etendue.archive.journaling.journal import read
 from etendue.archive.read.differences import differences
 from etendue.archive.structure.layout import STATUS
 from etendue.archive.structure.naming import cell_label
@@ -126,7 +126,7 @@ def test_at_every_instant_of_a_killed_run_what_is_called_stored_is_right(begun, 
             stored = stored_by(describe_archive(archive))
         except ArchiveError:  # it has no record of a run yet
             assert begun is None
-            assert not any(entry.event == "done" for entry in read_journal(archive / "journal.jsonl").values())
+            assert not any(entry.event == "done" for entry in read(archive / "journal.jsonl").entries.values())
             continue
         found = cells_of(etendue.open_archive(archive))
         assert len({name for name, _ in found}) == stored
@@ -199,7 +199,7 @@ def test_a_killed_run_can_be_exported_compared_and_verified(plan, whole, tmp_pat
         monkeypatch.setattr(ArchiveWriter, "reported", dies)
         with pytest.raises(Died):
             run(plan, archive)
-    cells = {name for name, entry in read_journal(archive / "journal.jsonl").items() if entry.event == "done"}
+    cells = {name for name, entry in read(archive / "journal.jsonl").entries.items() if entry.event == "done"}
     pictures = [name for name in cells if name.startswith("pixel ")]
     assert 0 < len(pictures) < 8
     done = export(ExportRequest(archive, tiff=True, variables=("photon_rate",), output=tmp_path / "out"))

@@ -93,8 +93,8 @@ def test_the_kernel_of_two_points_sees_the_sign_of_a_reversed_contrast():
     stages = (Diffraction(f_number=2.0), pixel(4.0, aperture_fraction=1.0))
     found = figures(*stages, highest=1.0)["rayleigh"][1]
     otf = transfers(*stages)[1][1]
-    signed = two_points.rayleigh_separation(lambda f: otf(f)[0], 1 / (0.55 * 2.0))
-    sized = two_points.rayleigh_separation(lambda f: np.abs(otf(f)[0]), 1 / (0.55 * 2.0))
+    signed = two_points.separations(lambda f: otf(f)[0], 1 / (0.55 * 2.0))[0]
+    sized = two_points.separations(lambda f: np.abs(otf(f)[0]), 1 / (0.55 * 2.0))[0]
     assert_allclose(found, signed, rtol=1e-3)
     assert not abs(sized / signed - 1) < 0.05
 

@@ -113,7 +113,7 @@ def test_a_mosaic_is_seen_through_its_filters(archive):
     one = picture(opened, "adc", "raw", {"f_number": 0, "integration_time": 0})
     shown = one.linear
     letters = one.filter_letters()
-    assert [one.filter_at(0, 0), one.filter_at(0, 1), one.filter_at(1, 1)] == ["R", "G", "B"]
+    assert [letters[0, 0], letters[0, 1], letters[1, 1]] == ["R", "G", "B"]
     for number, letter in enumerate("RGB"):
         assert not shown[number][letters != letter].any()
         np.testing.assert_array_equal(

@@ -101,9 +101,8 @@ def test_the_ideal_observer_sees_a_rectangle_as_its_area_over_the_noise():
     f = 0.5 * np.polynomial.legendre.leggauss(200)[0]
     inside = [float(0.5 * np.polynomial.legendre.leggauss(200)[1] @ (n * np.sinc(n * f) ** 2)) for n in (8, 6)]
     square = inf.nyquist_square(64)
-    found = inf.ideal_observer(
-        np.full((1, 1), 100.0), inf.rectangle_object(square.fy[:, None], square.fx, 8.0, 6.0), square
-    )
+    rectangle = 48 * np.sinc(8 * square.fy[:, None]) * np.sinc(6 * square.fx)
+    found = inf.ideal_observer(np.full((1, 1), 100.0), rectangle, square)
     assert found == pytest.approx(math.sqrt(100 * 48 * inside[0] * inside[1]), rel=1e-9)
 
 

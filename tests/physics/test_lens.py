@@ -9,9 +9,7 @@ from numpy.testing import assert_allclose
 from etendue_camera.optics.diffraction import airy_psf_density, circular_otf
 from etendue_camera.optics.lens import (
     gaussian_otf,
-    gaussian_sigma_from_fwhm,
     mean_square_radius,
-    psf_image_otf,
     radial_psf_otf,
 )
 
@@ -39,11 +37,6 @@ def test_two_gaussian_blurs_are_one_with_the_summed_variance(one, other):
     fy, fx = np.linspace(-0.3, 0.3, 7)[:, None], np.linspace(0.0, 0.3, 4)[None, :]
     both = gaussian_otf(fy, fx, one) * gaussian_otf(fy, fx, other)
     assert_allclose(both, gaussian_otf(fy, fx, np.hypot(one, other)), rtol=1e-12, atol=1e-300)  # exponents to 180
-
-
-def test_half_the_width_at_half_maximum_is_half_the_maximum():
-    sigma = gaussian_sigma_from_fwhm(3.0)
-    assert_allclose(np.exp(-(1.5**2) / (2.0 * sigma**2)), 0.5, rtol=1e-15)
 
 
 def test_gaussian_blur_stays_float32():
@@ -113,73 +106,6 @@ def test_faulty_tables_are_refused():
             radial_psf_otf(0.1, radius, psf)
     with pytest.raises(ValueError, match="sigma is -1"):
         gaussian_otf(0.0, 0.0, -1.0)
-    with pytest.raises(ValueError, match="fwhm"):
-        gaussian_sigma_from_fwhm(-1.0)
-
-
-def gaussian_picture(shape, spacing, sigma, shift=(0.0, 0.0)):
-    y, x = ((np.arange(n) - n // 2) * spacing - s for n, s in zip(shape, shift, strict=True))
-    return np.exp(-(y[:, None] ** 2 + x**2) / (2.0 * sigma**2))
-
-
-@pytest.mark.parametrize("shape", [(40, 40), (41, 38), (39, 45)])
-def test_picture_of_a_gaussian_has_a_real_gaussian_transfer_function(shape):
-    fy, fx = np.linspace(-0.4, 0.4, 9), np.linspace(0.0, 0.4, 5)
-    found = psf_image_otf(fy[:, None], fx[None, :], gaussian_picture(shape, 0.5, 1.0), 0.5)
-    # sampling at sigma/2 folds back exp(-2 pi^2 (2 - 0.4)^2) = 1e-22; the cut beyond 9.5 sigma costs less
-    assert_allclose(found, gaussian_otf(fy[:, None], fx[None, :], 1.0), rtol=0.0, atol=1e-14)
-
-
-def test_a_picture_off_its_centre_shifts_the_image_unless_the_centroid_is_the_axis():
-    fy, fx = np.linspace(-0.3, 0.3, 7)[:, None], np.linspace(-0.3, 0.3, 5)[None, :]
-    picture = gaussian_picture((60, 60), 0.5, 1.0, shift=(0.7, -0.2))
-    centred = gaussian_otf(fy, fx, 1.0)
-    shift = np.exp(-2j * np.pi * (0.7 * fy - 0.2 * fx))
-    assert_allclose(psf_image_otf(fy, fx, picture, 0.5), centred * shift, rtol=0.0, atol=1e-14)
-    assert_allclose(psf_image_otf(fy, fx, picture, 0.5, "centroid"), centred, rtol=0.0, atol=1e-14)
-
-
-@given(seed=integers(0, 2**32 - 1), rows=integers(1, 12), columns=integers(1, 12))
-def test_picture_transform_is_the_fourier_transform_at_the_pictures_own_frequencies(seed, rows, columns):
-    picture = np.random.default_rng(seed).uniform(0.1, 1.0, (rows, columns))
-    found = psf_image_otf(np.fft.fftfreq(rows, 0.25), np.fft.fftfreq(columns, 0.25), picture, 0.25)
-    rolled = np.roll(picture, (-(rows // 2), -(columns // 2)), axis=(0, 1))
-    # at the Nyquist frequency of an even length both signs mean the same sample
-    assert_allclose(found, np.fft.fft2(rolled) / picture.sum(), rtol=0.0, atol=1e-13)
-
-
-@given(seed=integers(0, 2**32 - 1))
-def test_picture_transform_is_hermitian_with_unit_flux_and_no_gain(seed):
-    picture = np.random.default_rng(seed).uniform(0.0, 1.0, (7, 6)) + 1e-3
-    fy, fx = np.linspace(-0.9, 0.9, 7), np.linspace(-0.7, 0.7, 5)
-    found = psf_image_otf(fy, fx, picture, 0.5)
-    assert_allclose(found[3, 2], 1.0, rtol=1e-14)
-    assert_allclose(found[::-1, ::-1], found.conj(), rtol=0.0, atol=1e-14)
-    assert np.all(np.abs(found) <= 1.0 + 1e-14)
-
-
-def test_single_precision_pictures_give_single_precision_and_are_left_alone():
-    picture = gaussian_picture((64, 64), 0.5, 1.0).astype(np.float32)
-    before = picture.copy()
-    frequency = np.linspace(0.0, 0.5, 10, dtype=np.float32)
-    found = psf_image_otf(frequency, frequency, picture, 0.5)
-    assert found.dtype == np.complex64
-    assert np.array_equal(picture, before)
-    exact = psf_image_otf(frequency.astype(float), frequency.astype(float), picture.astype(float), 0.5)
-    assert_allclose(found, exact, rtol=0.0, atol=1e-6)  # float32 rounding of 4096 terms
-
-
-def test_faulty_pictures_are_refused():
-    good = np.ones((3, 3))
-    for picture, spacing, centre, message in (
-        (good[0], 1.0, "sample", "two-dimensional"),
-        (good * np.nan, 1.0, "sample", "finite"),
-        (good * 0.0, 1.0, "sample", "sums to 0"),
-        (good, 0.0, "sample", "spacing"),
-        (good, 1.0, "peak", "'sample' or 'centroid'"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            psf_image_otf(np.zeros(1), np.zeros(1), picture, spacing, centre)
 
 
 @given(sigma=floats(0.3, 10.0))

@@ -13,13 +13,10 @@ from etendue_camera.optics.wavefront import (
     Seidel,
     ansi_order,
     defocus,
-    defocus_w020,
     noll_order,
     rms,
-    strehl_ratio,
     zernike,
     zernike_orders,
-    zernike_sum,
 )
 
 
@@ -77,6 +74,15 @@ def test_indices_run_through_every_term_once_and_start_as_published():
     assert set(zernike_orders(231, "noll")) == set(zernike_orders(231, "ansi")) == every
 
 
+def zernike_sum(coefficients, y, x):
+    orders = zernike_orders(len(coefficients))
+    return sum(value * zernike(n, m, y, x) for value, (n, m) in zip(coefficients, orders, strict=True))
+
+
+def strehl_ratio(amplitude, path, wavelength):
+    return abs(np.sum(amplitude * np.exp(2j * np.pi / wavelength * path)) / amplitude.sum()) ** 2
+
+
 def test_the_rms_of_a_sum_is_the_root_of_the_sum_of_squares():
     y, x, weights = disc()
     coefficients = (0.4, 0.0, 0.03, -0.05, 0.02, 0.0, 0.01, 0.04)
@@ -108,15 +114,15 @@ def test_defocus_tends_to_its_paraxial_coefficient_in_the_middle_of_the_pupil(f_
     rho = 1e-3
     path = defocus(shift, f_number, np.array(rho), np.array(0.0))
     # the next term is rho^2/(16 N^2) relative
-    assert_allclose(path, defocus_w020(shift, f_number) * rho * rho, rtol=rho * rho / 15, atol=1e-300)
+    assert_allclose(path, shift / (8 * f_number**2) * rho * rho, rtol=rho * rho / 15, atol=1e-300)
 
 
 def test_the_paraxial_defocus_is_short_by_three_per_cent_at_the_edge_at_f_1_4():
     exact = float(defocus(1.0, 1.4, np.array(1.0), np.array(0.0)))
     # (1 - cos t)/(sin^2 t / 2) - 1 = (1 - cos t)/(1 + cos t), the leading term 1/(16 N^2) = 3.19 %
     cosine = math.sqrt(1 - 1 / 2.8**2)
-    assert_allclose(exact / float(defocus_w020(1.0, 1.4)) - 1, (1 - cosine) / (1 + cosine), rtol=1e-13)
-    assert 0.032 < exact / float(defocus_w020(1.0, 1.4)) - 1 < 0.035
+    assert_allclose(exact * 8 * 1.4**2 - 1, (1 - cosine) / (1 + cosine), rtol=1e-13)
+    assert 0.032 < exact * 8 * 1.4**2 - 1 < 0.035
 
 
 def test_defocus_keeps_its_digits_at_slow_apertures():
@@ -166,9 +172,5 @@ def test_nonsense_is_refused_by_name():
         defocus(math.inf, 2.8, 0.0, 0.0)
     with pytest.raises(ValueError, match="f_number is 0.5"):
         defocus(1.0, 0.5, np.array(1.2), np.array(0.0))
-    with pytest.raises(ValueError, match="wavelength is 0"):
-        strehl_ratio(np.ones((2, 2)), np.zeros((2, 2)), 0.0)
     with pytest.raises(ValueError, match="amplitude sums to 0"):
         wavefront.rms(np.zeros((2, 2)), np.zeros((2, 2)))
-    with pytest.raises(ValueError, match="finite"):
-        zernike_sum((0.0, math.nan), 0.0, 0.0)

@@ -39,7 +39,8 @@ def sampling_knobs(measurement: Measurement) -> tuple[PipelineKnob, ...]:
         if len(node.alternatives) > 1 or not isinstance(stage, Discretised):
             continue
         for name in (one for one, why in stage.discretisations().items() if not why):
-            key = _parameter(stage, name)
+            keys = {key for factor in (*COARSER, *FINER) for key in stage.refined(name, factor)}
+            key = keys.pop() if len(keys) == 1 else ""  # the parameter that sets it alone
             if key and f"{node.name}.{key}" not in measurement.pipeline.sweep:
                 parameter = parameters_of(type(stage))[key][0]
                 value = float(getattr(stage, key))
@@ -57,12 +58,6 @@ def sampling_knobs(measurement: Measurement) -> tuple[PipelineKnob, ...]:
                 )
                 found.append(replace(one, settings=_settings(measurement, one, stage)))
     return tuple(one for one in found if len(one.settings) > 1)
-
-
-def _parameter(stage: Discretised, name: str) -> str:
-    """Return the parameter that sets a discretisation; '' if there is none, or more than one."""
-    own = {key for factor in (*COARSER, *FINER) for key in stage.refined(name, factor)}
-    return own.pop() if len(own) == 1 else ""
 
 
 def _settings(measurement: Measurement, knob: PipelineKnob, stage: Discretised) -> tuple[Value, ...]:

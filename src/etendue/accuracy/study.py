@@ -48,9 +48,8 @@ class Accuracy:
     floor: float  # possible error of the reference itself
     noise_floor: float | None
     noise_of: str
-    verified: list[tuple[float, float | None, str]] = field(
-        default_factory=list
-    )  # error of the cheapest settings on the other source
+    # error of the cheapest settings on the other source
+    verified: list[tuple[float, float | None, str]] = field(default_factory=list)
     verified_at: AxisValues = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     by: str = WARM  # the time by which settings are compared

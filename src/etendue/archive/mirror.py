@@ -181,18 +181,15 @@ class Mirror(Behind):
             return
         changed = [path for path in self.here.changed() if not is_shard(path) and path not in (JOURNAL, MANIFEST)]
         self._put(path for path in changed if not path.startswith(f"{DATA}/"))
-        self._put(
-            path for path in changed if path == ROOT and not self.new
-        )  # the old consolidated metadata would go on describing the archive as it was
+        # the old consolidated metadata would go on describing the archive as it was
+        self._put(path for path in changed if path == ROOT and not self.new)
         with self.lock:
             moved = list(self.going.values())
-        for one in (
-            moved
-        ):  # renamed shards: the journal may name them only once they are there; their old objects are deleted after it
+        # renamed shards: the journal may name them only once they are there; their old objects are deleted after it
+        for one in moved:
             one.result()
-        self._say_journal(
-            (self.folder / JOURNAL).stat().st_size
-        )  # before the new arrays: the journal marks them as ours
+        # before the new arrays: the journal marks them as ours
+        self._say_journal((self.folder / JOURNAL).stat().st_size)
         if not self.new:
             for level in (2, 3):
                 self._put(path for path in changed if _order(path) == level)

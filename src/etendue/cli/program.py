@@ -34,9 +34,8 @@ class _Main(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import and return a command."""
-        found = commands.OWN.get(cmd_name) or commands.offered().get(
-            cmd_name
-        )  # own commands are not looked up among plugins
+        # own commands are not looked up among plugins
+        found = commands.OWN.get(cmd_name) or commands.offered().get(cmd_name)
         return None if found is None else commands.loaded(cmd_name, found)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -29,7 +29,7 @@ from etendue.contract.capabilities import Banded, is_source
 from etendue.contract.stage import arguments_of, reads_of
 from etendue.errors import PluginError, refused_by_the_machine
 from etendue.telling import foreign
-from etendue.types.arrays import Array, FloatArray
+from etendue.types.arrays import Array, CellArrays, FloatArray
 
 SMALL_BAND = 1 << 14  # pixels that are computed sooner than a thread is started: 0.2 ms
 
@@ -54,7 +54,7 @@ class BandArray(ABC):
         return self.shape[0]
 
     @abstractmethod
-    def __getitem__(self, band: int) -> Array:
+    def __getitem__(self, band: int) -> Any:
         """Return one band, (y, x)."""
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> FloatArray:
@@ -76,7 +76,7 @@ class StoredBands(BandArray):
         self.shape = _shape(self.job, self.variable)
         self.dtype = np.dtype(self.job.precision)
 
-    def __getitem__(self, band: int) -> Array:
+    def __getitem__(self, band: int) -> Any:
         assert self.job.target is not None
         with refused_by_the_machine():
             return self.job.target.read_band(self.variable, band)
@@ -173,9 +173,9 @@ def run_bands(job: Job, given: Mapping[str, Array | BandArray], bands: slice, pi
         return found
 
 
-def made_by_band(job: Job, given: Mapping[str, Array | BandArray]) -> dict[str, Any]:
-    """Return the outputs of a stage: large variables as bands that are computed on demand, small ones as arrays."""
-    arrays: dict[str, Any] = {}
+def made_by_band(job: Job, given: Mapping[str, Array | BandArray]) -> CellArrays:
+    """Return what a stage writes: large variables as bands computed on demand, small ones now."""
+    arrays: CellArrays = {}
     small = [v for v in job.writes if v not in job.by_band]
     bands = max(g.bands().size for g in job.grids.values() if g.banded)
     if small and is_source(type(job.stage)):
@@ -213,9 +213,9 @@ def among_all(lit: Array, bands: slice, count: int) -> Array:
     return found
 
 
-def of_lit_bands(job: Job, given: Mapping[str, Array | BandArray]) -> dict[str, Any] | None:
-    """Return the output of a stage that multiplies light by factors, computed only in bands with light. Return None for
-    any other stage, or if all bands have light.
+def of_lit_bands(job: Job, given: Mapping[str, Array | BandArray]) -> CellArrays | None:
+    """Return what a stage writes that multiplies light by factors, computed only in bands with light; None if it is not
+    such a stage, or if all bands have light.
     """
     stage, declared = job.stage, reads_of(type(job.stage))
     if not (isinstance(stage, Banded) and stage.pointwise and stage.negative != "clip"):
@@ -240,7 +240,7 @@ class Timed:
     def __init__(self, bands: BandArray) -> None:
         self.bands, self.seconds = bands, 0.0
 
-    def __getitem__(self, band: int) -> Array:
+    def __getitem__(self, band: int) -> Any:
         began = time.thread_time()
         try:
             return self.bands[band]

@@ -28,10 +28,10 @@ from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
 from etendue.plugins import guests
 from etendue.telling import plain, told
-from etendue.types.arrays import Array
+from etendue.types.arrays import Array, CellArrays
 
 
-def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> dict[str, Any]:
+def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> CellArrays:
     """Check a stage's result against its declaration, or against some of its outputs; floats are converted to the
     plan's precision.
     """
@@ -40,7 +40,7 @@ def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> d
         raise PluginError(f"{name}.run gave {type(arrays).__name__}, not a dict of the variables it writes")
     if arrays.keys() != (form.writes.keys() if outputs is None else {output.variable for output in outputs}):
         raise PluginError(f"{name}.run gave {sorted(map(str, arrays))}, but declares {sorted(job.writes)}")
-    checked, arrays = dict[str, Any](), dict(arrays)
+    checked, arrays = CellArrays(), dict(arrays)
     for output in form.outputs if outputs is None else outputs:
         variable, wanted = output.variable, output.dtype
         array = arrays.pop(variable)
@@ -139,7 +139,7 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
 
 
 def kept(
-    job: Job, result: Result, arrays: dict[str, Any], clipped: Clipped, seconds_of: Callable[[], float]
+    job: Job, result: Result, arrays: CellArrays, clipped: Clipped, seconds_of: Callable[[], float]
 ) -> tuple[Result, CellReport]:
     """Store the kept variables of a cell, and leave in its result the variables that other cells read."""
     seconds = seconds_of()
@@ -176,7 +176,7 @@ def in_words(error: BaseException) -> bool:
     )
 
 
-def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tuple[Result, dict[str, Any]]:
+def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tuple[Result, CellArrays]:
     """Return the checked result of the stage."""
     if job.mapped and not job.left_out:
         arrays = one_by_one(job, results, clipped, check)
@@ -204,8 +204,8 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
     return result, arrays
 
 
-def _passed(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tuple[Result, dict[str, Any]]:
-    """Return the arrays that a left-out cell passes on; its stage is run only for wanted optional outputs."""
+def _passed(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tuple[Result, CellArrays]:
+    """Return what a cell that is left out passes on; the stage is run only for optional outputs that are wanted."""
     result, arrays = passed_on(job, results)
     # The stage before may have declared undefined values, which this one must not pass on without declaring them too.
     doubtful = {name: array for name, array in arrays.items() if math.isnan(result.lowest.get(name, 0.0))}
@@ -217,9 +217,9 @@ def _passed(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tu
     return result, arrays
 
 
-def _load(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
+def _load(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, CellArrays]:
     """Load a finished cell: read its arrays back, or rebuild its transform from the segment's input."""
-    arrays: dict[str, Any] = {}
+    arrays: CellArrays = {}
     if job.left_out:
         result, arrays = passed_on(job, results)
     elif job.transform:

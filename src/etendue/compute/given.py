@@ -24,7 +24,7 @@ from etendue.contract.capabilities import Probe
 from etendue.contract.stage import Stage
 from etendue.errors import PluginError
 from etendue.plan.model import CellRef
-from etendue.types.arrays import Array
+from etendue.types.arrays import Array, CellArrays
 
 if TYPE_CHECKING:
     from etendue.contract.arrays.grid import Grid
@@ -33,16 +33,16 @@ NOTHING = Looking()
 Clipped = list[tuple[float, float]]  # fraction of values that were negative, and their fraction of the flux
 
 
-def arguments(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> dict[str, Any]:
+def arguments(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> CellArrays:
     """Return all arguments of ``run``, in its order."""
-    given = {port: looked_through(job, results, port, ref, variable) for port, ref, variable in job.inputs}
+    given = {port: looked_through(job, results, ref, variable) for port, ref, variable in job.inputs}
     for port, array in given.items():
         given[port] = for_reading(not_negative(job, results, port, array, clipped))
     given |= beside(job, results)
     return {name: given[name] for name in job.asks if name in given}
 
 
-def looked_through(job: Job, results: Mapping[CellRef, Result], port: str, ref: CellRef, variable: str) -> Any:
+def looked_through(job: Job, results: Mapping[CellRef, Result], ref: CellRef, variable: str) -> Any:
     """Return an input array after checking it for values that its stage refuses."""
     result, policy = results[ref], job.stage.negative
     array = result.arrays[variable]
@@ -88,9 +88,9 @@ def clipped_figures(array: Array) -> tuple[int, Array, Array]:
     return int(np.count_nonzero(array < 0)), taken, np.abs(array).sum(axis=-1, dtype=np.float64)
 
 
-def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
+def beside(job: Job, results: Mapping[CellRef, Result]) -> CellArrays:
     """Return the arguments of ``run`` other than the arrays of its ports."""
-    given: dict[str, Any] = {}
+    given: CellArrays = {}
     looking = job.looking or NOTHING
     for port, what, pairs in looking.ports:
         if what == "transfer":

@@ -20,6 +20,7 @@ from etendue.contract.ports import Target
 from etendue.contract.stage import Stage, arguments_of, looks_at_stages
 from etendue.plan.expansion.seed_words import Open
 from etendue.plan.model import CellRef
+from etendue.types.arrays import CellArrays
 
 # (quantity, cell, variable): where the value of a shared quantity is found
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ class Mapped:
 class CellObserver(Protocol):
     """The caller's reduction of the arrays of a cell, applied where they are computed."""
 
-    def __call__(self, arrays: Mapping[str, Any]) -> dict[str, Any]: ...
+    def __call__(self, arrays: Mapping[str, Any]) -> CellArrays: ...
 
     def gathering(self, variable: str, shape: tuple[int, ...]) -> Any:
         """Return an object that takes the rows of a variable in order, ``take(start, rows)``, and gives what replaces

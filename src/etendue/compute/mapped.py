@@ -22,10 +22,10 @@ from etendue.contract.capabilities import Transfer, is_random
 from etendue.contract.stage import Stage, quantities_of, writes_of
 from etendue.errors import PluginError
 from etendue.plan.model import CellRef
-from etendue.types.arrays import Array, FloatArray
+from etendue.types.arrays import Array, CellArrays, FloatArray
 
 Results = Mapping[CellRef, Result]
-Check = Callable[[Job, Any], dict[str, Any]]
+Check = Callable[[Job, Any], CellArrays]
 
 
 def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> dict[str, Array]:
@@ -41,8 +41,8 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
     ):
         return slices.at_once(names, check)
     called = "mean" if job.averages else "run"
-    arrays: dict[str, Any] = {}
-    constant: dict[str, Any] = {}
+    arrays: CellArrays = {}
+    constant: CellArrays = {}
     generator: np.random.Generator | None = None
     for number, at in enumerate(np.ndindex(*slices.sizes)):
         stage = slices.stage_at(at)
@@ -100,7 +100,7 @@ class _Slices:
             n: self.dims.index(p.along) for n, p in quantities_of(type(job.stage)).items() if p.along in self.dims
         }
         self.given = [
-            (port, looked_through(job, results, port, ref, v), mapped.leading[ref[0], v]) for port, ref, v in job.inputs
+            (port, looked_through(job, results, ref, v), mapped.leading[ref[0], v]) for port, ref, v in job.inputs
         ]
         self.negative = {
             p for p, ref, v in job.inputs if job.stage.negative == "clip" and results[ref].lowest.get(v, 0.0) < 0
@@ -114,7 +114,7 @@ class _Slices:
             replace(stage, **{name: self.labels[i][at[i]] for name, i in self.along.items()}) if self.along else stage
         )
 
-    def arrays_at(self, at: tuple[int, ...]) -> dict[str, Any]:
+    def arrays_at(self, at: tuple[int, ...]) -> CellArrays:
         """Return the input of a slice, as parts of read-only arrays."""
         found = {
             port: array[tuple([at[i] for i in lead])] if lead else for_reading(array)
@@ -134,7 +134,7 @@ class _Slices:
             seen[ref] = Result(arrays={variable: array}, lowest=self.results[ref].lowest)
         return own, seen
 
-    def joined(self, found: list[dict[str, Any]], check: Check) -> dict[str, Any]:
+    def joined(self, found: list[CellArrays], check: Check) -> CellArrays:
         """Return all slices of a transfer stage, stacked."""
         every = [check(self.core, arrays) for arrays in found]
         return {

@@ -22,7 +22,7 @@ from etendue.compute.job import Job
 from etendue.errors import PluginError
 from etendue.plugins import guests
 from etendue.process import FOLDER, WARNED, return_to
-from etendue.types.arrays import Array
+from etendue.types.arrays import Array, CellArrays
 
 if TYPE_CHECKING:
     from etendue.contract.stage import Stage
@@ -37,7 +37,7 @@ def for_reading(array: Array) -> Array:
     return array.view() if type(array) is np.ndarray and not array.flags.writeable else array
 
 
-def handed(stage: Stage, given: dict[str, Any]) -> dict[str, Any]:
+def handed(stage: Stage, given: CellArrays) -> CellArrays:
     """Return the arguments for ``run`` of a stage. Stages of other distributions get copies: numpy's read-only flag
     does not bind code outside numpy.
     """

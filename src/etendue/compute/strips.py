@@ -33,7 +33,7 @@ from etendue.contract.stage import patterns_of, reads_of
 from etendue.errors import ArchiveInUse, MachineError
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
-from etendue.types.arrays import Array
+from etendue.types.arrays import Array, CellArrays
 
 Results = Mapping[CellRef, Result]
 Ended = list[tuple[Result, CellReport]]
@@ -171,8 +171,8 @@ class _Member:
             name: [] for name, o in self.outputs.items() if not has_rows(o.declaration.dims)
         }
         self.sizes: list[int] = []
-        self.cut: dict[str, Any] = {}  # by port: a flow, or an array of all rows
-        self.fixed: dict[str, Any] = {}
+        self.cut: CellArrays = {}  # by port: a flow, or an array of all rows
+        self.fixed: CellArrays = {}
         self.negative: dict[str, _Negative] = {}
         self._read(results, flows)
         if not job.left_out:
@@ -194,7 +194,7 @@ class _Member:
                 if variable in self.flows:
                     self.flows[variable].undefined = bool(undefined(self.job, {variable: array}))
             else:
-                array = looked_through(self.job, results, port, ref, variable)
+                array = looked_through(self.job, results, ref, variable)
                 (self.cut if has_rows(ports[port].dims) else self.fixed)[port] = array
                 if (
                     self.stage.negative == "clip"
@@ -286,7 +286,7 @@ class _Member:
             self.flows[name].put(start, stop, array)
         self.sizes.append(self.outputs[self.main].size // self.total * (stop - start))
 
-    def _given(self, low: int, high: int, first: bool) -> dict[str, Any]:
+    def _given(self, low: int, high: int, first: bool) -> CellArrays:
         """Return the arguments of ``run`` for some rows, as if they were the whole frame."""
         given = {name: value[low:high] if name in self.along else value for name, value in self.known.items()}
         for port in self.fixed:
@@ -333,7 +333,7 @@ class _Member:
         self.seconds += time.thread_time() - began
         return kept(self.planned, result, arrays, clipped, lambda: self.seconds)
 
-    def _joined(self) -> dict[str, Any]:
+    def _joined(self) -> CellArrays:
         """Return the variables without rows, joined over the strips."""
         if self.job.left_out:
             return {name: values[0] for name, values in self.figures.items()}

@@ -25,9 +25,8 @@ from etendue.telling import foreign
 from etendue.types.arrays import FloatArray
 
 LARGEST_CACHE = 256 << 20
-LARGEST_PATTERN = (
-    LARGEST_CACHE // 4
-)  # bytes; patterns of larger frames are not cached, since strips would evict each other before they are reused
+# bytes; patterns of larger frames are not cached, since strips would evict each other before they are reused
+LARGEST_PATTERN = LARGEST_CACHE // 4
 LASTING = 50  # an entry unused for this many runs is dropped
 LARGEST_SHARED = 1 << 18  # pixels; up to this size the raw normals are cached too, for use with other strengths
 Window = tuple[int, int, int, int]  # first row, first column, rows, columns

@@ -110,9 +110,8 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
     )
     if extra:
         raise PluginError(f"{name}.run returned {', '.join(extra)}, which it does not write")
-    carried = {
-        str(one.attrs.get("units")) for one in (*data.data_vars.values(), *data.coords.values())
-    }  # units that arithmetic has passed on are no statement of the stage
+    # units that arithmetic has passed on are no statement of the stage
+    carried = {str(one.attrs.get("units")) for one in (*data.data_vars.values(), *data.coords.values())}
     for declared in writes.values():
         if declared.variable not in found:
             if declared.optional:

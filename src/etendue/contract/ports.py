@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from etendue.plan.model import Cell, CellRef, Plan
     from etendue.plan.resume import Work
-    from etendue.types.arrays import Array
+    from etendue.types.arrays import Array, CellArrays
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +119,8 @@ class Keeper(Protocol):
     def starting(self, refs: Iterable[CellRef]) -> None: ...
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
-    ) -> Mapping[CellRef, dict[str, Any]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, CellArrays]
+    ) -> Mapping[CellRef, CellArrays]:
         """Take the reports of cells, in any thread; return their arrays as the store holds them from now on."""
 
     def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]: ...

@@ -35,9 +35,3 @@ def standing_in(pipeline: PipelineFile, used: Collection[str]) -> dict[str, tupl
             if names and one.file:
                 found[f"{kind.preset} {one.title}"] = names
     return found
-
-
-def stand_ins_text(found: Mapping[str, Collection[str]]) -> str:
-    """Return how many there are, for a caption; '' if there are none."""
-    most = max(map(len, found.values()), default=0)
-    return f"{'up to ' * (len(found) > 1)}{most} stand-ins without a source" if most else ""

@@ -89,7 +89,7 @@ def _cost(parameter: Parameter, value: bool | float) -> float:
     """Return the cost of a setting; for a value between two settings, that of the finer one."""
     if value in parameter.settings:
         return parameter.costs[parameter.settings.index(value)]
-    # Counts may end in 0, which means all.
+    # counts may end in 0, which stands for all
     falling = parameter.settings[0] > parameter.settings[-1] and parameter.settings[-1] != 0
     finer = (i for i, one in enumerate(parameter.settings) if one != 0 and (value >= one if falling else value <= one))
     return parameter.costs[next(finer, -1)]

@@ -45,9 +45,8 @@ class Axis:
     dim: str
     values: tuple[Any, ...]  # floats, ints or texts; labels if the axis swaps a stage
     units: str = ""
-    gives: Mapping[str, tuple[Any, ...]] = field(
-        default_factory=dict, hash=False
-    )  # values by parameter, for an axis that sets several at once
+    # values by parameter, for an axis that sets several at once
+    gives: Mapping[str, tuple[Any, ...]] = field(default_factory=dict, hash=False)
 
     def value(self, name: str, position: int) -> Any:
         """Return the value of a parameter at a position."""
@@ -78,9 +77,8 @@ class Node:
     alternatives: tuple[Alternative, ...]
     direct: tuple[tuple[str, str], ...]  # (axis dim, parameter) set by an axis
     use_axis: str | None  # dim of the axis that swaps this stage
-    inputs: tuple[
-        tuple[tuple[str, str, str], ...], ...
-    ]  # per alternative: (port or shared quantity, node, variable); ports first
+    # per alternative: (port or shared quantity, node, variable); ports first
+    inputs: tuple[tuple[tuple[str, str, str], ...], ...]
     looks_at: tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer' or variable, nodes in order)
     writes: Mapping[str, Declaration]
     axes: tuple[str, ...]
@@ -163,9 +161,8 @@ class Cell:
     key: str
     versions: Mapping[str, str]  # versions of the libraries that are in its key
     seed: bytes
-    open_words: tuple[
-        Any, ...
-    ]  # lines of its seed whose value only a run finds (plan.words.Open), and the fixed lines after them
+    # lines of its seed whose value only a run finds (plan.words.Open), and the fixed lines after them
+    open_words: tuple[Any, ...]
     input_grids: Mapping[str, Grid]
     grids: Mapping[str, Grid]
     facts: Facts

@@ -117,11 +117,6 @@ def _saving(seconds: float | None) -> str:
     return f"; saves about {seconds:.2g} s" if seconds is not None and seconds >= LEAST_TOLD else ""
 
 
-def _copies(size: int) -> str:
-    """Return the end of a sentence that states the bytes of copies of its input in an archive; '' if there are none."""
-    return f"; their copies take {human_bytes(size)}" if size else ""
-
-
 def _at_most(at_stage: float, at_wanted: float) -> str:
     """Return a bound, at the stage and, where later stages let it grow, at what is wanted."""
     grown = f", {at_wanted:.2g} at what is wanted" if f"{at_wanted:.2g}" != f"{at_stage:.2g}" else ""
@@ -137,9 +132,10 @@ def told(name: str, left: Document | None, knobs: list[Document] | None) -> list
     said = []
     if left:
         wrong = "exactly" if left["bound"] == 0 else f"error {_at_most(left['at_stage'], left['bound'])}"
+        copies = f"; their copies take {human_bytes(left['copies'])}" if left["copies"] else ""
         said.append(
             f"left out  {name} in {left['cells']} of {left['of']} cells, {wrong}: "
-            f"{left['why']}{_saving(left['seconds_saved'])}{_copies(left['copies'])}"
+            f"{left['why']}{_saving(left['seconds_saved'])}{copies}"
         )
     by_knob: dict[str, list[Document]] = {}
     for one in knobs or ():

@@ -23,7 +23,7 @@ from etendue.plan.expansion.cells import Told, expand
 from etendue.plan.expansion.fields import notes_on_the_scene
 from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.plan.wiring.automatic import settled
-from etendue.plan.wiring.graph import build_graph, named_in_keep, resolve_keep
+from etendue.plan.wiring.graph import build_graph, resolve_keep
 from etendue.plan.wiring.request import Choice
 from etendue.plan.wiring.swapped import fitted_to_overrides
 from etendue.plugins.guests import Guest
@@ -110,7 +110,7 @@ def make_plan(
         cells=cells,
         wanted=graph.wanted,
         kept=kept,
-        copied=named_in_keep(graph.nodes, graph.keep) & kept,
+        copied=frozenset((node, v) for node, v in kept if {v, f"{node}.{v}"} & {*(graph.keep or ())}),
         seen_only=graph.seen_only,
         precision=precision,
         shared=graph.shared,

@@ -35,15 +35,12 @@ class Work:
     pruned: int = 0  # finished cells removed on request
     # stages stored earlier and still valid, although 'keep' no longer names them
     stay: list[str] = field(default_factory=list)
-    mended: list[str] = field(
-        default_factory=list
-    )  # files of the archive that were missing or damaged and are written again
-    moved: dict[str, int] = field(
-        default_factory=dict
-    )  # shards rewritten, bytes copied for them, bytes of computed results
-    shown: Mapping[str, CellRef] = field(
-        default_factory=dict
-    )  # by stage: the cell shown as a picture, if not the usual one
+    # files of the archive that were missing or damaged and are written again
+    mended: list[str] = field(default_factory=list)
+    # shards rewritten, bytes copied for them, bytes of computed results
+    moved: dict[str, int] = field(default_factory=dict)
+    # by stage: the cell shown as a picture, if not the usual one
+    shown: Mapping[str, CellRef] = field(default_factory=dict)
 
 
 # Limit on the values examined to find the valid ones among those of earlier runs; one plan counts as PLANNED values.

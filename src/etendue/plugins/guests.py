@@ -23,13 +23,8 @@ from typing import Any
 from etendue import interrupts
 from etendue.process import SharedChange, StateBefore
 
-_ONE, _HALF, _SMALLEST, _TIE_ABOVE, _TIE_BELOW = (
-    1.0,
-    0.5,
-    sys.float_info.min,
-    2.0**-53,
-    2.0**-54,
-)  # variables, so that the tests below are not computed at compile time
+# variables, so that the tests below are not computed at compile time
+_ONE, _HALF, _SMALLEST, _TIE_ABOVE, _TIE_BELOW = (1.0, 0.5, sys.float_info.min, 2.0**-53, 2.0**-54)
 _told: dict[Any, Any] = {}  # notes already given, each only once
 
 
@@ -122,9 +117,8 @@ def _now() -> tuple[int, int]:
         line = []
     if line:
         return int(line[0], 8), sys.getrecursionlimit()
-    umask = os.umask(
-        0o077
-    )  # without /proc it can only be read by setting it; a strict value, in case a file is created meanwhile
+    # without /proc it can only be read by setting it; a strict value, in case a file is created meanwhile
+    umask = os.umask(0o077)
     os.umask(umask)
     return umask, sys.getrecursionlimit()
 

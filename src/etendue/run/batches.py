@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Callable, Container, Mapping, Set
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
 
 from etendue.compute.bands import elsewhere
 from etendue.compute.cell import compute
@@ -27,6 +26,7 @@ from etendue.contract.ports import CellReport
 from etendue.errors import refused_by_the_machine
 from etendue.plan.model import CellRef
 from etendue.run.order import Needs
+from etendue.types.arrays import CellArrays
 
 TARGET_SECONDS = 0.1
 NOBODY: Mapping[CellRef, str] = MappingProxyType({})
@@ -145,7 +145,7 @@ class BatchResult:
 
     results: dict[CellRef, Result]
     reports: tuple[CellReport, ...]
-    kept: dict[CellRef, dict[str, Any]]
+    kept: dict[CellRef, CellArrays]
 
 
 Ended = tuple[Result, CellReport]
@@ -189,8 +189,8 @@ def _alone(
     return compute(job, results, began)
 
 
-def _delivered(job: Job, result: Result) -> dict[str, Any]:
-    """Return the arrays and the report of a cell that are sent to the owner of the run."""
+def _delivered(job: Job, result: Result) -> CellArrays:
+    """Return what the owner of the run gets of a cell."""
     given = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
     return given if job.look is None else job.look(given)
 
@@ -228,7 +228,7 @@ def run_batch(
     for refs, source in zip(imports, before, strict=True):
         results.update({ref: source.results[ref].read_only() for ref in refs})
     readers = Counter(ref for job in jobs for ref in job.needs)
-    own, reports, kept = set(exports), list[CellReport](), dict[CellRef, dict[str, Any]]()
+    own, reports, kept = set(exports), list[CellReport](), dict[CellRef, CellArrays]()
     clock: float | None = None
     ahead: dict[CellRef, Ended] = {}  # cells of walks, computed together with an earlier cell
     with in_its_place():

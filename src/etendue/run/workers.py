@@ -40,9 +40,8 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
     from multiprocessing.process import BaseProcess
 
-FROM_OUTSIDE = frozenset(
-    {signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT}
-)  # signals from outside: the cell gets a second chance
+# signals from outside: the cell gets a second chance
+FROM_OUTSIDE = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT})
 LOOK = 0.2
 STARTING = 120.0  # seconds added to a time limit for the worker's imports
 

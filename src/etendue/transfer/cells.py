@@ -264,9 +264,8 @@ def _fold(values: Array, weights: Array, size: int) -> tuple[Array, Array]:
         part = weighted[:, start : start + half + 1]
         plus[:, : part.shape[1]] += part
     for end in range(size, count + half, size):
-        part = weighted[
-            :, end - half : end + 1
-        ]  # the last may stop short of the multiple: the largest k, not the smallest
+        # the last may stop short of the multiple: the largest k, not the smallest
+        part = weighted[:, end - half : end + 1]
         minus[:, half + 1 - part.shape[1] :] += part[:, ::-1]
     return plus, minus
 

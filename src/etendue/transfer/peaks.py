@@ -73,13 +73,6 @@ def padding(grid: Grid) -> float:
     return math.prod(sampling.padded_size(size) / size for size in sizes)
 
 
-def later_widths(edges: FloatArray) -> FloatArray:
-    """Return rms widths of Gaussian blurs (width,), um: 0, then octaves from the finest to the coarsest ring."""
-    finest, coarsest = edges[-1], edges[1]
-    count = max(1, math.ceil(math.log2(finest / coarsest)))
-    return np.concatenate([[0.0], 2.0 ** np.arange(count + 1) / (2 * math.pi * finest)])
-
-
 def shares(widths: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the largest and the smallest transfer function of Gaussian blurs in each ring, (width, ring)."""
     share = np.exp(-2 * (math.pi * widths[:, None] * edges) ** 2)
@@ -165,7 +158,9 @@ def relative(factors: Array, left: Array, content: Content, grid: Grid) -> Chang
         is fitted, and never exceeds the bound of the largest change.
     """
     edges, factors = arrays_of(content).edges, np.asarray(factors)
-    widths = later_widths(edges)
+    # rms widths of later Gaussian blurs, um: none, and from the finest ring to the coarsest, an octave apart
+    count = max(1, math.ceil(math.log2(edges[-1] / edges[1])))
+    widths = np.concatenate([[0.0], 2.0 ** np.arange(count + 1) / (2 * math.pi * edges[-1])])
     upper = shares(widths, edges)[0]
     largest = largest_behind(content, factors, left, widths, padding(grid))
     own = np.maximum(largest, DIM * largest.max(axis=1, keepdims=True))

@@ -151,13 +151,3 @@ def largest_in_rings(values: FloatArray) -> FloatArray:
 def moved(distance: float, edges: FloatArray) -> FloatArray:
     """Return the largest |1 - exp(2 pi i f d)| of light that is displaced by at most a distance (um), (ring,)."""
     return np.asarray(2 * np.sin(np.pi * np.minimum(edges[1:] * abs(distance), 0.5)))
-
-
-def rms_of(factors: FloatArray, power: FloatArray) -> float:
-    """Return the root mean square, over frame and bands, of light multiplied by factors (band or 1, ring)."""
-    return float(np.sqrt((np.asarray(factors) ** 2 * power).sum() / power.shape[0]))
-
-
-def largest_of(factors: FloatArray, amplitude: FloatArray) -> float:
-    """Return an upper bound for light times these factors, over all points and bands."""
-    return float((np.asarray(factors) * amplitude).sum(axis=1).max())

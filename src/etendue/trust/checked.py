@@ -196,7 +196,7 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
     """Compare every record with the pipeline in it, its copy in the journal, the file beside it, and earlier runs."""
     folder, known = stored.folder, dict[str, set[str]]()
     readable = {run.path.name: run for run in every_record(folder)}
-    newest, made = list(readable.values()), dict[str, Any]()
+    newest, made = list(readable.values()), Document()
     place = {run.path.name: number for number, run in enumerate(newest)}
     for path in record_paths(folder):
         file, run = f"runs/{path.name}", readable.get(path.name)

@@ -48,7 +48,7 @@ from etendue.plan.reports import Reports
 from etendue.plan.resume import is_of_names, with_stored_values
 from etendue.plugins.discovery import table_file
 from etendue.present.terminal import tables
-from etendue.types.documents import Document
+from etendue.types.documents import Document, DocumentView
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def store_files(stored: Stored, again: Again, ended: bool) -> dict[str, bytes]:
     return {**tree.held, "zarr.json": tree.consolidated({})}
 
 
-def _put_table(tree: Tree, name: str, table: Mapping[str, Any]) -> None:
+def _put_table(tree: Tree, name: str, table: DocumentView) -> None:
     for column, (dims, values, attrs) in table["arrays"].items():
         tree.put_array(name, column, values, dims, attrs)
     tree.put_group(name, table.get("attrs", {}))

@@ -12,3 +12,4 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]  # numbers, booleans or texts, as the variable declares
 FloatArray = NDArray[np.floating]  # of any precision
+CellArrays = dict[str, Any]  # by variable: an array, its bands, or what an observer has made of it

@@ -8,21 +8,23 @@ Out: ``Named``: all quantities of a sensor, the same ones for every body, each w
 from __future__ import annotations
 
 import csv
+import math
 import tomllib
 from collections.abc import Mapping
 from decimal import Decimal
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from etendue import plain_files
 from etendue.errors import RequestError
+from etendue.types.documents import Document, DocumentView
 from etendue_camera.cameras import camconst
 from etendue_camera.cameras.databases import Index, given_files, installed_files, lens_index
 from etendue_camera.cameras.documents import Named, Value, kept
 from etendue_camera.cameras.lensfun import LICENCE, Camera
 from etendue_camera.cameras.names import meant, plain
-from etendue_camera.cameras.tuned import values_of_tuning
+from etendue_camera.cameras.tuned import packaged_tuning, values_of
+from etendue_camera.cameras.tunings import SOURCE
 
 DATA = Path(__file__).parents[1] / "data"
 LISTED = "etendue cameras"
@@ -48,8 +50,8 @@ def _rows(name: str) -> list[dict[str, str]]:
 
 
 @cache
-def formats() -> dict[str, dict[str, Any]]:
-    """Return the stand-ins for values that no source gives, by sensor format."""
+def formats() -> dict[str, Document]:
+    """Return what stands in for values that no source gives, by the format of the sensor."""
     text = (DATA / "cameras" / "formats.toml").read_text(encoding="utf-8")
     return tomllib.loads(text, parse_float=Decimal)
 
@@ -95,11 +97,14 @@ def body(name: str) -> Named:
     """Return a body by its full name."""
     row = packaged().get(name, {})
     listed = next((one for own, one in cameras().items() if plain(own) == plain(name)), None)
-    form = row.get("format") or _format_of(listed.crop_factor if listed else 1.0)
+    crop = math.log(listed.crop_factor if listed else 1.0)
+    crops = {name: float(one["crop"]) for name, one in formats().items() if name not in ("all", "machine vision")}
+    form = row.get("format") or min(crops, key=lambda name: abs(math.log(crops[name]) - crop))  # nearest in ratio
     given = stand_ins(form)
     facts = {"format": Value(form, TYPICAL, "as makers name it; it chooses the stand-ins")}
     if row.get("tuning"):
-        tuned, more = values_of_tuning(row["tuning"], given)
+        tuning = row["tuning"]
+        tuned, more = values_of(packaged_tuning(tuning), f"{SOURCE}, src/ipa/rpi/vc4/data/{tuning}.json", given)
         given |= tuned
         facts |= more
     if row.get("sensor"):
@@ -121,12 +126,6 @@ def body(name: str) -> Named:
         given,
         facts,
     )
-
-
-def _format_of(crop: float) -> str:
-    """Return the sensor format whose crop factor has the smallest ratio to this one."""
-    known = {name: float(one["crop"]) for name, one in formats().items() if name not in ("all", "machine vision")}
-    return min(known, key=lambda name: abs(known[name] / crop - 1 if known[name] > crop else crop / known[name] - 1))
 
 
 def stand_ins(form: str) -> dict[str, Value]:
@@ -182,7 +181,7 @@ def levels() -> dict[str, camconst.Constants]:
 def _published(sensor: str) -> dict[str, Value]:
     """Return the values of a packaged sensor, except its curves."""
     text = (DATA / "sensors" / f"{sensor}.toml").read_text(encoding="utf-8")
-    document: Mapping[str, Any] = tomllib.loads(text, parse_float=Decimal)
+    document: DocumentView = tomllib.loads(text, parse_float=Decimal)
     return {
         key: Value(one["value"], one["source"], one.get("note", ""))
         for key, one in document["camera"].items()

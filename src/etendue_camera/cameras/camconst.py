@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.types.documents import Document
 from etendue_camera.arrays import FloatArray
 from etendue_camera.cameras.names import full_name
 
@@ -66,7 +67,7 @@ def constants(data: bytes, name: str) -> dict[str, Constants]:
         raise ValueError(f"{name} is no camconst.json: {' '.join(str(error).split())[:160]}") from None
 
 
-def _entry(entry: dict[str, Any]) -> Constants:
+def _entry(entry: Document) -> Constants:
     ranges = entry.get("ranges", {})
     black, _ = _levels(ranges.get("black"))
     white, by_iso = _levels(ranges.get("white"))

@@ -15,9 +15,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from etendue import cache
+from etendue.types.documents import Document
 from etendue_camera.cameras.lensfun import Camera, Database, read_database
 from etendue_camera.cameras.names import full_name
 from etendue_camera.field.lens_calibration import Lens
@@ -108,7 +108,7 @@ def lens_index() -> Index | None:
 def _index(folder: Path, states: tuple[tuple[str, int, int], ...]) -> Index:
     key = hashlib.sha256(repr((_FORM, str(folder), states)).encode()).hexdigest()
     kept = cache.read("cameras", f"{key}.json")
-    document: dict[str, Any] | None = None
+    document: Document | None = None
     try:
         document = json.loads(kept) if kept else None
     except ValueError:
@@ -127,7 +127,7 @@ def _index(folder: Path, states: tuple[tuple[str, int, int], ...]) -> Index:
     )
 
 
-def _document(folder: Path, files: list[str]) -> dict[str, Any]:
+def _document(folder: Path, files: list[str]) -> Document:
     mounts: dict[str, tuple[str, ...]] = {}
     cameras: list[list[object]] = []
     lenses: dict[str, list[str]] = {}

@@ -15,18 +15,19 @@ from typing import Any
 
 import numpy as np
 
+from etendue.types.documents import Document
 from etendue_camera.arrays import FloatArray
 
 MOST_TAGS, MOST_DIRECTORIES, MOST_VALUES = 4096, 64, 1 << 20
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
 _CODES = {3: "H", 4: "I", 6: "b", 8: "h", 9: "i", 11: "f", 12: "d", 13: "I"}
 _COLOURS = "RGBCMYW"
-SUBFILE, SUBS, MODEL, PATTERN_DIM, PATTERN = 254, 330, 50708, 33421, 33422
-BLACK, WHITE, NOISE, LAYOUT = 50714, 50717, 51041, 50711
+SUBS, MODEL, PATTERN_DIM, PATTERN = 330, 50708, 33421, 33422
+BLACK, WHITE, NOISE = 50714, 50717, 51041
 MATRICES, LIGHTS = (50721, 50722), (50778, 50779)
 OPCODES = (51008, 51009, 51022)
 ISO, EXIF = 34855, 34665
-WARP_RECTILINEAR, VIGNETTE_RADIAL, GAIN_MAP = 1, 3, 9
+WARP_RECTILINEAR, VIGNETTE_RADIAL = 1, 3
 
 
 @dataclass(frozen=True)
@@ -192,8 +193,8 @@ def _noise(values: Any) -> tuple[tuple[float, float], ...]:
     return pairs
 
 
-def _opcodes(own: dict[int, Any]) -> dict[str, Any]:
-    """Return the opcodes that this module reads. Opcodes are big-endian, even in little-endian files."""
+def _opcodes(own: dict[int, Any]) -> Document:
+    """Return the opcodes that are read; they are big-endian whatever the file is."""
     warp, vignette, other = None, (), list[int]()
     for tag in OPCODES:
         block = bytes(own.get(tag, b""))

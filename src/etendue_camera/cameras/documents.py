@@ -15,6 +15,7 @@ from typing import Any
 
 from etendue import cache
 from etendue.pipeline import toml
+from etendue.types.documents import Document
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Value:
     note: str = ""
     licence: str = ""
 
-    def table(self) -> dict[str, Any]:
+    def table(self) -> Document:
         found = {"value": self.value, "source": self.source, "licence": self.licence, "note": self.note}
         return {key: one for key, one in found.items() if one != "" or key == "value"}
 

@@ -19,6 +19,7 @@ from etendue_camera.cameras import bodies, camconst, dng
 from etendue_camera.cameras.documents import Named, Value
 from etendue_camera.cameras.sensitivities import sensitivity
 from etendue_camera.cameras.tuned import values_of
+from etendue_camera.cameras.tunings import tuning
 
 LARGEST_JSON, LARGEST_RAW = 8 << 20, 512 << 20
 KNOWN = "a DNG, a tuning of libcamera, a sensitivity of rawtoaces, a camconst.json of RawTherapee"
@@ -74,7 +75,7 @@ def table_in(path: Path) -> str | None:
 def _of_tuning(data: bytes, path: Path) -> Named:
     try:
         given = bodies.stand_ins("phone")
-        found, facts = values_of(data, path.name, given)
+        found, facts = values_of(tuning(data, path.name), path.name, given)
     except ValueError as error:
         raise RequestError(str(error)) from None
     return Named(path.stem, "body", "a sensor tuning of libcamera; the rest stands in", given | found, facts)

@@ -21,17 +21,8 @@ def packaged_tuning(name: str) -> Tuning:
     return tuning(path.read_bytes(), path.name)
 
 
-def values_of_tuning(name: str, given: Mapping[str, Value]) -> tuple[dict[str, Value], dict[str, Value]]:
-    """Return the camera values of a packaged tuning for the given pitch and bits, and other facts that it states."""
-    return _values(packaged_tuning(name), f"{SOURCE}, src/ipa/rpi/vc4/data/{name}.json", given)
-
-
-def values_of(data: bytes, name: str, given: Mapping[str, Value]) -> tuple[dict[str, Value], dict[str, Value]]:
-    """Return the same values and facts from the content of a tuning."""
-    return _values(tuning(data, name), name, given)
-
-
-def _values(own: Tuning, source: str, given: Mapping[str, Value]) -> tuple[dict[str, Value], dict[str, Value]]:
+def values_of(own: Tuning, source: str, given: Mapping[str, Value]) -> tuple[dict[str, Value], dict[str, Value]]:
+    """Return camera values of a tuning, at the pitch and bits that are given, and other facts it states."""
     bits = int(given["bits"].value)
     pitch = float(str(given["pixel_pitch"].value).split()[0])
     found = {"black_level": Value(round(own.black / 2 ** (16 - bits), 3), source, f"in {bits} bits", LICENCE)}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from etendue.archive import places
 from etendue.errors import RequestError, nearest
+from etendue_camera.export import command
 
 if TYPE_CHECKING:
     from etendue.builder.archives import Archive
@@ -48,16 +49,14 @@ def export(
     RequestError
         If a kind, variable or value does not exist.
     """
-    from etendue_camera.export.command import SUFFIXES, ExportRequest, export
-
-    if kind not in SUFFIXES:
-        raise RequestError(f"unknown kind of file {kind!r}{nearest(kind, SUFFIXES)}")
+    if kind not in command.SUFFIXES:
+        raise RequestError(f"unknown kind of file {kind!r}{nearest(kind, command.SUFFIXES)}")
     names = (variables,) if isinstance(variables, str) else tuple(variables)
     where = tuple(f"{axis}={value}" for axis, value in at.items())
     to = Path(output) if output is not None else None
     with places.reading(archive.place) as folder:
-        done = export(
-            ExportRequest(
+        done = command.export(
+            command.ExportRequest(
                 folder,
                 **{kind: True},
                 variables=names,

@@ -26,11 +26,8 @@ if TYPE_CHECKING:
     from etendue_camera.arrays import FloatArray
 
 COLOURS = "RGB"
-D50_XYZ = (
-    0.96422,
-    1.0,
-    0.82521,
-)  # of the profile connection space: ICC.1, and the DNG specification's forward matrices
+# of the profile connection space: ICC.1, and the DNG specification's forward matrices
+D50_XYZ = (0.96422, 1.0, 0.82521)
 OTHER_LIGHT = 255
 LIGHTS = {"A": 17, "B": 18, "C": 19, "D55": 20, "D65": 21, "D75": 22, "D50": 23}  # EXIF LightSource
 LARGEST_PERIOD = 8

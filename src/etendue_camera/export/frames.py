@@ -17,7 +17,6 @@ from typing import Any
 import xarray
 
 from etendue.archive.checks.describe import describe_archive
-from etendue.archive.journaling.journal import read_journal
 from etendue.archive.read.reading import metadata_of
 from etendue.archive.read.stored import Stored
 from etendue.archive.read.verified_store import VouchedStore
@@ -128,10 +127,6 @@ class Shelf:
     def store(self) -> Any:
         return VouchedStore.of(self.stored.archive)
 
-    @cached_property
-    def journal(self) -> DocumentView:
-        return read_journal(self.folder / "journal.jsonl")
-
     # -- pictures -------------------------------------------------------------------------------------
 
     def groups(self, variable: str, stage: str = "") -> list[StageGroup]:
@@ -238,7 +233,7 @@ class Shelf:
         """Return the key of the cell, which identifies exactly what it was computed from."""
         axes = _cell_axes(frame.group.data)
         labels = {dim: value for dim, value in frame.labels.items() if dim in axes}
-        entry = self.journal.get(cell_label(frame.group.stage, labels))
+        entry = self.stored.journal.entries.get(cell_label(frame.group.stage, labels))
         return entry.key if entry is not None else ""
 
 

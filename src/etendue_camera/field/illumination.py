@@ -171,14 +171,7 @@ def segment_area(half_angle: Floats) -> Floats:
     u = 2.0 * np.asarray(half_angle)
     squared = u * u
     series: Floats = 0.0
-    for k in (
-        17,
-        15,
-        13,
-        11,
-        9,
-        7,
-        5,
-    ):  # u^3/6 (1 - u^2/20 (1 - u^2/42 (...))); omitted terms are below 1e-17 for u < 1.2
+    # u^3/6 (1 - u^2/20 (1 - u^2/42 (...))); omitted terms are below 1e-17 for u < 1.2
+    for k in (17, 15, 13, 11, 9, 7, 5):
         series = squared / ((k - 1) * k) * (1.0 - series)
     return 0.5 * np.where(u < 1.2, u * squared / 6.0 * (1.0 - series), u - np.sin(u))

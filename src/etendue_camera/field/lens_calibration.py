@@ -76,17 +76,13 @@ class Lens:
         """Return half the diagonal (mm) of the sensor of the calibration: where fall-off has r = 1."""
         return 0.5 * DIAGONAL / self.crop_factor
 
-    def half_side(self) -> float:
-        """Return half its short side (mm): where distortion has r = 1."""
-        return self.half_diagonal() / math.hypot(self.aspect, 1.0)
-
     def heights(self, ideal_mm: FloatArray, focal: float) -> FloatArray:
         """Return the real height (mm) of each ideal height in blue, green and red, (heights, 3).
 
         A polynomial may fold back at large heights. Beyond the first fold of a colour its curve continues along the
         tangent, so that real heights always ascend.
         """
-        unit = self.half_side()
+        unit = self.half_diagonal() / math.hypot(self.aspect, 1.0)  # half the short side, where distortion has r = 1
         r = np.asarray(ideal_mm) / unit
         moved = distorted(interpolated(self.distortion, focal, "distortion"), r)
         colours = np.stack(dispersed(interpolated(self.tca, focal, "tca"), moved), axis=-1)
@@ -111,15 +107,10 @@ def chosen(entries: Sequence[Lens], crop_factor: float) -> Lens:
     than its own. If no entry covers the sensor, or its crop factor is unknown, the entry of the largest sensor is used.
     """
     require.that(len(entries) > 0, "a lens needs at least one entry")
-    ranks = [_rank(crop_factor / one.crop_factor) for one in entries]
+    ranks = [next((score for least, score in RANKS if crop_factor / one.crop_factor >= least), 0) for one in entries]
     if max(ranks) == 0:
         return min(entries, key=lambda one: one.crop_factor)
     return entries[ranks.index(max(ranks))]
-
-
-def _rank(ratio: float) -> int:
-    """Return lensfun's score for the crop factor of the body over that of the calibration; 0 means not covered."""
-    return next((score for least, score in RANKS if ratio >= least), 0)
 
 
 def interpolated(points: Sequence[Point], focal: float, kind: str) -> Point | None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any
 
 from etendue import plain_files
 from etendue.contract.stage import file_state
+from etendue.types.documents import DocumentView
 from etendue_camera.field.lens_calibration import MODELS, Lens, Point
 
 FORM = "etendue lens 1"
@@ -86,7 +86,7 @@ def _numbers(values: Any, count: int, low: float = -1e6, high: float = 1e6) -> t
     return found
 
 
-def _lens(one: Mapping[str, Any]) -> Lens:
+def _lens(one: DocumentView) -> Lens:
     pairs = {kind: tuple(_point(kind, point) for point in one[kind]) for kind in MODELS}
     crop, aspect = _numbers((one["crop_factor"], one["aspect"]), 2, 0.05, 100.0)
     low, high = _numbers(one["focal"], 2, 1e-3, 1e5)
@@ -104,7 +104,7 @@ def _lens(one: Mapping[str, Any]) -> Lens:
     )
 
 
-def _point(kind: str, one: Mapping[str, Any]) -> Point:
+def _point(kind: str, one: DocumentView) -> Point:
     model = _text(one["model"])
     if model not in MODELS[kind]:
         raise ValueError(f"{kind} has a model {model!r}; known are {', '.join(MODELS[kind])}")

@@ -25,9 +25,8 @@ WAVELENGTHS = ("wavelength", "wavelengths", "wave", "wl", "lambda", "bands")
 
 def numpy_array(path: Path, variable: str) -> Cube:
     """Read ``.npy``: one array, no names."""
-    return Cube(
-        np.array(np.load(path, mmap_mode="r", allow_pickle=False))
-    )  # a file shorter than declared is rejected at once
+    # a file shorter than declared is rejected at once
+    return Cube(np.array(np.load(path, mmap_mode="r", allow_pickle=False)))
 
 
 def numpy_arrays(path: Path, variable: str) -> Cube:

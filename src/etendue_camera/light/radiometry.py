@@ -85,34 +85,6 @@ def aplanatic_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnif
     return np.pi / (4.0 * working**2)
 
 
-def t_number_factor(t_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
-    """Return E/L on axis for a lens with a T-number, pi / (4 T_w^2), including its losses.
-
-    Parameters
-    ----------
-    t_number : float, 1
-        f-number of the lossless aplanatic lens with the same transmitted light; above 0.
-    magnification, pupil_magnification : float, 1
-        As in `working_f_number`: T_w = T (1 - m/m_p).
-
-    Returns
-    -------
-    float, sr
-        Irradiance per scene radiance, at most pi.
-
-    Raises
-    ------
-    ValueError
-        As `aplanatic_factor`.
-
-    Notes
-    -----
-    Source: ISO 517, T = N / sqrt(transmittance), which makes it `aplanatic_factor` of N times the transmittance. Error:
-    below 4e-16 relative.
-    """
-    return aplanatic_factor(t_number, magnification, pupil_magnification)
-
-
 def t_number_of(f_number: Floats, transmittance: Floats) -> Floats:
     """Return the T-number of a lens, N / sqrt(transmittance).
 
@@ -161,27 +133,6 @@ def exit_pupil_distance(
     require.positive("focal_length_mm", focal_length_mm)
     working_f_number(1.0, magnification, pupil_magnification)  # raises on invalid values
     return focal_length_mm * (pupil_magnification - magnification)
-
-
-def etendue(area: Floats, factor: Floats) -> Floats:
-    """Return the etendue of a pixel: its area times the projected solid angle of the light that reaches it.
-
-    Parameters
-    ----------
-    area : float, um2
-    factor : float, sr
-        E/L on the axis, `aplanatic_factor` or `flat_disc_factor`: pi sin^2 of the half angle of the cone.
-
-    Returns
-    -------
-    float, um2 sr
-        The power on the pixel is the scene's radiance times this, times the transmittance.
-
-    Notes
-    -----
-    Source: G = A pi sin^2 theta in air; a lens conserves it, A/m^2 on the object side times pi (m sin theta)^2.
-    """
-    return area * factor
 
 
 def flat_disc_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:

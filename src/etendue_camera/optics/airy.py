@@ -86,30 +86,6 @@ def slope(v: FloatArray) -> FloatArray:
     )
 
 
-def hermite_table(highest: float, step: float) -> FloatArray:
-    """Return cubics of the pattern from v = 0 to ``highest``: (intervals, 4) coefficients in v/step - index, constant
-    first.
-    """
-    v = step * np.arange(int(highest / step) + 3)
-    value, rise = pattern(v), step * slope(v)
-    change = np.diff(value)
-    return np.stack(
-        [value[:-1], rise[:-1], 3.0 * change - 2.0 * rise[:-1] - rise[1:], rise[:-1] + rise[1:] - 2.0 * change], axis=1
-    )
-
-
-def from_hermite_table(table: FloatArray, step: float, v: FloatArray) -> FloatArray:
-    """Return the pattern at v (0 or above, within the table) from a `hermite_table` of this step.
-
-    Error: 0.625/384 step^4.
-    """
-    place = v * (1.0 / step)
-    index = place.astype(np.intp)
-    place -= index
-    a, b, c, d = (np.take(column, index, mode="clip") for column in np.ascontiguousarray(table.T))
-    return a + place * (b + place * (c + place * d))
-
-
 def encircled(v: Floats) -> Floats:
     """Return 1 - J0^2 - J1^2; below v = 1 by its power series. Error: below 2e-15 relative for v from 1e-12 to 1e8."""
     power = np.minimum(v, _SERIES_BELOW) ** 2 / 4.0

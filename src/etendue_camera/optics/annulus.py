@@ -2,9 +2,8 @@
 
 In:  radius (um) or radial spatial frequency (cycles/um), wavelength (um), working f-number of the full circle,
      obstruction.
-Out: transfer function and point spread function; without an obstruction exactly those of the circle.
-Sources: O'Neill, Transfer function for an annular aperture, Journal of the Optical Society of America 46 (1956), 285;
-Born and Wolf, Principles of Optics, section 8.6.2.
+Out: transfer function; without an obstruction exactly that of the circle.
+Sources: O'Neill, Transfer function for an annular aperture, Journal of the Optical Society of America 46 (1956), 285.
 
 The obstruction eps is the diameter of the dark disc over that of the aperture. The f-number is that of the whole
 circle: the fraction eps^2 of light blocked by the disc belongs to the transmittance or the T-number.
@@ -19,53 +18,6 @@ from etendue_camera.arrays import FloatArray, Floats
 from etendue_camera.optics import airy, diffraction
 
 _SEGMENT_SERIES = [(-1) ** k / factorial(2 * k + 3) for k in range(9)]
-
-
-def annular_intensity(r: Floats, wavelength: Floats, f_number: Floats, obstruction: float) -> Floats:
-    """Return the point spread function relative to its peak, [(a(v) - eps^2 a(eps v)) / (1 - eps^2)]^2.
-
-    Here a(v) = 2 J1(v)/v.
-
-    Parameters
-    ----------
-    r : (...) array, um
-        Distance from the centre; the sign does not matter.
-    wavelength, f_number : float, um and 1
-        Above 0.
-    obstruction : float, 1
-        From 0 (the Airy pattern) to below 1 (approaching J0(v)^2).
-
-    Returns
-    -------
-    (...) array, 1
-        In [0, 1], exactly 1 at r = 0.
-
-    Raises
-    ------
-    ValueError
-        For a wavelength or f-number that is not above 0, or an obstruction outside [0, 1).
-
-    Notes
-    -----
-    Source: Born and Wolf eq. 8.6.19. Error: that of the Airy pattern plus 1e-15/(1 - eps^2) absolute.
-    """
-    require.must(0.0 <= obstruction < 1.0, "obstruction", obstruction, "at least 0 and below 1")
-    v = np.abs(r) * (np.pi / diffraction.spot(wavelength, f_number))
-    if obstruction == 0.0:
-        return airy.pattern(v)
-    hole = obstruction * obstruction
-    found = (airy.amplitude(v) - hole * airy.amplitude(obstruction * v)) / ((1.0 - obstruction) * (1.0 + obstruction))
-    return np.where(v == 0.0, 1.0, found * found)[()]
-
-
-def annular_psf_density(r: Floats, wavelength: Floats, f_number: Floats, obstruction: float) -> Floats:
-    """Return the point spread function (um-2), whose integral over the plane is 1.
-
-    Its peak is pi (1 - eps^2)/(4 (lambda N)^2). Parameters, errors and exceptions are those of `annular_intensity`.
-    """
-    require.must(0.0 <= obstruction < 1.0, "obstruction", obstruction, "at least 0 and below 1")
-    peak = np.pi * (1.0 - obstruction) * (1.0 + obstruction) / (4.0 * diffraction.spot(wavelength, f_number) ** 2)
-    return peak * annular_intensity(r, wavelength, f_number, obstruction)
 
 
 def annular_otf(frequency: Floats, wavelength: Floats, f_number: Floats, obstruction: float) -> Floats:
@@ -89,7 +41,7 @@ def annular_otf(frequency: Floats, wavelength: Floats, f_number: Floats, obstruc
     Raises
     ------
     ValueError
-        As for `annular_intensity`.
+        For a wavelength or f-number that is not above 0, or an obstruction outside [0, 1).
 
     Notes
     -----

@@ -76,68 +76,6 @@ def airy_psf_density(r: Floats, wavelength: Floats, f_number: Floats) -> Floats:
     return np.pi / (4.0 * spot(wavelength, f_number) ** 2) * airy_intensity(r, wavelength, f_number)
 
 
-def airy_psf_stack(
-    y: FloatArray, x: FloatArray, wavelengths: FloatArray, f_number: float, tolerance: float = 0.0
-) -> FloatArray:
-    """Return Airy point spread functions on one grid for many wavelengths.
-
-    Parameters
-    ----------
-    y : (ny,) array, um
-    x : (nx,) array, um
-        Positions relative to the centre of the spot. Rows and columns that are exact mirror images are computed once:
-        on a symmetric grid, spacing x (i - n // 2), only an eighth of the samples are evaluated.
-    wavelengths : (bands,) array, um
-        Above 0.
-    f_number : float, 1
-        Working f-number, above 0.
-    tolerance : float, 1
-        Largest error relative to the peak. With 0 the closed form is used everywhere; otherwise a table of the pattern
-        may be used.
-
-    Returns
-    -------
-    (bands, ny, nx) array, um-2
-        Integrates to 1 over the plane, as `airy_psf_density`; float32 if y and x are.
-
-    Raises
-    ------
-    ValueError
-        For positions that are not one-dimensional, a wavelength or f-number that is not above 0, or a tolerance outside
-        [0, 1).
-
-    Notes
-    -----
-    The pattern depends only on v = pi r/(lambda N), so one table of values and slopes serves all wavelengths. The error
-    of cubic interpolation is step^4/384 times the fourth derivative, which is largest at the centre, where it is 5/8.
-    Error: that of `airy_psf_density` for tolerance 0; otherwise the measured error is below the tolerance.
-    """
-    y, x, bands = np.asarray(y), np.asarray(x), np.atleast_1d(np.asarray(wavelengths, float))
-    require.that(y.ndim == 1 and x.ndim == 1, f"y has shape {y.shape} and x {x.shape}; both must be one-dimensional")
-    require.must(0.0 <= tolerance < 1.0, "tolerance", tolerance, "at least 0 and below 1")
-    spots = np.atleast_1d(spot(bands, f_number))
-    kind = np.result_type(y, x, np.float32)
-    rows, row_of = np.unique(np.abs(y).astype(float), return_inverse=True)
-    columns, column_of = np.unique(np.abs(x).astype(float), return_inverse=True)
-    if rows.shape == columns.shape and np.array_equal(rows, columns):
-        first, second = np.tril_indices(rows.size)
-        radius = np.hypot(rows[first], columns[second])
-        low, high = np.minimum(row_of[:, None], column_of), np.maximum(row_of[:, None], column_of)
-        where = high * (high + 1) // 2 + low
-    else:
-        radius = np.hypot(rows[:, None], columns).ravel()
-        where = row_of[:, None] * columns.size + column_of
-    farthest = np.pi * radius.max(initial=0.0) / spots.min(initial=np.inf)
-    step = (384.0 * tolerance / 0.625) ** 0.25
-    table = airy.hermite_table(farthest, step) if step > 0.0 and farthest / step < radius.size else None
-    stack = np.empty((bands.size, y.size, x.size), kind)
-    for plane, size in zip(stack, spots, strict=True):
-        v = radius * (np.pi / size)
-        values = airy.pattern(v) if table is None else airy.from_hermite_table(table, step, v)
-        np.take((values * (np.pi / (4.0 * size * size))).astype(kind), where, out=plane, mode="clip")
-    return stack
-
-
 def airy_encircled(r: Floats, wavelength: Floats, f_number: Floats) -> Floats:
     """Return the fraction of the energy inside a circle, 1 - J0(v)^2 - J1(v)^2.
 

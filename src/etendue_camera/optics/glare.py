@@ -18,8 +18,8 @@ from etendue import require
 from etendue_camera.arrays import FloatArray, Floats
 
 
-def tail_psf(radius: Floats, r0: float, power: float = 3.0) -> Floats:
-    """Return the PSF of the tail, (p - 2)/(2 pi r0^2) (1 + (r/r0)^2)^(-p/2), whose integral over the plane is 1.
+def tail_within(radius: Floats, r0: float, power: float = 3.0) -> Floats:
+    """Return the fraction of the tail's light inside a radius, 1 - (1 + (r/r0)^2)^(1 - p/2).
 
     Parameters
     ----------
@@ -29,31 +29,15 @@ def tail_psf(radius: Floats, r0: float, power: float = 3.0) -> Floats:
     power : float, 1
         Exponent p of the decay, above 2: for a power of 2 the integral diverges.
 
-    Returns
-    -------
-    (...) array, um-2
-
     Raises
     ------
     ValueError
         For r0 or power out of range.
-    """
-    _check(r0, power)
-    return (power - 2.0) / (2.0 * np.pi * r0**2) * (1.0 + np.square(np.asarray(radius) / r0)) ** (-0.5 * power)
-
-
-def tail_within(radius: Floats, r0: float, power: float = 3.0) -> Floats:
-    """Return the fraction of the tail's light inside a radius, 1 - (1 + (r/r0)^2)^(1 - p/2).
-
-    Parameters
-    ----------
-    radius, r0 : um
-    power : float, 1
-        As for `tail_psf`, which also lists the exceptions.
 
     Notes
     -----
-    Half of the light of a power-3 tail lies within sqrt(3) r0, 99 % within 100 r0. Error: 4e-16 absolute.
+    The tail is (p - 2)/(2 pi r0^2) (1 + (r/r0)^2)^(-p/2), whose integral over the plane is 1. Half of the light of a
+    power-3 tail lies within sqrt(3) r0, 99 % within 100 r0. Error: 4e-16 absolute.
     """
     _check(r0, power)
     return -np.expm1((1.0 - 0.5 * power) * np.log1p(np.square(np.asarray(radius) / r0)))
@@ -67,7 +51,7 @@ def tail_otf(frequency: Floats, r0: float, power: float = 3.0) -> Floats:
     frequency : (...) array, cycles/um
         Radial frequency.
     r0, power : float
-        As for `tail_psf`, which also lists the exceptions.
+        As for `tail_within`, which also lists the exceptions.
 
     Returns
     -------
@@ -102,7 +86,7 @@ def glare_otf(radial: FloatArray, fraction: float, veil: float, r0: float, power
     fraction, veil : float, 1
         Fractions of the light in the tail and in the veil; 0 or above, with a sum of at most 1.
     r0, power : float
-        Parameters of the tail, as for `tail_psf`.
+        Parameters of the tail, as for `tail_within`.
 
     Returns
     -------

@@ -7,17 +7,14 @@ PSF_lens of the seed paper (eq. 1) comes from an optical design program. Such pr
 or an image.
 """
 
-from math import log, pi, sqrt
-from typing import Literal
+from math import pi, sqrt
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from etendue import require
 from etendue_camera.arrays import FloatArray, Floats
 
-FWHM_OF_SIGMA = 2.0 * sqrt(2.0 * log(2.0))
 """Full width at half maximum of a Gaussian of standard deviation 1."""
 
 _BLOCK = 2**20  # elements of a block of frequencies x radii, 8 MB
@@ -50,18 +47,6 @@ def gaussian_otf(fy: FloatArray, fx: FloatArray, sigma: float) -> FloatArray:
     require.must(0.0 <= sigma < np.inf, "sigma", sigma, "finite and 0 or above, in um")
     scale = sqrt(2.0) * pi * float(sigma)  # a plain float keeps float32 arrays float32
     return np.exp(-((scale * fy) ** 2)) * np.exp(-((scale * fx) ** 2))
-
-
-def gaussian_sigma_from_fwhm(fwhm: Floats) -> Floats:
-    """Return the standard deviation of the Gaussian with a given full width at half maximum, in the same unit.
-
-    Raises
-    ------
-    ValueError
-        For a negative or NaN width.
-    """
-    require.must(np.asarray(fwhm) >= 0.0, "fwhm", fwhm, "0 or above")
-    return fwhm / FWHM_OF_SIGMA
 
 
 def mean_square_radius(radius: FloatArray, psf: FloatArray) -> float:
@@ -136,66 +121,6 @@ def radial_psf_otf(frequency: Floats, radius: FloatArray, psf: FloatArray) -> Fl
         values = np.polynomial.chebyshev.chebval(2.0 * flat / highest - 1.0, series) if highest else flat
     values = np.where(flat == 0.0, 1.0, values)
     return values.reshape(frequency.shape).astype(frequency.dtype, copy=False)[()]
-
-
-def psf_image_otf(
-    fy: FloatArray,
-    fx: FloatArray,
-    image: FloatArray,
-    spacing: float,
-    centre: Literal["sample", "centroid"] = "sample",
-) -> NDArray[np.complexfloating]:
-    """Return the transfer function of an image of a point on a grid of any frequencies.
-
-    Parameters
-    ----------
-    fy : (ny,) or (ny, 1) array, cycles/um
-    fx : (nx,) or (1, nx) array, cycles/um
-        They need not be related to the size of the image.
-    image : (my, mx) array, any unit
-        The point spread function, background removed; small negative noise is allowed.
-    spacing : float, um
-        Distance between samples, above 0.
-    centre : {"sample", "centroid"}
-        Origin: the centre sample (my // 2, mx // 2), so that a point away from it shifts the result as measured; or the
-        centroid, so that nothing shifts.
-
-    Returns
-    -------
-    (ny, nx) array, complex, 1
-        1 at zero frequency, conjugate at opposite frequencies; complex64 if every input is float32.
-
-    Raises
-    ------
-    ValueError
-        For an image that is not two-dimensional and finite with a sum above 0, a spacing that is not above 0, or an
-        unknown centre.
-
-    Notes
-    -----
-    Source: discrete Fourier sum as two matrix products. It repeats every 1/spacing, so the result is meaningless beyond
-    1/(2 spacing).
-    Error: below 1e-15 absolute (float64), 1e-7 (float32), for images of 64 by 64 samples.
-    """
-    image = np.asarray(image)
-    require.that(
-        image.ndim == 2 and np.all(np.isfinite(image)),
-        f"image has shape {image.shape}; it must be two-dimensional with finite samples",
-    )
-    require.must(0.0 < spacing < np.inf, "spacing", spacing, "finite and above 0 um")
-    require.must(centre in ("sample", "centroid"), "centre", repr(centre), "'sample' or 'centroid'")
-    energy = float(np.sum(image, dtype=float))
-    require.that(energy > 0.0, f"image sums to {energy}; a point spread function has a sum above 0")
-    precision = np.result_type(np.asarray(fy), np.asarray(fx), image, np.float32)
-    kind = np.result_type(precision, np.complex64)
-    rows, columns = (np.arange(n, dtype=float) - n // 2 for n in image.shape)
-    if centre == "centroid":
-        rows = rows - rows @ np.sum(image, axis=1, dtype=float) / energy
-        columns = columns - np.sum(image, axis=0, dtype=float) @ columns / energy
-    # phases in float64: they reach hundreds of turns
-    wave_y = np.exp(-2j * np.pi * spacing * np.outer(np.asarray(fy, float), rows)).astype(kind)
-    wave_x = np.exp(-2j * np.pi * spacing * np.outer(columns, np.asarray(fx, float))).astype(kind)
-    return wave_y @ (image / energy).astype(precision) @ wave_x
 
 
 def _table_quadrature(radius: FloatArray, psf: FloatArray, highest: float) -> tuple[FloatArray, FloatArray]:

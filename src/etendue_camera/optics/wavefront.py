@@ -100,34 +100,6 @@ def zernike_orders(count: int, index: Index = "noll") -> list[tuple[int, int]]:
     return [noll_order(j + 1) if index == "noll" else ansi_order(j) for j in range(count)]
 
 
-def zernike_sum(coefficients: tuple[float, ...], y: Floats, x: Floats, index: Index = "noll") -> Floats:
-    """Return the wavefront of Zernike coefficients.
-
-    Parameters
-    ----------
-    coefficients : sequence of float, um
-        The first is piston: index 1 (Noll) or 0 (ANSI).
-    y, x : arrays that broadcast, 1
-    index : {"noll", "ansi"}
-
-    Returns
-    -------
-    broadcast array, um
-        Its rms over the unit disc is the root sum of squares of all coefficients but the first.
-
-    Raises
-    ------
-    ValueError
-        For an unknown index, or coefficients that are not finite.
-    """
-    require.that(np.all(np.isfinite(coefficients)), f"coefficients are {coefficients}; they must be finite")
-    total = np.zeros(np.broadcast(y, x).shape)
-    for value, (n, m) in zip(coefficients, zernike_orders(len(coefficients), index), strict=True):
-        if value:
-            total = total + value * zernike(n, m, y, x)
-    return total
-
-
 @dataclass(frozen=True)
 class Seidel:
     """Third-order (Seidel) wavefront coefficients, in um of optical path at the pupil edge and full image height.
@@ -202,18 +174,6 @@ def defocus(shift: float, f_number: float, y: Floats, x: Floats) -> Floats:
     return shift * (sine / (1.0 + np.sqrt(np.maximum(1.0 - sine, 0.0))))
 
 
-def defocus_w020(shift: Floats, f_number: Floats) -> Floats:
-    """Return the paraxial defocus coefficient shift/(8 N_w^2), in the unit of the shift; `defocus` states its error.
-
-    Raises
-    ------
-    ValueError
-        For an f-number that is not above 0.
-    """
-    require.positive("f_number", f_number)
-    return shift / (8.0 * f_number * f_number)
-
-
 def rms(amplitude: FloatArray, path: FloatArray) -> float:
     """Return the standard deviation of the optical path over the pupil, in its unit.
 
@@ -228,32 +188,3 @@ def rms(amplitude: FloatArray, path: FloatArray) -> float:
     require.that(total > 0.0, f"amplitude sums to {total}; it must be above 0")
     mean = float(np.sum(amplitude * path)) / total
     return sqrt(float(np.sum(amplitude * (path - mean) ** 2)) / total)
-
-
-def strehl_ratio(amplitude: FloatArray, path: FloatArray, wavelength: float) -> float:
-    """Return the Strehl ratio |mean exp(2 pi i W/lambda)|^2: the peak of a point image relative to that without
-    aberrations.
-
-    Parameters
-    ----------
-    amplitude : (ny, nx) array, 1
-        Open fraction of each pupil cell.
-    path : (ny, nx) array, um
-    wavelength : float, um
-        Above 0.
-
-    Returns
-    -------
-    float, 1
-        In [0, 1]; equal to exp(-(2 pi rms/lambda)^2) up to terms of the fourth power of rms/lambda (Mahajan 1983).
-
-    Raises
-    ------
-    ValueError
-        For a wavelength or a sum of amplitudes that is not above 0.
-    """
-    require.positive("wavelength", wavelength, " um")
-    total = float(np.sum(amplitude))
-    require.that(total > 0.0, f"amplitude sums to {total}; it must be above 0")
-    wave = np.sum(amplitude * np.exp(2j * np.pi / wavelength * path)) / total
-    return float(min(wave.real**2 + wave.imag**2, 1.0))

@@ -194,13 +194,6 @@ def gaussian_object(fy: ArrayLike, fx: ArrayLike, sigma: float) -> FloatArray:
     return np.asarray(2 * math.pi * sigma**2 * np.exp(-2 * (math.pi * sigma) ** 2 * squared))
 
 
-def rectangle_object(fy: ArrayLike, fx: ArrayLike, height: float, width: float) -> FloatArray:
-    """Return the spectrum of a rectangle of height 1, pixel^2; sides in pixels."""
-    return np.asarray(
-        height * width * np.sinc(height * np.asarray(fy, np.float64)) * np.sinc(width * np.asarray(fx, np.float64))
-    )
-
-
 def ideal_observer(quanta: ArrayLike, spectrum: ArrayLike, square: Square, contrast: float = 1.0) -> float:
     """Return SNRi, the detectability of a known object by the ideal observer: contrast sqrt(integral of |spectrum|^2
     NEQ).

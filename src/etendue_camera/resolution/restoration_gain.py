@@ -55,29 +55,6 @@ def response_noise_gain(response: ArrayLike, spectrum: ArrayLike | None = None) 
     return math.sqrt(float((power * spectrum).sum() / spectrum.sum()))
 
 
-def bilinear_noise_spectrum(fy: ArrayLike, fx: ArrayLike, green: bool) -> NDArray:
-    """Return the power spectrum of white noise of a Bayer mosaic after bilinear demosaicing, averaged over the pixels
-    of a tile.
-
-    Parameters
-    ----------
-    fy, fx : (...) array, cycles/pixel
-    green : bool
-        The channel on every second pixel, or one of those on every fourth.
-
-    Returns
-    -------
-    (...) array, dimensionless
-        1 for noise as white as that of the mosaic. Its mean is the mean variance: 5/8 in green, 9/16 in red and blue.
-
-    Notes
-    -----
-    The squared response of the interpolation kernel times the fraction of pixels with a sample.
-    """
-    cy, cx = np.cos(2 * np.pi * np.asarray(fy, dtype=float)), np.cos(2 * np.pi * np.asarray(fx, dtype=float))
-    return 0.5 * (1 + 0.5 * (cy + cx)) ** 2 if green else 0.25 * ((1 + cy) * (1 + cx)) ** 2
-
-
 def mtf50_gain(
     system: Callable[[NDArray], NDArray], response: Callable[[NDArray], NDArray], highest: float = 1.0, nodes: int = 256
 ) -> float:

@@ -68,15 +68,14 @@ def through(places: FloatArray, values: FloatArray) -> tuple[Spline, ...]:
     require.that(len(places) >= 3, f"a spline needs at least 3 places, not {len(places)}")
     h = np.diff(places)
     slope = np.diff(values, axis=0) / h[:, None]
-    rise = _rise(places, h, slope) if len(places) > 3 else _of_a_parabola(h, slope)
+    if len(places) > 3:
+        rise = _rise(places, h, slope)
+    else:
+        half = (slope[1] - slope[0]) / (h[0] + h[1])
+        rise = np.stack([slope[0] - h[0] * half, slope[0] + h[0] * half, slope[1] + h[1] * half])
     bend = (rise[:-1] + rise[1:] - 2 * slope) / h[:, None]
     terms = np.stack([values[:-1], rise[:-1], (slope - rise[:-1]) / h[:, None] - bend, bend / h[:, None]])
     return tuple(Spline(places, np.ascontiguousarray(terms[:, :, i])) for i in range(values.shape[1]))
-
-
-def _of_a_parabola(h: FloatArray, slope: FloatArray) -> FloatArray:
-    half = (slope[1] - slope[0]) / (h[0] + h[1])
-    return np.stack([slope[0] - h[0] * half, slope[0] + h[0] * half, slope[1] + h[1] * half])
 
 
 def _rise(places: FloatArray, h: FloatArray, slope: FloatArray) -> FloatArray:

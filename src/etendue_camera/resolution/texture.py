@@ -105,9 +105,8 @@ def texture_response(
     fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
     radial = np.hypot(fy, fx)
     ring = np.minimum((radial / NYQUIST * count).astype(np.intp), count)
-    twice = (
-        np.where((fx > 0) & (fx < NYQUIST), 2.0, 1.0) * np.ones(shape[:1])[:, None]
-    )  # the half plane that rfft leaves out
+    # the half plane that rfft leaves out
+    twice = np.where((fx > 0) & (fx < NYQUIST), 2.0, 1.0) * np.ones(shape[:1])[:, None]
 
     def total(values: FloatArray) -> FloatArray:
         return np.asarray(np.bincount(ring.ravel(), (twice * values).ravel(), count + 1)[:count], np.float64)
@@ -133,9 +132,8 @@ def texture_response(
     number = total(np.ones_like(radial))
     free = 0.5 * number / 1.94  # a Hann window correlates 1.94 frequencies along each axis; half are mirrored
     doubt = np.abs(sfr) * np.sqrt((1 - coherence) / np.maximum(2 * coherence * free, 1e-300))
-    sfr, frequency, coherence, doubt = (
-        part[1:] for part in (sfr, frequency, coherence, doubt)
-    )  # the first contains the mean
+    # the first contains the mean
+    sfr, frequency, coherence, doubt = (part[1:] for part in (sfr, frequency, coherence, doubt))
     mtf50, mtf10 = (falls_to(share, frequency, sfr) for share in (0.5, 0.1))
     return TextureResponse(frequency, sfr, coherence, doubt, mtf50, mtf10, math.isnan(mtf50), scale, shift)
 

@@ -1,4 +1,4 @@
-"""Two equal points, or two lines, through any transfer function: depth of the dip between them, and its limit.
+"""Two equal points through any transfer function: depth of the dip between them, and its limit.
 
 In:  a real transfer function of radial frequency (cycles/um), photon weights by wavelength, separations (um).
 Out: brightness midway over that of a peak (1), Sparrow's and Rayleigh's separation (um).
@@ -26,7 +26,6 @@ Transfer = Callable[[FloatArray], NDArray]  # (n,) cycles/um -> (n,) or (wavelen
 
 RAYLEIGH_SADDLE = 0.735031662423275
 """Brightness midway over that of a peak, for two Airy discs at the Rayleigh separation."""
-KINDS = ("point", "line")
 DARK = 1e-3  # relative to the peak; below it a ring counts as dark
 NODES = 400
 STEP = 1 / 16  # of 1/highest, step of the search for a sign change: the spread has no finer ripple than 1/2
@@ -37,34 +36,27 @@ RINGS = 33  # distances from a dark ring to twice its radius at which the next b
 
 @dataclass(frozen=True)
 class SpreadFunction:
-    """The image of one point, or one line, from its transfer function: value and derivatives at distances (n,) in um.
+    """The image of one point from its transfer function: value and derivatives at distances (n,) in um.
 
-    A point gives the integral of 2 pi f H J0(2 pi f r), a line that of 2 H cos(2 pi f r), both on Gauss-Legendre nodes.
+    It is the integral of 2 pi f H J0(2 pi f r), on Gauss-Legendre nodes.
     """
 
     frequency: FloatArray
     weight: FloatArray  # of the node, with the transfer function
-    kind: str
 
     def value(self, r: FloatArray) -> FloatArray:
         z = 2 * np.pi * np.multiply.outer(np.asarray(r, np.float64), self.frequency)
-        if self.kind == "line":
-            return np.asarray(np.cos(z) @ (2 * self.weight), np.float64)
         return np.asarray(scipy.special.j0(z) @ (2 * np.pi * self.frequency * self.weight), np.float64)
 
     def slope(self, r: FloatArray) -> FloatArray:
         z = 2 * np.pi * np.multiply.outer(np.asarray(r, np.float64), self.frequency)
         turn = 2 * np.pi * self.frequency
-        if self.kind == "line":
-            return np.asarray(-np.sin(z) @ (2 * turn * self.weight), np.float64)
         return np.asarray(-scipy.special.j1(z) @ (turn**2 * self.weight), np.float64)
 
     def bend(self, r: FloatArray) -> FloatArray:
         """Return the second derivative along the line through both points."""
         z = 2 * np.pi * np.multiply.outer(np.asarray(r, np.float64), self.frequency)
         turn = 2 * np.pi * self.frequency
-        if self.kind == "line":
-            return np.asarray(-np.cos(z) @ (2 * turn**2 * self.weight), np.float64)
         share = np.where(z > 1e-4, scipy.special.j1(z) / np.where(z > 1e-4, z, 1.0), 0.5 - z * z / 16)
         return np.asarray((share - scipy.special.j0(z)) @ (turn**3 * self.weight), np.float64)
 
@@ -73,9 +65,7 @@ class SpreadFunction:
         return float(self.frequency[-1] + self.frequency[0])
 
 
-def spread_of(
-    otf: Transfer, highest: float, weights: ArrayLike | None = None, kind: str = "point", nodes: int = NODES
-) -> SpreadFunction:
+def spread_of(otf: Transfer, highest: float, weights: ArrayLike | None = None, nodes: int = NODES) -> SpreadFunction:
     """Return the spread function of a transfer function.
 
     Parameters
@@ -88,7 +78,6 @@ def spread_of(
         ``highest`` reduces the accuracy to 2e-6.
     weights : (wavelength,) array or None
         Photons by wavelength; None: equal bands.
-    kind : {"point", "line"}
     nodes : int
         Number of nodes of the integral, at least 16. Distances up to nodes/(2 highest) are resolved.
 
@@ -98,7 +87,6 @@ def spread_of(
         If arguments are out of range, or the transfer function has another shape or values that are not finite.
     """
     require.only(0 < highest < math.inf, "highest", highest, "a finite frequency above 0")
-    require.only(kind in KINDS, "kind", repr(kind), f"one of {', '.join(KINDS)}")
     require.only(nodes >= 16, "nodes", nodes, "at least 16")
     places, width = _gauss(nodes)
     frequency = 0.5 * highest * (places + 1)
@@ -118,7 +106,7 @@ def spread_of(
     require.that(
         np.isfinite(found).all(), "otf returns values that are not finite; it must be a transfer function up to highest"
     )
-    return SpreadFunction(frequency, 0.5 * highest * width * found, kind)
+    return SpreadFunction(frequency, 0.5 * highest * width * found)
 
 
 @lru_cache(maxsize=8)
@@ -135,7 +123,6 @@ def two_point_saddle(
     highest: float,
     weights: ArrayLike | None = None,
     *,
-    kind: str = "point",
     nodes: int = NODES,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the depth of the dip between the images of two equal incoherent points.
@@ -143,7 +130,7 @@ def two_point_saddle(
     Parameters
     ----------
     separation : (...) array, um, 0 or above
-    otf, highest, weights, kind, nodes
+    otf, highest, weights, nodes
         As for `spread_of`.
 
     Returns
@@ -164,43 +151,9 @@ def two_point_saddle(
     """
     places = np.asarray(separation, np.float64)
     require.must((places >= 0).all(), "separation", places, "0 or above")
-    spread = spread_of(otf, highest, weights, kind, nodes)
+    spread = spread_of(otf, highest, weights, nodes)
     found = np.array([_saddle(spread, float(s)) for s in places.ravel()]).reshape(-1, 2)
     return found[:, 0].reshape(places.shape)[()], found[:, 1].reshape(places.shape)[()]
-
-
-def sparrow_separation(
-    otf: Transfer, highest: float, weights: ArrayLike | None = None, *, kind: str = "point", nodes: int = NODES
-) -> float:
-    """Return the separation at which the dip between two points disappears, um.
-
-    Twice the first distance at which the second derivative of the spread vanishes. NaN if there is none within the
-    resolution of ``nodes``. Error: 1e-12 of the Airy disc's 0.947155 lambda N, and 1e-12 of 2 sigma of a Gaussian.
-    Arguments as for `spread_of`.
-    """
-    return _sparrow(spread_of(otf, highest, weights, kind, nodes))
-
-
-def rayleigh_separation(
-    otf: Transfer,
-    highest: float,
-    weights: ArrayLike | None = None,
-    *,
-    kind: str = "point",
-    nodes: int = NODES,
-    dark: float = DARK,
-) -> float:
-    """Return the separation at which one point lies on the other's first dark ring, um, or one with an equal dip.
-
-    A ring is dark if the first minimum of the spread is at most ``dark`` of its peak and a brighter one follows.
-    Otherwise (mixed wavelengths, a pixel, an aberrated lens) it is the separation whose midpoint has 0.7350 of a peak's
-    brightness, as for two Airy discs at Rayleigh's separation, so that both rules agree where they meet. NaN if there
-    is none.
-
-    Arguments as for `spread_of`. Error: 1e-12 of the Airy disc's 1.219670 lambda N.
-    """
-    spread = spread_of(otf, highest, weights, kind, nodes)
-    return _rayleigh(spread, _sparrow(spread), dark)
 
 
 def separations(
@@ -208,20 +161,28 @@ def separations(
 ) -> tuple[float, float]:
     """Return Rayleigh's and Sparrow's separation of two points, um, from one spread function.
 
+    Rayleigh's: one point lies on the other's first dark ring. A ring is dark if the first minimum of the spread is
+    at most ``DARK`` of its peak and a brighter one follows. Without one (mixed wavelengths, a pixel, an aberrated
+    lens) the separation is that whose midpoint has 0.7350 of a peak's brightness, as for two Airy discs at
+    Rayleigh's separation, so that both rules agree where they meet. Sparrow's: the dip between the points
+    disappears; twice the first distance at which the second derivative of the spread vanishes. NaN if there is none
+    within the resolution of ``nodes``. Error: 1e-12 of the Airy disc's 1.219670 and 0.947155 lambda N, and 1e-12 of
+    Sparrow's 2 sigma of a Gaussian.
+
     Arguments as for `spread_of`; ``within``: relative error allowed for a separation's root, 0: full precision.
     """
     spread = spread_of(otf, highest, weights, nodes=nodes)
     sparrow = _sparrow(spread, within)
-    return _rayleigh(spread, sparrow, DARK, within), sparrow
+    return _rayleigh(spread, sparrow, within), sparrow
 
 
-def _rayleigh(spread: SpreadFunction, sparrow: float, dark: float, within: float = 0.0) -> float:
+def _rayleigh(spread: SpreadFunction, sparrow: float, within: float = 0.0) -> float:
     peak = spread.value(np.zeros(1))[0]
     ring = _first_rise(spread, spread.slope, within)
     if ring is not None:
         depth = spread.value(np.array([ring]))[0]
         behind = spread.value(np.linspace(ring, 2 * ring, RINGS)).max()
-        if abs(depth) <= dark * peak < behind - depth:  # a monotonic spread has no ring
+        if abs(depth) <= DARK * peak < behind - depth:  # a monotonic spread has no ring
             return ring
     near = sparrow
     if math.isnan(near):

@@ -71,9 +71,8 @@ def denoise(planes: NDArray, shot: float, floor: float, radius: int = 2, strengt
 
 def _one(plane: NDArray, shot: float, floor: float, size: int) -> NDArray:
     mean = _box(plane, size)
-    middle = (
-        float(mean.mean()) if mean.size else 0.0
-    )  # subtracted before computing variances: avoids cancellation for a small variance on a bright background
+    # subtracted before computing variances: avoids cancellation for a small variance on a bright background
+    middle = float(mean.mean()) if mean.size else 0.0
     variance = _box((plane - middle) ** 2, size) - (mean - middle) ** 2
     noise = shot * np.maximum(mean, 0) + floor
     kept = np.divide(np.maximum(variance - noise, 0), variance, out=np.zeros_like(plane), where=variance > 0)

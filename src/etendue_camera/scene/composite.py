@@ -178,9 +178,8 @@ def patch_contribution(rows_profile: FloatArray, columns_profile: FloatArray, sp
     table = np.asarray(spectra, dtype=np.result_type(rows_profile, columns_profile))
     if table.ndim != 2 or len(table) != rows * columns:
         raise ValueError(f"spectra must have shape ({rows * columns}, n), got {table.shape}")
-    along_x = (
-        np.ascontiguousarray(table.T).reshape(-1, rows, columns) @ columns_profile
-    )  # contiguous: for strided arrays, the sum depends on n before numpy 2.3
+    # contiguous: for strided arrays, the sum depends on n before numpy 2.3
+    along_x = np.ascontiguousarray(table.T).reshape(-1, rows, columns) @ columns_profile
     return rows_profile.T @ along_x
 
 

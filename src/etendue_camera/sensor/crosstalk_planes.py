@@ -73,9 +73,8 @@ def channel_transfer(
         if np.abs(waves[..., p, q]).max() > 1e-15:
             own = kept[:, None, None] + np.swapaxes(moved[:, :, None] * in_y[p], 1, 2) @ in_x[q]
             total = total + waves[..., p, q, None, None] * own
-    whole = kept + moved @ (
-        along_y.sum(axis=1) * along_x.sum(axis=1)
-    )  # charge beyond the tables is spread over the kernel
+    # charge beyond the tables is spread over the kernel
+    whole = kept + moved @ (along_y.sum(axis=1) * along_x.sum(axis=1))
     return total / whole[:, None, None]
 
 

@@ -21,10 +21,9 @@ from etendue_camera.spectra.luminance import (
     luminance_notes,
     luminance_of,
     rendered_share,
-    unmeasured_share,
 )
 from etendue_camera.spectra.named import ENDINGS, spectrum
-from etendue_camera.spectra.names import camera_range, check_camera, check_illuminant, check_rgb_space, rgb_space_names
+from etendue_camera.spectra.names import check_camera, check_illuminant, check_rgb_space, range_of, rgb_space_names
 from etendue_camera.spectra.reflectances import require_shares
 from etendue_camera.spectra.spaces import (
     adaptation_matrix,
@@ -40,7 +39,6 @@ __all__ = [
     "Edges",
     "FloatArray",
     "adaptation_matrix",
-    "camera_range",
     "camera_rows",
     "camera_sensitivity",
     "check_camera",
@@ -62,6 +60,7 @@ __all__ = [
     "luminance_notes",
     "luminance_of",
     "luminous_efficiency",
+    "range_of",
     "rendered_share",
     "require_rows",
     "require_shares",
@@ -72,7 +71,6 @@ __all__ = [
     "spectrum",
     "srgb_to_xyz",
     "table_from_csv",
-    "unmeasured_share",
     "upsampling_basis",
     "white_chromaticity",
     "xyz_to_lms_matrix",

@@ -21,20 +21,18 @@ from etendue_camera.spectra.names import COMPUTED, EYE, MOST_OF_IT, line_of, ran
 UNMEASURED = 0.01  # fraction of the luminance that may depend on an extended end value
 
 
-def luminance_of(name: str, lowest: float = EYE[0], highest: float = EYE[1]) -> float:
+def luminance_of(name: str) -> float:
     """Return the luminance of a light, K_m times the integral of S V.
 
     Parameters
     ----------
     name : str
         As for `illuminant`.
-    lowest, highest : float, nm
-        Part of the light to include; default: the visible range.
 
     Returns
     -------
     float, cd m-2
-        For a radiance with the values of `illuminant`, W m-2 sr-1 nm-1; 0 for a line outside.
+        For a radiance with the values of `illuminant`, W m-2 sr-1 nm-1; 0 for an invisible line.
 
     Raises
     ------
@@ -50,7 +48,7 @@ def luminance_of(name: str, lowest: float = EYE[0], highest: float = EYE[1]) -> 
     bins of 5, 10, 20 (380-780 nm), 50 and 100 nm (400-700 nm), for the lines of FL11 by 2.8e-4, 1.0e-3 and 3.1e-3 with
     5, 10 and 20 nm.
     """
-    total, held = _luminance_of(str(name), float(lowest), float(highest), state_of(name))
+    total, held = _luminance_of(str(name), *EYE, state_of(name))
     if held > UNMEASURED * total:
         rows = illuminant_rows(name)[0]
         raise ValueError(
@@ -60,12 +58,6 @@ def luminance_of(name: str, lowest: float = EYE[0], highest: float = EYE[1]) -> 
             "scene's radiance"
         )
     return total
-
-
-def unmeasured_share(name: str) -> float:
-    """Return the fraction of the luminance of a light that depends on the end values of its table."""
-    total, held = _luminance_of(str(name), *EYE, state_of(name))
-    return held / total if total > 0 else 0.0
 
 
 @lru_cache(maxsize=256)
@@ -182,7 +174,8 @@ def luminance_notes(name: str, lowest: float, highest: float) -> list[str]:
     said = []
     first, last = range_of(name)
     if first > MOST_OF_IT[0] - 40 or last < MOST_OF_IT[1] + 40:
-        share = unmeasured_share(name)
+        whole, held = _luminance_of(name, *EYE, state_of(name))
+        share = held / whole if whole > 0 else 0.0
         if share > CONSEQUENCE:
             said.append(
                 f"illuminant {name!r} is tabulated from {first:g} to {last:g} nm: outside, its end values are used, "

@@ -70,20 +70,14 @@ def line_of(name: str) -> float | None:
     return float(computed[1]) if computed and computed[2] == "nm" else None
 
 
-def range_of(name: str) -> tuple[float, float]:
-    """Return the lowest and highest wavelength (nm) of an illuminant's table; the visible range if it is computed."""
-    return EYE if name == "E" or COMPUTED.fullmatch(name) else _rows_from(name) or tables("illuminant")[name]
-
-
-def camera_range(name: str) -> tuple[float, float]:
-    """Return the lowest and highest wavelength (nm) of a camera's table."""
-    return _rows_from(name) or tables("camera")[name]
-
-
-def _rows_from(name: str) -> tuple[float, float] | None:
-    """Return the lowest and highest wavelength (nm) of a table in a file."""
-    rows = csv_rows(name)[1] if spectrum(name) else None
-    return None if rows is None else (float(rows[0]), float(rows[-1]))
+def range_of(name: str, kind: str = "illuminant") -> tuple[float, float]:
+    """Return the lowest and highest wavelength (nm) of a table; the visible range of a light that is computed."""
+    if kind == "illuminant" and (name == "E" or COMPUTED.fullmatch(name)):
+        return EYE
+    if not spectrum(name):
+        return tables(kind)[name]
+    rows = csv_rows(name)[1]
+    return float(rows[0]), float(rows[-1])
 
 
 def brought() -> list[str]:

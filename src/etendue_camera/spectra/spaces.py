@@ -34,7 +34,7 @@ def rgb_space_white(name: str) -> str:
     A white counts as an illuminant's if its chromaticity is the published one.
     """
     space = shipped.space(name)
-    published = _published_white(str(space["white_name"]))
+    published = white_chromaticity(str(space["white_name"]))
     own = (float(space["white"][0]), float(space["white"][1]))
     return str(space["white_name"]) if published == own else name
 
@@ -43,10 +43,8 @@ def white_chromaticity(name: str) -> tuple[float, float] | None:
     """Return xy of the white of an RGB space, or of an illuminant as published (CIE 15, 1931 observer); None for a
     light that has none.
     """
-    return rgb_space_primaries(name)[1] if name in list(shipped.names("space")) else _published_white(name)
-
-
-def _published_white(name: str) -> tuple[float, float] | None:
+    if name in list(shipped.names("space")):
+        return rgb_space_primaries(name)[1]
     found = shipped.white(name)
     return None if found is None else (float(found[0]), float(found[1]))
 

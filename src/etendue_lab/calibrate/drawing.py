@@ -22,7 +22,8 @@ def photon_transfer(checks: list[Document], name: str, notice: str = "") -> Plot
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1), gridspec_kw={"hspace": 0.08})
     rows: list[list[str | float]] = []
     for number, check in enumerate(checks):
-        shown = [row for row in check["levels"] if row["variance"] > 0.05 * _peak(check)]
+        peak = max(float(row["variance"]) for row in check["levels"])
+        shown = [row for row in check["levels"] if row["variance"] > 0.05 * peak]
         x, measured, predicted = (_of(shown, key) for key in ("signal", "variance", "variance_predicted"))
         order = np.argsort(x)
         error = (_of(shown, "variance_high") - _of(shown, "variance_low")) / 2
@@ -61,10 +62,6 @@ def photon_transfer(checks: list[Document], name: str, notice: str = "") -> Plot
         figure.get_layout_engine().set(rect=(0, 0.035, 1, 0.965))
         figure.text(0.99, 0.01, notice, ha="right", va="bottom", fontsize=6, color="0.35")
     return Plot(figure, ["channel", "signal", "variance", "variance_predicted"], rows)
-
-
-def _peak(check: Document) -> float:
-    return max(float(row["variance"]) for row in check["levels"])
 
 
 def _of(rows: list[Document], key: str) -> Any:

@@ -104,15 +104,15 @@ def edge_blur(
     used = [one for one in models if one.channel[0] in "WG"] or models[:1]
     for model in used:
         row, column, step = places[model.channel]
-        image[row::step, column::step] = _linear(codes[row::step, column::step], model)
-        sites[row::step, column::step] = True
+        fit, own = model.response, (slice(row, None, step), slice(column, None, step))
+        charge = (codes[own] - model.values["black_level"].value) / fit.gain
+        image[own] = response.unbent(charge, max(fit.bend, 0.0), fit.order, fit.full / fit.gain)
+        sites[own] = True
     top = 2 ** models[0].bits - 1
     if float((codes[sites] >= top).mean()) > CLIPPED:
         raise RequestError(f"--edge {path}: the bright side is at the top code {top}; take it with less light")
     try:
-        found = edge_resolution(
-            image, order=BEND, sites=None if sites.all() else sites, confidence=confidence
-        )  # fmt: skip
+        found = edge_resolution(image, order=BEND, sites=None if sites.all() else sites, confidence=confidence)
     except ValueError as error:
         raise RequestError(f"--edge {path}: {' '.join(str(error).split())[:200]}; --edge-window selects it") from None
     if found.doubts:
@@ -131,10 +131,3 @@ def edge_blur(
         Estimate(ends[0], ends[1], ends[2], "um"), Estimate(found.mtf50, low, high, "cycles/pixel"), found.angle,
         float(np.abs(found.response.sfr - blurred)[below].max()), path.name, sha256(path),
     )  # fmt: skip
-
-
-def _linear(codes: Array, model: SensorModel) -> Array:
-    """Return codes above black as electrons, with the non-linear response inverted."""
-    fit = model.response
-    charge = (codes - model.values["black_level"].value) / fit.gain
-    return np.asarray(response.unbent(charge, max(fit.bend, 0.0), fit.order, fit.full / fit.gain))

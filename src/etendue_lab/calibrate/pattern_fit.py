@@ -51,7 +51,6 @@ class PatternFit:
     shading: float = 0.0  # rms
     waves: list[Wave] = field(default_factory=list)
     outliers: int = 0
-    outlier_extremes: tuple[float, float] = (0.0, 0.0)
     outlier_values: Array = field(default_factory=lambda: np.zeros(0))
     surface: Array = field(default_factory=lambda: np.zeros((DEGREE + 1, DEGREE + 1)))  # Legendre coefficients
     pixels: int = 0
@@ -78,20 +77,16 @@ def fit(found: Pattern, shaded: bool) -> PatternFit:
     result.outliers = int(outliers.sum())
     if result.outliers:
         result.outlier_values = rest.mean[outliers]
-        result.outlier_extremes = (float(rest.mean[outliers].min()), float(rest.mean[outliers].max()))
-    # the mean without outliers differs from the mean of all pixels
+    # without outliers the mean is another
     centre = rest.groups.mean(axis=(1, 2), where=mask, keepdims=True)
     rest = Pattern(np.where(mask, rest.groups - centre, 0.0), rest.frames)
     white = rest.variance()
-    lines = {
-        name: Pattern(rest.groups.mean(axis=axis + 1, keepdims=True), rest.frames)
-        for name, axis in (("rows", 1), ("columns", 0))
-    }
-    crossed = {name: _crossed(one.groups) for name, one in lines.items()}
-    # Variance of the part without rows and columns.
-    alone = (white.value - sum(crossed.values())) / (1 - 1 / shape[0] - 1 / shape[1])
+    lines = {name: rest.groups.mean(axis=axis + 1, keepdims=True) for name, axis in (("rows", 1), ("columns", 0))}
+    k = len(rest.groups)  # products of different groups give the variance over pixels
+    crossed = {name: float(((g.sum(0) ** 2 - (g**2).sum(0)) / (k * (k - 1))).mean()) for name, g in lines.items()}
+    alone = (white.value - sum(crossed.values())) / (1 - 1 / shape[0] - 1 / shape[1])  # without rows and columns
     for name, axis in (("rows", 1), ("columns", 0)):
-        groups = lines[name].groups
+        groups = lines[name]
         count = groups.size // len(groups)
         variance = crossed[name] - alone / shape[axis]
         error = math.sqrt(2 / count) * (
@@ -107,12 +102,6 @@ def fit(found: Pattern, shaded: bool) -> PatternFit:
     result.chance = float(scipy.special.ndtr(-white.value / error)) if error > 0 else 1.0
     result.white = root(white)
     return result
-
-
-def _crossed(groups: Array) -> float:
-    """Return the variance over pixels, from products of different groups, which contain no temporal noise."""
-    k = len(groups)
-    return float(((groups.sum(0) ** 2 - (groups**2).sum(0)) / (k * (k - 1))).mean())
 
 
 def root(square: Estimate) -> Estimate:

@@ -46,7 +46,9 @@ def fit(curve: Curve) -> ResponseFit:
             )
     bits = max(1, math.ceil(math.log2(curve.top + 1)))
     light, signal, variance = curve.exposure[used], curve.signal[0, used], curve.variance[0, used]
-    dark = np.full(light.size, _flat(curve))
+    weight = np.array([one.frames - 1.0 for one in curve.dark])
+    flat = float((np.array([one.variance[0] for one in curve.dark]) * weight).sum() / weight.sum())
+    dark = np.full(light.size, flat)
     frames = np.array([one.frames for one in curve.moments])[used]
     pixels = curve.moments[0].pixels
     darks = float(sum(one.frames for one in curve.dark))
@@ -122,11 +124,6 @@ def _after(curve: Curve, used: Array) -> Array:
     apart = after - light * (light @ after) / (light @ light)
     # if exposure times are proportional to the light, dark charge cannot be distinguished from light
     return after if np.ptp(times) > 0 and float(apart.std()) > 0.05 * float(after.std()) else np.zeros(times.size)
-
-
-def _flat(curve: Curve) -> float:
-    weight = np.array([one.frames - 1.0 for one in curve.dark])
-    return float((np.array([one.variance[0] for one in curve.dark]) * weight).sum() / weight.sum())
 
 
 def _scatter(light: Array, signal: Array, statistical: Array) -> float:

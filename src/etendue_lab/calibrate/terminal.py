@@ -17,6 +17,7 @@ from etendue.present.plots.plot import check_suffix
 from etendue.present.terminal.terminal import _out, _print_whole, _table, escape
 from etendue.result_files import check_folder, write_whole
 from etendue.types.documents import Document
+from etendue_lab.calibrate.drawing import photon_transfer
 from etendue_lab.calibrate.study import Geometry, calibrated
 
 PERCENT = ("dark_nonuniformity", "light_excess", "prnu", "prnu_total", "quantum_efficiency", "bend")
@@ -31,7 +32,7 @@ def print_calibration(document: Document) -> None:
     )
     for one in document["channels"]:
         columns = (
-            ("parameter", "left", lambda row: f"{row['name'].replace('_', ' ')}, {_unit(row)}".removesuffix(", ")),
+            ("parameter", "left", _named),
             ("value", "right", lambda row: _text(row, "value")),
             ("interval", "left", lambda row: f"{_text(row, 'low')} to {_text(row, 'high')}"),
             ("how", "left", "how"),
@@ -89,8 +90,9 @@ def _print_check(console: Any, check: Document) -> None:
         )
 
 
-def _unit(row: Document) -> str:
-    return "%" if row["name"] in PERCENT else str(row["unit"])
+def _named(row: Document) -> str:
+    unit = "%" if row["name"] in PERCENT else row["unit"]
+    return f"{row['name'].replace('_', ' ')}{', ' * bool(unit)}{unit}"
 
 
 def _text(row: Document, name: str) -> str:
@@ -137,8 +139,6 @@ def calibrate_command(
             document["notes"].append("its pixel pitch is assumed: give --pitch UM; charges do not depend on it")
         document["notes"].append(f'[camera] sensor = "./{output.name}" uses {output}')
     if figure is not None:
-        from etendue_lab.calibrate.drawing import photon_transfer
-
         photon_transfer(document["checks"], document["measurement"]).save(figure)
     tell(as_json, document, print_calibration)
     sys.exit(3 if any(not all(one["within"].values()) for one in document["checks"]) else 0)

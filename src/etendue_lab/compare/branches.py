@@ -246,7 +246,11 @@ class ReferenceBranch:
         for node in self.nodes[self.nodes.index(demosaic) + 1 :]:
             if node.is_probe or not any(s in self.twin for _, s, _ in node.inputs[0]):
                 continue
-            if node.name == self.compared and _restores(node):
+            reads = {d.variable for d in reads_of(node.kind).values() if not d.variable.startswith("*.")}
+            restores = reads == {CAMERA} and CAMERA in node.writes and node.kind.role in RESTORING
+            if (
+                node.name == self.compared and restores
+            ):  # a picture that it only improves is compared with what needs none
                 self.twin[node.name] = next(self.twin[s] for _, s, v in node.inputs[0] if v == CAMERA)
                 self.without = node.name
                 self.notes.append(
@@ -263,11 +267,3 @@ class ReferenceBranch:
 
 def _changes(node: Node, variable: str) -> bool:
     return variable in node.writes and variable in _read(node)
-
-
-def _restores(node: Node) -> bool:
-    """Return whether a stage only improves camera values. The reference of such a stage is free of the defects that it
-    corrects.
-    """
-    reads = {d.variable for d in reads_of(node.kind).values() if not d.variable.startswith("*.")}
-    return reads == {CAMERA} and CAMERA in node.writes and node.kind.role in RESTORING

@@ -33,11 +33,8 @@ from etendue_lab.compare.figures import BORDER
 
 ANGLE = 5.0  # degrees from the columns
 ROWS, COLUMNS, MARGIN = 120, 96, 12  # pixels; the margin is light around the frame
-DARK, BRIGHT, SATURATED = (
-    0.2,
-    0.8,
-    0.7,
-)  # contrast 4:1 as in ISO 12233; the bright field stays below this fraction of clipping
+# contrast 4:1 as in ISO 12233; the bright field stays below this fraction of clipping
+DARK, BRIGHT, SATURATED = (0.2, 0.8, 0.7)
 SAMPLES = 401
 
 

@@ -34,11 +34,8 @@ if TYPE_CHECKING:
 
 PLOT, CROPS = "error_against_time.png", "crops.png"
 MOST_CROPS = 9
-NARROW, WIDE, UNBOUNDED = (
-    112,
-    150,
-    200,
-)  # columns of a terminal that fit all metrics, and the distributions beside them
+# columns of a terminal that fit all metrics, and the distributions beside them
+NARROW, WIDE, UNBOUNDED = (112, 150, 200)
 UNITS = {
     "psnr": "dB",
     "psnr_white": "dB",

@@ -260,10 +260,8 @@ def _row(reader: Reader, branched: Branched, position: int, label: str, repeat: 
     return row
 
 
-def _viewing_white(reader: Reader, branched: Branched, position: int) -> Any:
-    """Return the white to which the viewer is adapted: the target of the white balance, otherwise the white of the
-    scene.
-    """
+def _viewing_white(reader: Reader, branched: Branched, position: int) -> Array:
+    """Return the white to which the viewing eye is adapted: the target of the balance, else that of the scene."""
     assert branched.colour is not None
     name = branched.colour.ours[0]
     stage = reader.plan.cells[reader.ref(name, position)].stage

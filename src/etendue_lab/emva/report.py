@@ -29,10 +29,8 @@ FIGURES = (
     "snr_max",
     "quantum_efficiency",
 )
-SIMULATED = (
-    0.93,
-    0.97,
-)  # range over metrics of the share of intervals that held the true value: benchmarks/emva.py, 900 sensors of 2 kinds
+# range over metrics of the share of intervals that held the true value: benchmarks/emva.py, 900 sensors of 2 kinds
+SIMULATED = (0.93, 0.97)
 HIDDEN = ("read_noise", "dark_current", "dsnu")  # metrics distorted by rounding where it hides the noise of the dark
 SHEET = ("gain", "read_noise", "dark_current", "full_well", "prnu", "quantum_efficiency")
 # Metrics that are uncertain by a step between levels, which the interval over pixels does not include.

@@ -94,8 +94,8 @@ def of_pipeline(
     return EmvaReport(pipeline.name, found, notes)
 
 
-def of_archive(folder: Path, registry: Registry, options: Options | None = None) -> EmvaReport:
-    """Measure a sensor in the raw frames of an archive.
+def of_archive(folder: Path, registry: Registry) -> EmvaReport:
+    """Measure a sensor from the raw frames of an archive.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def of_archive(folder: Path, registry: Registry, options: Options | None = None)
         notes.append(f"{len(names) - len(there)} of {len(names)} cells are missing; their levels are omitted")
     if not any(issubclass(one.kind, FlatScene) for n in plan.nodes if n.is_source for one in n.alternatives):
         notes.append("the scene is not uniform: its contrast counts as a fixed pattern of the sensor")
-    return EmvaReport(pipeline.name, of_plan(plan, read, options, there), notes)
+    return EmvaReport(pipeline.name, of_plan(plan, read, None, there), notes)
 
 
 def _on_the_bench(pipeline: PipelineFile, registry: Registry) -> PipelineFile:

@@ -17,6 +17,7 @@ import numpy as np
 
 from etendue import plain_files
 from etendue.errors import RequestError
+from etendue.types.documents import Document
 from etendue_camera.arrays import Array
 from etendue_lab.frames.frame_set import MOST_FRAMES, Frame, FrameSet, as_codes
 
@@ -115,11 +116,6 @@ def _header(file: IO[bytes], path: Path, member: str) -> tuple[tuple[int, ...], 
     return tuple(shape), dtype, file.tell()
 
 
-def read_npy(path: Path) -> list[ArrayMember]:
-    """Return the one array of a ``.npy`` file."""
-    return [ArrayMember(path, "")]
-
-
 def read_npz(path: Path) -> FrameSet:
     """Read ``.npz`` with `KEYS`, and optionally ``light_photons_per_pixel``, ``light_stack``, ``dark_stack``.
 
@@ -148,7 +144,7 @@ def read_npz(path: Path) -> FrameSet:
     return FrameSet(path, frames, photons, "npz")
 
 
-def _frames(path: Path, name: str, small: dict[str, Any], photons: bool) -> list[Frame]:
+def _frames(path: Path, name: str, small: Document, photons: bool) -> list[Frame]:
     member = ArrayMember(path, name)
     if len(member.full) not in (3, 4):
         raise RequestError(

@@ -14,10 +14,11 @@ import numpy as np
 
 from etendue import plain_files
 from etendue.errors import RequestError
+from etendue.process import unwarned
 from etendue_camera.arrays import Array
 from etendue_camera.picture_files import check_directories, read_picture
 from etendue_lab.frames.frame_set import as_codes
-from etendue_lab.measure.photograph import MOST_PIXELS, RAW, reader
+from etendue_lab.measure.photograph import MOST_PIXELS, RAW, reader, told
 
 PICTURES = frozenset({".png", ".tif", ".tiff"}) | RAW
 _EXIF, _EXPOSURE_TIME = 0x8769, 0x829A
@@ -52,7 +53,7 @@ class PictureFrame:
         except RequestError:
             raise
         except Exception as error:
-            raise RequestError(f"{self.path}: cannot be read as a raw file: {_told(error)}") from None
+            raise RequestError(f"{self.path}: cannot be read as a raw file: {told(error)}") from None
 
     def read(self, index: int) -> Array:
         if self.is_raw:
@@ -62,7 +63,7 @@ class PictureFrame:
             except RequestError:
                 raise
             except Exception as error:
-                raise RequestError(f"{self.path}: cannot be read as a raw file: {_told(error)}") from None
+                raise RequestError(f"{self.path}: cannot be read as a raw file: {told(error)}") from None
         try:
             found = read_picture(str(self.path), MOST_PIXELS).values
         except ValueError as error:
@@ -106,8 +107,6 @@ def _tiff_time(path: Path) -> float:
 def _size(path: Path) -> tuple[int, int]:
     from PIL import Image
 
-    from etendue.process import unwarned
-
     try:
         with unwarned(), Image.open(path) as picture:
             return picture.size[1], picture.size[0]
@@ -117,8 +116,3 @@ def _size(path: Path) -> tuple[int, int]:
         except ValueError as error:
             raise RequestError(str(error)) from None
         return int(shape[0]), int(shape[1])
-
-
-def _told(error: Exception) -> str:
-    text = next((one.decode("ascii", "replace") for one in error.args if isinstance(one, bytes)), str(error))
-    return " ".join(text.split())[:150]

@@ -16,7 +16,7 @@ import numpy as np
 
 from etendue.errors import RequestError
 from etendue_camera.arrays import Array
-from etendue_lab.frames.arrays import read_npy, read_npz
+from etendue_lab.frames.arrays import ArrayMember, read_npz
 from etendue_lab.frames.frame_set import MOST_FRAMES, Frame, FrameSet, Source, Window
 from etendue_lab.frames.pictures import PICTURES, PictureFrame
 from etendue_lab.frames.tables import COLUMNS, Line, read_csv, read_descriptor
@@ -74,7 +74,8 @@ def _sources(path: Path) -> list[tuple[Source, int]]:
     if path.is_dir() or not path.exists():
         raise RequestError(f"{path}: {'is a folder' if path.is_dir() else 'file not found'}; a frame is needed")
     if path.suffix.lower() == ".npy":
-        return [(member, i) for member in read_npy(path) for i in range(member.count)]
+        member = ArrayMember(path, "")
+        return [(member, i) for i in range(member.count)]
     if path.suffix.lower() in PICTURES:
         return [(PictureFrame(path), 0)]
     raise RequestError(f"{path}: is not a frame; give PNG, TIFF, DNG or .npy")

@@ -197,7 +197,7 @@ class FineDetail(FlatField):
         """
         return self.responses(self.flat_mosaic([self.window(self.arrays[0][self.ref][MOSAIC])]), {}, True)
 
-    def sites(self, shape: tuple[int, ...]) -> Any:
+    def sites(self, shape: tuple[int, ...]) -> Array:
         """Return (place, 2): positions of the stepped pixels in the windows of the responses."""
         corner = [shape[i] - (REACH + 4) for i in (-2, -1)]  # windows may be cut at the near border, not at the far one
         return np.array([[corner[0] + y, corner[1] + x] for y, x in self.order])
@@ -223,10 +223,6 @@ class FineDetail(FlatField):
             found = noise_power.spectra(responses, self.sites(responses.shape), fy, fx)
             total = total + weight * noise_power.carried_power(found, variance)
         return total
-
-    def periodogram_of(self, picture: StageVariable, block: int) -> Any:
-        """Return (channel, channel, block, block): expected periodograms of a picture's noise."""
-        return sum(w * noise_power.expected_periodogram(h, v, block) for h, v, w in self.answers[picture])
 
     def names_of(self, picture: StageVariable) -> tuple[str, ...]:
         return tuple(str(v) for v in self.plan.cells[picture[0], ()].grids[picture[1]]["channel"].values())

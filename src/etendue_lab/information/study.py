@@ -123,7 +123,7 @@ class _Chain:
                 picture[0], picture[1], lambda fy, fx, p=picture: self._together(p, fy, fx), self._by_channel(picture)
             )
 
-    def _together(self, picture: StageVariable, fy: Array, fx: Array) -> Any:
+    def _together(self, picture: StageVariable, fy: Array, fx: Array) -> Array:
         return kernel.neq_of_channels(self.detail.signal_in(picture, fy, fx), self.detail.noise_in(picture, fy, fx))
 
     def _by_channel(self, picture: StageVariable) -> dict[str, float]:
@@ -227,7 +227,8 @@ class _Found:
     def _picture(self, place: StageVariable, frames: Array, contrast: Document) -> list[NeqCurve]:
         detail = self.detail
         power, count = noise_power.periodograms(frames, BLOCK)
-        expected_power = detail.periodogram_of(place, BLOCK)
+        answers = detail.answers[place]
+        expected_power: Any = sum(w * noise_power.expected_periodogram(h, v, BLOCK) for h, v, w in answers)
         fy, fx = self._normal()
         signal = np.abs(np.diagonal(detail.signal_in(place, fy, fx), axis1=1, axis2=2))
         zero = np.zeros(1)

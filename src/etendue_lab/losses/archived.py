@@ -59,10 +59,8 @@ def camera_at(folder: Path, at: AxisValues) -> PipelineFile:
     run = recorded(folder)
     pipeline, axes = run.pipeline(), run.record["axes"]
     for key in sorted(pipeline.sweep, key=lambda key: key != SENSOR and not key.endswith(".use")):
-        written, values = (
-            pipeline.sweep[key],
-            list(axes.get(key, ())),
-        )  # choices of stages and presets first, because others refer to them
+        # choices of stages and presets first, because others refer to them
+        written, values = (pipeline.sweep[key], list(axes.get(key, ())))
         value = at.get(key.removesuffix(".use").replace(".", "_"), values[0] if values else None)
         listed = isinstance(written, list) and value in values and len(written) == len(values)
         item = written[values.index(value)] if listed else Decimal(str(value)) if isinstance(value, float) else value

@@ -38,9 +38,8 @@ class Game:
     ideal: float  # metric without any of the stages
     camera: float  # with all of them
     without: Mapping[str, float]  # stage -> metric without it alone
-    pairs: Mapping[
-        tuple[str, str], tuple[float, float]
-    ]  # loss minus that without both: predicted from shares, and actual
+    # loss minus that without both: predicted from shares, and actual
+    pairs: Mapping[tuple[str, str], tuple[float, float]]
 
 
 def pictures_of(detail: FineDetail) -> list[StageVariable]:
@@ -106,7 +105,7 @@ class SignalToNoise:
     def snr(self, present: frozenset[str]) -> float:
         passed = math.prod(gain for name, gain in self.gains.items() if name not in present)
         light = {c: e / passed for c, e in self.detail.electrons.items()}
-        variance = {c: e + self._added(c, e, present) for c, e in light.items()}
+        variance = {c: e + self._added(e, present) for c, e in light.items()}
         behind = [place for place in self.places if place[0] in present]
         if not behind:
             return float(light[self.channel] / math.sqrt(variance[self.channel]))
@@ -120,7 +119,7 @@ class SignalToNoise:
         """Return the loss in dB."""
         return 20 * math.log10(self.snr(frozenset()) / self.snr(present))
 
-    def _added(self, channel: str, light: float, present: frozenset[str]) -> float:
+    def _added(self, light: float, present: frozenset[str]) -> float:
         """Return the variance in addition to the shot noise of light, electron^2."""
         charge = light + self.detail.dark
         every = {
@@ -136,12 +135,12 @@ class SignalToNoise:
         if place != self.places[0]:
             return np.full(self.square.weight.shape, variance[self.channel]), light[self.channel]
         shares, level = self._carried[place]
-        power = sum(
-            share * variance[str(self.detail.mask[p])] for share, p in zip(shares, self.detail.order, strict=True)
-        )
-        return power, float(
-            sum(part * light[str(self.detail.mask[p])] for part, p in zip(level, self.detail.order, strict=True))
-        )
+        return self._weighed(shares, variance), float(self._weighed(level, light))
+
+    def _weighed(self, values: Any, numbers: Mapping[str, float]) -> Any:
+        """Return the sum of values at the places of the mosaic cell, each times the number of its channel."""
+        channels = [str(self.detail.mask[p]) for p in self.detail.order]
+        return sum(value * numbers[channel] for value, channel in zip(values, channels, strict=True))
 
     @cached_property
     def _carried(self) -> dict[StageVariable, tuple[Any, Any]]:
@@ -170,13 +169,7 @@ class SignalToNoise:
         found, last = {}, None
         for place in self.places:
             shares, level = self._carried[place]
-            power = sum(
-                share * variance[str(self.detail.mask[p])] for share, p in zip(shares, self.detail.order, strict=True)
-            )
-            signal = sum(
-                a * self.detail.electrons[str(self.detail.mask[p])]
-                for a, p in zip(level, self.detail.order, strict=True)
-            )
+            power, signal = self._weighed(shares, variance), self._weighed(level, self.detail.electrons)
             if last is not None:
                 seen = last[0] > 1e-9 * np.max(last[0])
                 found[place] = np.divide(power, last[0], out=np.ones_like(power), where=seen), float(signal / last[1])

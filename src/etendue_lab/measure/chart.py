@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -25,15 +24,11 @@ from etendue_lab.measure.regions import corners
 
 ROWS, COLUMNS = 4, 6
 GREYS = slice(18, 24)
-WHITE, OBSERVED = (
-    "D50",
-    tuple(float(nm) for nm in range(380, 731)),
-)  # illuminant of the published values; range of the reflectances
+# illuminant of the published values; range of the reflectances
+WHITE, OBSERVED = ("D50", tuple(float(nm) for nm in range(380, 731)))
 CLIPPED = 0.02  # share of clipped pixels above which a patch's colour is unknown
-BETTER, BAD = (
-    0.6,
-    5.0,
-)  # another order of corners must reduce the mean difference to this share; tried only above this one
+# another order of corners must reduce the mean difference to this share; tried only above this one
+BETTER, BAD = (0.6, 5.0)
 STRANGE = 20.0  # mean difference after gain above which it is hardly that chart
 ORDER = "dark skin, bluish green, black, white"
 
@@ -48,7 +43,7 @@ def reference() -> tuple[tuple[str, ...], Array, Array]:
     return tuple(names), lab((reflectance * light @ seen).T / white[1], white / white[1]), white / white[1]
 
 
-def to_lab(space: str) -> Callable[[Any], Any]:
+def to_lab(space: str) -> Callable[[Array], Array]:
     """Return the conversion from linear RGB of a space to L*a*b* under D50, its white adapted to D50 (Bradford)."""
     matrix, xy = spectra.rgb_space_matrix(space)
     _, _, white = reference()
@@ -119,7 +114,7 @@ def measured_chart(photograph: PhotographFile, text: str, space: str, confidence
 
 
 def _errors(
-    patches: Patches, convert: Any, confidence: float, draws: int = DRAWS
+    patches: Patches, convert: Callable[[Array], Array], confidence: float, draws: int = DRAWS
 ) -> tuple[ColourErrors, ColourErrors, float]:
     """Return errors as photographed, and after the gain that fits the luminances of the greys to the reference by least
     squares.
@@ -139,11 +134,17 @@ def _luminance(lightness: Array) -> Array:
 
 
 def _in_order(
-    text: str, places: Any, first: Any, planes: Any, clipped: Any, convert: Any, confidence: float
+    text: str,
+    places: Array,
+    first: tuple[int, int],
+    planes: Array,
+    clipped: Array,
+    convert: Callable[[Array], Array],
+    confidence: float,
 ) -> tuple[Patches, ColourErrors, ColourErrors, float]:
     """Measure the patches in the given order of corners; if another order fits much better, refuse and suggest it."""
 
-    def taken(order: Any, draws: int = DRAWS) -> tuple[Patches, ColourErrors, ColourErrors, float]:
+    def taken(order: Array, draws: int = DRAWS) -> tuple[Patches, ColourErrors, ColourErrors, float]:
         patches = chart_patches(planes, order - np.array(first), ROWS, COLUMNS, clipped)
         return (patches, *_errors(patches, convert, confidence, draws))
 

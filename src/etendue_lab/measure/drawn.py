@@ -50,10 +50,8 @@ def drawn(path: Path, document: Document) -> Plot:
         place = [float(part) for part in where.split(",")]
         words = _noise(one) if kind == "noise" else _response(one)
         x, y = _outlined(axes, kind, one, place, colour)
-        low, right = (
-            y < LOW * rows,
-            x > 0.5 * columns,
-        )  # text goes above a region; where there is no room, at its lower end, inward
+        # text goes above a region; where there is no room, at its lower end, inward
+        low, right = (y < LOW * rows, x > 0.5 * columns)
         axes.annotate(
             words,
             (x, y),

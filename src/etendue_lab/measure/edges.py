@@ -25,10 +25,8 @@ from etendue_lab.measure.photograph import PLANES, PhotographFile
 from etendue_lab.measure.regions import FOUND, PixelWindow, window
 
 ORDER = 3  # of the polynomial fitted to an edge: distortion bends edges
-LEAST, MOST = (
-    1.0,
-    44.0,
-)  # degrees from the raster; the method's own limits are 2 to 43, with a margin for photographs
+# degrees from the raster; the method's own limits are 2 to 43, with a margin for photographs
+LEAST, MOST = (1.0, 44.0)
 STEEP = 2.0, 43.0  # degrees from the raster of edges that are found automatically
 MISFIT, TIMES = 0.04, 4.0  # relative to the step, and to the noise: rms residual above which it is not a single edge
 ALONE = 0.02  # relative to the step: rms residual up to which the region contains only the edge

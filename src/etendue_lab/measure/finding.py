@@ -40,9 +40,8 @@ def slanted(photograph: PhotographFile, channel: str) -> tuple[list[EdgePlace], 
     factor = math.ceil(math.sqrt(photograph.rows * photograph.columns / SEARCHED))
     sites = photograph.sites(channel)
     if factor > 1:
-        factor = (
-            factor if sites is None else max(factor, 3)
-        )  # in any mosaic, three by three pixels contain every colour used for edges
+        # in any mosaic, three by three pixels contain every colour used for edges
+        factor = factor if sites is None else max(factor, 3)
         small, _ = _in_parts(_smaller(photograph, sites, factor), None)
         parts = [_span(*one.window, factor, photograph) for one in small[:MOST]]
         wide = [_in(photograph, channel, part) for part in dict.fromkeys(parts)]

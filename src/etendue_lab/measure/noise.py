@@ -85,9 +85,8 @@ def _check_even(what: str, name: str, found: PatchNoise, step: float) -> None:
             f"{what}: the patch is not uniform: {name} changes by {100 * found.slope:.0f} % of its mean over it"
         )
     blocks, noise = found.uneven * abs(found.mean.value), found.sigma.high if found.hidden else found.sigma.value
-    seen = found.uneven > UNEVEN or blocks > max(
-        MOST * noise, step
-    )  # anything below one number of the file is rounding
+    # anything below one number of the file is rounding
+    seen = found.uneven > UNEVEN or blocks > max(MOST * noise, step)
     if found.uneven > TIMES * found.uneven_white and seen:
         raise RequestError(
             f"{what}: the patch is not uniform: its parts differ by {100 * found.uneven:.1f} % rms in {name}, in "

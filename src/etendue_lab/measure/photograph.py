@@ -251,7 +251,7 @@ def _raw(path: Path, weights: tuple[float, ...]) -> PhotographFile:
     except RequestError:
         raise
     except Exception as error:
-        raise RequestError(f"{path} cannot be read as a raw file: {_told(error)}") from None
+        raise RequestError(f"{path} cannot be read as a raw file: {told(error)}") from None
     if not white > black.max():
         raise RequestError(
             f"{path.name} has white level {white:g} and black level {black.max():g}: no scale to measure on"
@@ -277,10 +277,10 @@ def developed(path: Path) -> Any:
                 user_flip=0,
             )
     except Exception as error:
-        raise RequestError(f"{path.name} cannot be developed by LibRaw: {_told(error)}") from None
+        raise RequestError(f"{path.name} cannot be developed by LibRaw: {told(error)}") from None
 
 
-def _told(error: Exception) -> str:
+def told(error: Exception) -> str:
     """Return the message of LibRaw, which has its own class for each error."""
     text = next((one.decode("ascii", "replace") for one in error.args if isinstance(one, bytes)), str(error))
     return " ".join(text.split())[:150]

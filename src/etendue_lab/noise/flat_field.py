@@ -33,11 +33,8 @@ from etendue_camera.sensor import cfa
 from etendue_lab.compare import installed
 
 PICTURES = ("rgb_camera", "xyz_scene", "rgb_linear", "xyz_display", "rgb_display")
-BORDER, REACH, LARGEST = (
-    16,
-    20,
-    192,
-)  # pixels: ignored at the border, half width of a response, largest side of the measured window
+# pixels: ignored at the border, half width of a response, largest side of the measured window
+BORDER, REACH, LARGEST = (16, 20, 192)
 STEP = 1e-4  # step of a response, relative to full scale
 MOSAIC = "mosaic_linear"
 FLAWS = frozenset({"defect_map", "stuck_map"})  # variables written by stages that make defective pixels
@@ -140,7 +137,7 @@ class FlatField:
         before = [node.name for node in plan.nodes if node.name in self.reaching(first.name)]
         self.before = {name: with_found(self.jobs[name, ()], results).stage for name in before}
 
-    def _mask(self) -> Any:
+    def _mask(self) -> Array:
         """Channel names by position in the mosaic cell, as the window sees them."""
         pattern = self.plan.shared.get("pattern", "mono")
         mask = cfa.read(str(pattern))
@@ -200,7 +197,7 @@ class FlatField:
         full = scale.electrons()
         return {channel: sum(stage.variance(charge) for stage in noisy) / full**2 for channel, charge in signal.items()}
 
-    def flat_mosaic(self, mosaics: list[Array]) -> Any:
+    def flat_mosaic(self, mosaics: list[Array]) -> Array:
         """Return a mosaic with uniform channels, as large as the frame."""
         flat = np.empty((self.rows, self.columns))
         for y, x in np.ndindex(self.mask.shape):
@@ -259,8 +256,8 @@ class FlatField:
     def _around(middle: int, size: int) -> slice:
         return slice(max(0, middle - REACH), min(size, middle + REACH + 4))
 
-    def variance_at(self, place: tuple[int, int], found: Mapping[tuple[int, int], float], modelled: bool) -> Any:
-        """Return the variance of the pixels of a mosaic cell, from the light at its place."""
+    def variance_at(self, place: tuple[int, int], found: Mapping[tuple[int, int], float], modelled: bool) -> Array:
+        """Return the variance of the pixels of a mosaic cell, from the light there."""
         order = list(np.ndindex(self.mask.shape))
         if not modelled:
             return np.array([found[p] for p in order])

@@ -33,9 +33,8 @@ class NoiseReport:
     reflectance: float
     frames: int
     signal: dict[str, float]  # channel -> mean charge, electron
-    mosaic: dict[
-        str, tuple[float | None, float, float]
-    ]  # channel -> standard deviation of the mosaic: predicted, measured, standard error
+    # channel -> standard deviation of the mosaic: predicted, measured, standard error
+    mosaic: dict[str, tuple[float | None, float, float]]
     rows: list[StageNoise] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 

@@ -100,7 +100,7 @@ class _Measurement(FlatField):
         for y, x in np.ndindex(self.mask.shape):
             planes = np.stack([m[y :: self.mask.shape[0], x :: self.mask.shape[1]] for m in mosaics])
             by_place[y, x] = propagation.without_trend(planes, TREND)
-            # The noise is independent: correct for the degrees of freedom of the subtracted trend.
+            # independent noise: correct for the pixels' share in the trend
             free = 1 - propagation.terms(TREND) / planes[0].size
             found[y, x] = float(np.mean(by_place[y, x] ** 2)) / free
         model = self.model(self.signal())

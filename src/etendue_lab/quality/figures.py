@@ -49,7 +49,7 @@ class Shot:
     rgb_display: Any = None
     to_xyz: Any = None  # (3, 3), of the display: linear RGB to XYZ, Y = 1 for its white
 
-    def xyz(self) -> Any:
+    def xyz(self) -> Array:
         """Return the light of the display, within its range."""
         return apply_matrix(self.to_xyz, np.clip(self.rgb_linear, 0, 1))
 

@@ -29,11 +29,8 @@ from etendue_lab.compare.axis import without_sweep
 from etendue_lab.compare.branches import ReferenceBranch, nodes_of, writer
 
 TIME = "integration_time"
-PLANES = {
-    "photocurrent",
-    "mosaic_linear",
-    "clipping_level",
-}  # variables that replace the mosaic, written for all channels
+# variables that replace the mosaic, written for all channels
+PLANES = {"photocurrent", "mosaic_linear", "clipping_level"}
 Kinds = Mapping[str, type[Stage] | None]
 
 

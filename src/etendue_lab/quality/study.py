@@ -33,16 +33,10 @@ from etendue_lab.quality.figures import FLAT_SIZES, UNITS, Shot, figures
 from etendue_lab.quality.ideal import Ideal, ideal_of
 
 PICTURES = ("rgb_camera", "rgb_linear", "rgb_display")
-SCALARS = {
-    "mean_snr": "1",
-    "clipped_fraction": "1",
-    "dr_emva": "dB",
-    "dr_elgamal": "dB",
-}  # included if the pipeline has them
-APPLIED = (
-    "balance_gains",
-    "integration_time",
-)  # applied to rgb_camera by the camera, but not, or differently, by its ideal
+# included if the pipeline has them
+SCALARS = {"mean_snr": "1", "clipped_fraction": "1", "dr_emva": "dB", "dr_elgamal": "dB"}
+# applied to rgb_camera by the camera, but not, or differently, by its ideal
+APPLIED = ("balance_gains", "integration_time")
 SAMPLES_PER_DEGREE = 34.0  # a display of 100 dpi at 50 cm
 MOST = 12  # default maximum number of pictures
 Show = Callable[[int, AxisValues, Shot, Shot, Any], tuple[str, bytes]]
@@ -269,9 +263,8 @@ def _shot(outcome: Outcome, place: Mapping[str, int]) -> Shot:
         ]
         for variable in APPLIED
     )
-    known = [
-        np.reshape(np.asarray(one, np.float64), (-1, np.shape(one)[-1]))[0] for one in gains if one is not None
-    ]  # of the first frame
+    # of the first frame
+    known = [np.reshape(np.asarray(one, np.float64), (-1, np.shape(one)[-1]))[0] for one in gains if one is not None]
     time = next((float(one) for one in reversed(times) if one is not None and np.ndim(one) == 0), None)
     return Shot(
         **pictures,
@@ -287,9 +280,8 @@ def _display_matrix(plan: Plan, place: Mapping[str, int]) -> Any:
         return None
     writers = [node for node in reversed(plan.nodes) if "rgb_linear" in node.writes]
     stages = (plan.cells[node.name, tuple(place[dim] for dim in node.axes)].stage for node in writers)
-    return next(
-        (stage.to_xyz() for stage in stages if isinstance(stage, Displaying)), RGB_TO_XYZ_SRGB
-    )  # some stages only decode
+    # some stages only decode
+    return next((stage.to_xyz() for stage in stages if isinstance(stage, Displaying)), RGB_TO_XYZ_SRGB)
 
 
 def _notes(result: IdealComparison, plan: Plan, registry: Registry) -> list[str]:

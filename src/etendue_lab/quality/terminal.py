@@ -75,9 +75,8 @@ def print_quality(document: Document) -> None:
     title = f"{document['pipeline']}: each camera compared with the ideal one of the same scene"
     table, more = _fitting(console, document["rows"], axes, known)
     console.print(escape(title), soft_wrap=True)
-    console.width = max(
-        console.width, _width(console, table)
-    )  # better to let the terminal wrap lines than to cut numbers
+    # better to let the terminal wrap lines than to cut numbers
+    console.width = max(console.width, _width(console, table))
     console.print(table)
     _print_remarks(console, document, axes, more)
 

@@ -25,7 +25,7 @@ from etendue_camera.constants import ELEMENTARY_CHARGE
 from etendue_camera.electronics import distributions, dynamic_range
 from etendue_camera.field import illumination
 from etendue_camera.light import planck, radiometry
-from etendue_camera.optics import diffraction, glare, wavefront
+from etendue_camera.optics import diffraction, glare
 from etendue_camera.restoration import deconvolution, sharpening
 from etendue_camera.sensor import defects, photodiode
 from etendue_lab.stability.rows import LawCase
@@ -67,7 +67,6 @@ FORMS = {
     "pixel_airy": ClosedForm(
         diffraction.pixel_airy, least=1e-15
     ),  # faint pixels are differences of terms of order 0.1, so they have the rounding errors of these terms
-    "defocus_w020": ClosedForm(wavefront.defocus_w020),
     "tail_otf": ClosedForm(glare.tail_otf),
     "mtf_geometric": ClosedForm(photodiode.aperture_otf),
     "irradiance_paraxial": ClosedForm(_paraxial),

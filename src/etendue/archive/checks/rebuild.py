@@ -132,9 +132,8 @@ def _blocks(
             continue  # not a variable of cells
         found.setdefault(group, {})[name] = _block(document, len(axes[group]))
     known = stored.journal.blocks
-    whole = {
-        group: {**known.get(group, {}), **own} for group, own in found.items()
-    }  # the journal may also name an array that is lost on disk
+    # the journal may also name an array that is lost on disk
+    whole = {group: {**known.get(group, {}), **own} for group, own in found.items()}
     return {group: own for group, own in whole.items() if known.get(group) != own}
 
 

@@ -18,9 +18,8 @@ from etendue.archive.sharding.finding import Finder, State
 from etendue.archive.sharding.shards import ChunkPlace, Shard, kept_of, part_path, put_shard
 from etendue.contract.ports import WrittenChunk
 
-Stored = Mapping[
-    tuple[str, int], tuple[WrittenChunk, ChunkPlace]
-]  # chunks by shard and slot: as written, and where they lie
+# chunks by shard and slot: as written, and where they lie
+Stored = Mapping[tuple[str, int], tuple[WrittenChunk, ChunkPlace]]
 Slots = Iterable[tuple[str, int, int]]  # shard, slot, slots of the shard
 
 

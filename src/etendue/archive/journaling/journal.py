@@ -72,9 +72,8 @@ class Read:
     blocks: dict[str, dict[str, Document]] = field(default_factory=dict)
     # by group and variable without an array, because it is left out in all cells: the path of the array it equals
     same: dict[str, dict[str, str]] = field(default_factory=dict)
-    shards: dict[str, Shard] = field(
-        default_factory=dict
-    )  # by path below the archive, as they were put in their places
+    # by path below the archive, as they were put in their places
+    shards: dict[str, Shard] = field(default_factory=dict)
     records: dict[str, str] = field(default_factory=dict)  # by path below the archive: the text of each run's record
     run: Going | None = None
     damaged: int = 0  # invalid lines
@@ -265,13 +264,8 @@ def _written(value: object) -> object:
     return {"float": repr(value)} if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def read_journal(path: Path) -> Mapping[str, Entry]:
-    """Return the last line of every cell. Incomplete and foreign lines count as absent."""
-    return read(path).entries
-
-
 def read(path: Path) -> Read:
-    """Return the latest state of every cell, group and run."""
+    """Return the latest state of every cell, group and run. Incomplete and foreign lines count as absent."""
     found = Read()
     try:
         file = plain_files.open_plain(path, links=False)

@@ -21,7 +21,7 @@ from etendue.contract.ports import CellReport, ContactSheet, Passing, WrittenChu
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select
-from etendue.types.arrays import Array
+from etendue.types.arrays import Array, CellArrays
 
 if TYPE_CHECKING:
     from etendue.types.documents import Document
@@ -118,8 +118,8 @@ class ComparingKeeper(Passing):
     def place(self, ref: CellRef, variable: str) -> None: ...
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
-    ) -> Mapping[CellRef, dict[str, Any]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, CellArrays]
+    ) -> Mapping[CellRef, CellArrays]:
         self.reports.update({self.names[r.stage, r.index]: r for r in reports})
         return {ref: {v: one for v, one in own.items() if (ref[0], v) in self.drawn} for ref, own in arrays.items()}
 

@@ -156,15 +156,8 @@ class StoredArchive:
 
     def _own(self, entry: Entry) -> Iterable[WrittenChunk]:
         """Return the chunks of a cell without copies that an earlier run has written and the last one has removed."""
-        same = self.journal.same
-        if not same:
-            return entry.files
-
-        def given_up(path: str) -> bool:
-            group, variable, _ = path.removeprefix(f"{DATA}/").rsplit("/", 2)
-            return variable in same.get(group, ())
-
-        return [file for file in entry.files if not given_up(file.path)]
+        gone = {f"{DATA}/{group}/{name}" for group, names in self.journal.same.items() for name in names}
+        return [file for file in entry.files if file.path.rpartition("/")[0] not in gone] if gone else entry.files
 
     @cached_property
     def followed(self) -> list[Followed]:

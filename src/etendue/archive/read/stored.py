@@ -210,9 +210,8 @@ class Stored:
         if self.journal.files_a_cell:
             return []
         said = self.journal.said
-        chunks = [
-            self.archive.chunk(said.files[number]) for number in said.shards(self.journal.outdated).values()
-        ]  # one per shard
+        # one per shard
+        chunks = [self.archive.chunk(said.files[number]) for number in said.shards(self.journal.outdated).values()]
         kept = [chunk for chunk in chunks if self.keeps(chunk.group, chunk.variable)]
         return [c.written.path for c in kept if self.archive.finder.odd(c.written.path, c.form.slots)]
 

@@ -80,9 +80,8 @@ def _sum(metadata: Mapping[str, str], files: Mapping[str, str], journal: str) ->
 def write_manifest(folder: Path, metadata: Mapping[str, bytes], durable: bool = False) -> None:
     """Write the manifest; ``metadata``: content of the store's own files, by path below the archive."""
     runs = (f"runs/{p.name}" for p in sorted((folder / "runs").glob("*.*")))
-    told = (
-        f"inputs/{p.name}" for p in sorted((folder / "inputs").glob("*.json")) if len(p.stem) > DIGITS
-    )  # descriptions of inputs too large to copy
+    # descriptions of inputs too large to copy
+    told = (f"inputs/{p.name}" for p in sorted((folder / "inputs").glob("*.json")) if len(p.stem) > DIGITS)
     beside = ["contact_sheet.png", "ro-crate-metadata.json", "CITATION.cff", *runs, *told]
     files = {
         path: digest_of(folder / path)

@@ -114,9 +114,8 @@ class CellFiles:
     chunks: tuple[Chunk, ...]
     durable: bool = False
     held: tuple[WrittenChunk, ...] = ()  # valid stored chunks, which stay as they are
-    places: dict[tuple[str, int], tuple[WrittenChunk, ChunkPlace | None]] = field(
-        default_factory=dict
-    )  # by shard and slot; a place of None means in its part
+    # by shard and slot; a place of None means in its part
+    places: dict[tuple[str, int], tuple[WrittenChunk, ChunkPlace | None]] = field(default_factory=dict)
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[WrittenChunk, ...]:
         """Append every chunk to this process's part of its shard; return where they were put."""

@@ -84,9 +84,8 @@ class Finder:
         place = ChunkPlace(part_path(written), written.offset, written.size, written.digest)
         if holds(self.folder, place):
             return place
-        if (
-            state is not None and state.index is not None and written.slot in state.index
-        ):  # the part was renamed to its shard, and the journal line for that is missing
+        # the part was renamed to its shard, and the journal line for that is missing
+        if state is not None and state.index is not None and written.slot in state.index:
             offset, size = state.index[written.slot]
             place = ChunkPlace(written.path, offset, size, written.digest)
             if size == written.size and holds(self.folder, place):

@@ -34,9 +34,8 @@ Window = tuple[tuple[int, int], ...]  # (start, end) along each dim of a cell
 def chunk_of(dims: Sequence[str], shape: Shape, itemsize: int) -> Shape:
     """Return the shape of the chunks of a cell; the cell's own shape if it is one chunk."""
     whole = tuple(max(n, 1) for n in shape)
-    if (
-        len(dims) == 3 and is_light(dims) and itemsize * prod(shape) > cost.LARGEST_WHOLE
-    ):  # it is computed by band; Blosc cannot compress 2 GiB or more
+    # it is computed by band; Blosc cannot compress 2 GiB or more
+    if len(dims) == 3 and is_light(dims) and itemsize * prod(shape) > cost.LARGEST_WHOLE:
         whole = (1, *whole[1:])
     size = itemsize * prod(whole)
     if size <= LARGEST_CHUNK or tuple(dims)[-2:] != ("y", "x"):
@@ -61,11 +60,6 @@ def counts_of(shape: Shape, chunk: Shape) -> Shape:
 def pieces_of(shape: Shape, chunk: Shape) -> int:
     """Return the number of chunks of a cell."""
     return prod(counts_of(shape, chunk))
-
-
-def room_of(shape: Shape, chunk: Shape) -> Shape:
-    """Return the shape that the chunks of a cell cover together: its rows are rounded up to whole bands."""
-    return tuple(count * own for count, own in zip(counts_of(shape, chunk), chunk, strict=True))
 
 
 def windows_of(shape: Shape, chunk: Shape) -> list[Window | None]:

@@ -15,7 +15,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from math import ceil, prod
+from math import ceil
 from pathlib import Path
 
 import google_crc32c
@@ -45,11 +45,6 @@ def block_of(sizes: tuple[int, ...], cell_bytes: int, pieces: int = 1, largest: 
             break
         room //= size
     return tuple(block)
-
-
-def shards_of(sizes: tuple[int, ...], block: tuple[int, ...]) -> int:
-    """Return the number of shards of a variable with these axes."""
-    return prod(ceil(max(size, 1) / own) for size, own in zip(sizes, block, strict=True))
 
 
 # -- the index --------------------------------------------------------------------------------------------------------
@@ -136,9 +131,8 @@ class Shard:
     """A shard as it was put in its place."""
 
     size: int
-    kept: tuple[
-        tuple[str, int, int, int], ...
-    ]  # (part, from, to, length): these bytes of the part are at ``to`` in the shard
+    # (part, from, to, length): these bytes of the part are at ``to`` in the shard
+    kept: tuple[tuple[str, int, int, int], ...]
     fresh: bool = False  # put since the last run that ended in order
 
     def at(self, written: WrittenChunk) -> int | None:

@@ -20,8 +20,8 @@ import numpy as np
 
 from etendue.archive.records.manifest import DATA
 from etendue.archive.sharding.chunks import CODEC, RAW, Chunk
-from etendue.archive.sharding.partition import chunk_of, known_chunk, pieces_of, room_of, windows_of
-from etendue.archive.sharding.shards import EXTRA, LARGEST, block_of, shards_of
+from etendue.archive.sharding.partition import chunk_of, counts_of, known_chunk, pieces_of, windows_of
+from etendue.archive.sharding.shards import EXTRA, LARGEST, block_of
 from etendue.archive.structure.layout import Layout, VariableLayout
 from etendue.plan.model import Plan
 from etendue.types.documents import Document, DocumentView
@@ -77,7 +77,7 @@ def blocks_of(variables: Sequence[tuple[tuple[int, ...], int, int]]) -> list[tup
     # Double the size limit until all variables together have few shards: each shard is a file to open and to index.
     while True:
         blocks = [block_of(*one, largest) for one in variables]
-        extra = sum(shards_of(one[0], block) - 1 for one, block in zip(variables, blocks, strict=True))
+        extra = sum(pieces_of(one[0], block) - 1 for one, block in zip(variables, blocks, strict=True))
         if extra <= EXTRA or largest >= LARGEST << 8:
             return blocks
         largest *= 2
@@ -99,8 +99,11 @@ def _noisy(plan: Plan) -> set[str]:
 def chunk_shapes(
     shape: tuple[int, ...], block: Sequence[int], chunk: tuple[int, ...]
 ) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
-    """Return the shapes of a chunk and its shard from that of a cell; no shard for a single number."""
-    return (*(1 for _ in block), *chunk), (*block, *room_of(shape, chunk)) if block or shape else None
+    """Return the shapes of a chunk and its shard from that of a cell; no shard for a single number. The chunks cover
+    the rows of the cell, rounded up to whole bands.
+    """
+    room = (count * own for count, own in zip(counts_of(shape, chunk), chunk, strict=True))
+    return (*(1 for _ in block), *chunk), (*block, *room) if block or shape else None
 
 
 class Whereabouts:

@@ -16,8 +16,8 @@ from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from etendue.archive.records.manifest import DATA
-from etendue.contract.arrays.grid import Coordinate, Line
 from etendue.plan.identity.keys import digest
+from etendue.plan.identity.same_as import shape_of
 from etendue.plan.model import Cell, CellRef, Node
 from etendue.types.documents import DocumentView
 
@@ -85,12 +85,7 @@ def shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
 
     The name is ``64x64`` from the sizes of y and x, followed by every other dim that differs between the cells.
     """
-    own: dict[CellRef, dict[str, tuple[int, Coordinate | None]]] = {}
-    for cell in cells:
-        found = own.setdefault(cell.ref, {})
-        for grid in cell.grids.values():
-            for dim, coordinate in grid.entries:
-                found.setdefault(dim, (coordinate.size, None if isinstance(coordinate, Line) else coordinate))
+    own = {cell.ref: shape_of(cell) for cell in cells}
     first = own[cells[0].ref]
     differ = {dim for found in own.values() for dim in found if found[dim] != first.get(dim)} - {"y", "x"}
     names: dict[CellRef, str] = {}

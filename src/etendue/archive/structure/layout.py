@@ -94,7 +94,7 @@ def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
         if not kept:
             continue
         cells = plan.of(node.name)
-        attrs = _node_attributes(plan, node)
+        attrs = _node_attributes(node)
         home, becomes = groups_of(node, cells, kept, before or ArchivedLayout())
         homes[node.name] = home
         if isinstance(home, str):
@@ -130,14 +130,9 @@ def _shared(plan: Plan, layout: Layout) -> Layout:
         for name in (v for v in plan.node(group.node).writes if (group.node, v) in plan.same_as):
             group.same_as[name] = f"/{layout.home[plan.stored(first, name)]}/{name}"
         if group.same_as:
-            group.attrs = {**group.attrs, SAME_AS: same_as_attribute(group.same_as)}
+            paths = list(group.same_as.values())
+            group.attrs = {**group.attrs, SAME_AS: paths[0] if len(paths) == 1 else paths}
     return layout
-
-
-def same_as_attribute(found: Mapping[str, str]) -> str | list[str]:
-    """Return the attribute of a group from the paths that its variables without an array equal."""
-    paths = list(found.values())
-    return paths[0] if len(paths) == 1 else paths
 
 
 def _places(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell]) -> dict[CellRef, tuple[int, ...]]:
@@ -268,7 +263,7 @@ def _positions(node: Node, group: GroupLayout, dim: str, lines: Mapping[CellRef,
     group.coordinates[name] = CoordinateLayout((*moving, dim), nested(moving, ()), attrs)
 
 
-def _node_attributes(plan: Plan, node: Node) -> Document:
+def _node_attributes(node: Node) -> Document:
     one = node.alternatives[0]
     return {
         "stage": [a.use for a in node.alternatives] if len(node.alternatives) > 1 else one.use,

@@ -11,7 +11,7 @@ import threading
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from etendue.archive.journaling.accepting import former_of
 from etendue.archive.read import earlier_pictures
@@ -27,7 +27,7 @@ from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
     from etendue.session import Options
-    from etendue.types.arrays import Array
+    from etendue.types.arrays import Array, CellArrays
     from etendue.types.documents import Document
 
 
@@ -130,8 +130,8 @@ class ArchiveKeeper:
             self.store.starting(refs)
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
-    ) -> Mapping[CellRef, dict[str, Any]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, CellArrays]
+    ) -> Mapping[CellRef, CellArrays]:
         with self.lock:
             self.store.reported(reports)
         return arrays
@@ -164,12 +164,10 @@ class ArchiveKeeper:
             chosen = [
                 v for v in writes if (ref[0], v) in plan.kept and not (figures_only and set(writes[v].dims) - {"stage"})
             ]
-            found[ref] = {v: self._target(ref, v).read(v) for v in chosen if named is None or v in named}
+            # a variable is stored with the cell, or with the one that has its values
+            wanted = {v: plan.cells[plan.stored(ref, v)] for v in chosen if named is None or v in named}
+            found[ref] = {v: self.store.target(cell).read(v) for v, cell in wanted.items()}
         return found
-
-    def _target(self, ref: CellRef, variable: str) -> CellFiles:
-        """Return where a variable of a cell is stored: with the cell, or with the one that has its values."""
-        return self.store.target(self.store.plan.cells[self.store.plan.stored(ref, variable)])
 
     def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
         return others

@@ -20,13 +20,13 @@ from etendue.archive.structure.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, 
 from etendue.contract.ports import CellReport, ContactSheet, Passing
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work
-from etendue.types.arrays import Array
+from etendue.types.arrays import Array, CellArrays
 from etendue.types.documents import Document
 
 _Column = tuple[Sequence[str], Array, Document]  # dims, values and attributes
 
 
-class Standing(Mapping[CellRef, dict[str, Any]]):
+class Standing(Mapping[CellRef, CellArrays]):
     """The arrays of the cells that have ended, as views into the results; ``others``: cells that returned more than is
     kept.
     """
@@ -84,8 +84,8 @@ class MemoryKeeper(Passing):
         return None if path is None or whole is None else whole[self.layout.groups[path].cells[ref]]
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
-    ) -> Mapping[CellRef, dict[str, Any]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, CellArrays]
+    ) -> Mapping[CellRef, CellArrays]:
         for report in reports:
             self.status[self.number((report.stage, report.index))] = STATUS.index(report.status) + 1
         return {ref: self._put(ref, found) for ref, found in arrays.items()}
@@ -186,9 +186,12 @@ class MemoryKeeper(Passing):
         }
         groups |= {path: self._dataset(path, group, coordinates) for path, group in self.layout.groups.items()}
         for name, table in tables.items():
-            columns = {
-                column: _column_of(dims, values, attrs) for column, (dims, values, attrs) in table["arrays"].items()
-            }
+            columns = {}
+            for column, (dims, values, attrs) in table["arrays"].items():
+                array = np.asarray(values)
+                # text is not searched for times, which takes pandas longer than all else here
+                text = array.dtype == object and all(type(value) is str for value in array.flat)
+                columns[column] = xarray.Variable(dims, array.copy() if text else array, attrs, fastpath=text)
             groups[name] = xarray.Dataset(columns, attrs=table.get("attrs", {}))
         tree = _tree_of(groups)
         tree.attrs["pipeline"] = self.plan.pipeline.name
@@ -231,15 +234,6 @@ class _Coordinates:
             self.known[key] = bare, PandasIndex(bare, name, values.dtype).create_variables(given)[name]
         bare, shown = self.known[key]
         return PandasIndex(bare.rename(name), name, values.dtype), shown
-
-
-def _column_of(dims: Sequence[str], values: Any, attrs: Document) -> xarray.Variable:
-    """Return a column of a table. Text is not searched for dates, because that would take pandas most of the
-    time here.
-    """
-    array = np.asarray(values)
-    text = array.dtype == object and all(type(value) is str for value in array.flat)
-    return xarray.Variable(dims, array.copy() if text else array, attrs, fastpath=text)
 
 
 def _tree_of(groups: Mapping[str, xarray.Dataset]) -> xarray.DataTree:

@@ -13,6 +13,7 @@ from etendue.pipeline import beginning, distribution
 from etendue.pipeline.file import parse_pipeline
 from etendue.pipeline.new_files import refuse_existing, write_folder
 from etendue.pipeline.schema import schema as schema_of
+from etendue.plan.planner import make_plan, summary
 from etendue.telling import human_bytes
 
 
@@ -37,8 +38,6 @@ def new_plugin(name: str, role: str | None, like: str | None, output: Path | Non
 
 def _kept(text: str) -> dict[str, str]:
     """Return the size of what each choice of `keep` stores for a pipeline."""
-    from etendue.plan.planner import make_plan, summary
-
     document = summary(make_plan(parse_pipeline(text), installed()))
     by_name = {name: one["bytes"] for stage in document["stages"] for name, one in stage["variables"].items()}
     return {word: human_bytes(size) for word, size in {**by_name, **document["keep"]}.items()}

@@ -18,10 +18,15 @@ from etendue.present.terminal.global_error import global_error_document, not_hel
 from etendue.telling import human_bytes, human_seconds
 
 if TYPE_CHECKING:
+    from etendue.pipeline.file import PipelineFile
+    from etendue.plan.model import Plan
+    from etendue.session import Options
     from etendue.types.documents import Document, DocumentView
 
 
-def held(pipeline: Any, asked: tuple[tuple[str, float], ...], folder: Path, options: Any, watched: Any) -> Any:
+def held(
+    pipeline: PipelineFile, asked: tuple[tuple[str, float], ...], folder: Path, options: Options, watched: Any
+) -> holding.HeldTolerance:
     """Find the tolerance that holds an error, and print it before the run."""
     own = dict(asked)
     goals = holding.Asked(own.pop("", None), own)
@@ -58,15 +63,15 @@ def _choices(chosen: Any) -> list[str]:
     return said
 
 
-def with_values(pipeline: Any, held: Any) -> Any:
-    """Return the pipeline with the tolerance, and the chosen values for those that it leaves open."""
+def with_values(pipeline: PipelineFile, held: holding.HeldTolerance) -> PipelineFile:
+    """Return the pipeline with what is held: the tolerance, and the values of what it leaves open."""
     chosen = with_chosen(pipeline, held.chosen.values) if held.chosen else pipeline
     # The record of the run holds the tolerance as if it had been given, so that the record can be checked.
     overrides = tuple({**dict(chosen.overrides), "tolerance": held.tolerance}.items())
     return replace(chosen, tolerance=held.tolerance, overrides=overrides)
 
 
-def kept(held: Any, folder: Path, made: Any) -> Document:
+def kept(held: holding.HeldTolerance, folder: Path, made: Plan) -> Document:
     """Store the errors that a run holds in its archive, and return them as in ``--json``."""
     holding.keep(held, folder, made)
     stated = stated_elsewhere(made, held.measured, held.places)
@@ -77,13 +82,13 @@ def kept(held: Any, folder: Path, made: Any) -> Document:
     return {**document, "hold": held.document()}
 
 
-def measurement(made: Any, options: Any, watched: Any) -> Any:
+def measurement(made: Plan, options: Options, watched: Any) -> Measurement:
     """Prepare the measurement that follows a run; invalid requests are refused before anything runs."""
     pipeline = replace(made.pipeline, leave_out=made.leaves_out and made.pipeline.leave_out)
     return Measurement(pipeline, installed(), options=options, progress=watched)
 
 
-def measured(measurement: Any, folder: Path, made: Any) -> Document:
+def measured(measurement: Measurement, folder: Path, made: Plan) -> Document:
     """Return the global errors of a run, as in ``--json``."""
     found = measurement.remembered(folder)
     stated = stated_elsewhere(made, found, measurement.places)
@@ -95,9 +100,9 @@ def _remedy(answers: DocumentView, part: str) -> str:
     return f"refine that in the pipeline{f': {finer}' if finer else ''}"
 
 
-def beyond(held: Any, answers: DocumentView) -> list[str]:
-    """Return a sentence for each variable whose error exceeds the one given with ``--hold``. This can happen because
-    ``--hold`` refines only the discretisations that the pipeline leaves open.
+def beyond(held: holding.HeldTolerance, answers: DocumentView) -> list[str]:
+    """Return a sentence for each variable whose answer is further off than what is held: ``--hold`` refines only the
+    discretisations that the pipeline leaves open.
     """
     said = []
     whole = replace(held.asked, spent={})

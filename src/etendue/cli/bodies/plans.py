@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 def pipeline_of(given: Given) -> PipelineFile:
     """Return the requested pipeline: the file with the options of the command line applied."""
     pipeline = given.pipeline()
-    if (
-        given.want and pipeline.keep is not None and pipeline.wanted is not None
-    ):  # the variables requested now are stored, whatever the file says about storing
+    # what is requested now is kept, whatever the file keeps
+    if given.want and pipeline.keep is not None and pipeline.wanted is not None:
         pipeline = replace(pipeline, keep=(*pipeline.keep, *pipeline.wanted))
     if not given.nothing_left_out:
         return pipeline

@@ -23,7 +23,7 @@ from etendue.contract.stage import state_of
 from etendue.plan.model import CellRef
 from etendue.transfer import sampling
 from etendue.transfer.products import EVERY, Product, weights
-from etendue.types.arrays import Array
+from etendue.types.arrays import Array, CellArrays
 
 
 @dataclass(eq=False)
@@ -50,7 +50,7 @@ class Result:
     that was needed so far (NaN if the array has undefined values).
     """
 
-    arrays: dict[str, Any] = field(default_factory=dict)
+    arrays: CellArrays = field(default_factory=dict)
     lowest: dict[str, float] = field(default_factory=dict)
     light: Light | None = None
     failed: str = ""
@@ -64,9 +64,9 @@ class Result:
         return self
 
 
-def passed_on(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
-    """Return the result of a left-out cell: the same array objects as its input, and the light of its segment."""
-    result, arrays = Result(), dict[str, Any]()
+def passed_on(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, CellArrays]:
+    """Return what a cell that is left out passes on: the very arrays of its input, and the light of its segment."""
+    result, arrays = Result(), CellArrays()
     for _, ref, variable in job.inputs:
         if variable in job.passes and variable not in arrays:
             arrays[variable] = results[ref].arrays[variable]
@@ -100,7 +100,7 @@ def _on_grid(job: Job, stage: Transfer, lit: slice) -> Array:
     return TABLES.get(("transfer", state_of(stage), y, x, edges, lit.start, lit.stop, job.precision), make)
 
 
-def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
+def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, CellArrays]:
     if not (job.transform or job.store or job.deliver):
         return Result(), {}
     if job.input_grids[job.inputs[0][0]].line("y").cells:

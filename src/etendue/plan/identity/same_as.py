@@ -62,7 +62,8 @@ def _holder(
         if source is None:
             return ""
         stages.add(known.get((source.node, variable), source.node))
-        if len(stages) > 1 or shapes.setdefault(_shape(cell), _shape(source)) != _shape(source):
+        own, other = (frozenset(shape_of(one).items()) for one in (cell, source))
+        if len(stages) > 1 or shapes.setdefault(own, other) != other:
             return ""
     return stages.pop()
 
@@ -93,9 +94,10 @@ def of_cell(cells: Mapping[CellRef, Cell], ref: CellRef, variable: str, holder: 
     return ref
 
 
-def _shape(cell: Cell) -> Hashable:
+def shape_of(cell: Cell) -> dict[str, tuple[int, Coordinate | None]]:
+    """Return the size, and the bins or labels, of every dim of what a cell writes."""
     found: dict[str, tuple[int, Coordinate | None]] = {}
     for grid in cell.grids.values():
         for dim, coordinate in grid.entries:
             found.setdefault(dim, (coordinate.size, None if isinstance(coordinate, Line) else coordinate))
-    return tuple(sorted(found.items(), key=lambda one: one[0]))
+    return found

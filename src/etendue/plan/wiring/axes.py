@@ -47,9 +47,7 @@ def resolve_axes(
                     for user in users_of(name, entries):
                         direct.setdefault(user, []).append((axis.dim, name))
             continue
-        target = (
-            _parameter_of(request, key, entries, shared) if "." in key else _quantity_of(request, key, entries, shared)
-        )
+        target = _parameter_of(request, key, entries) if "." in key else _quantity_of(request, key, entries, shared)
         if target is None:
             continue
         place = f"sweep.{key}"
@@ -69,7 +67,7 @@ def resolve_axes(
     return ordered, direct
 
 
-def _parameter_of(request: Request, key: str, entries: Entries, shared: Quantities) -> _Target | None:
+def _parameter_of(request: Request, key: str, entries: Entries) -> _Target | None:
     """Return the target that ``stage.parameter`` names; None if there is none, or a fault is reported."""
     stage, _, name = key.partition(".")
     place = f"sweep.{key}"
@@ -103,9 +101,8 @@ def _quantity_of(request: Request, key: str, entries: Entries, shared: Quantitie
             request.fault(place, f"cannot sweep {key!r}: unknown name{nearest(key, known)}")
         return None
     one = shared.declared[key]
-    dim = (
-        f"{request.pipeline.table.name}_{key}" if key in shared.written else key
-    )  # the bare name is taken by the variable
+    # the bare name is taken by the variable
+    dim = f"{request.pipeline.table.name}_{key}" if key in shared.written else key
     return _Target(one.parameter, one.kind, dim, key, users_of(key, entries))
 
 

@@ -99,12 +99,6 @@ def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> froze
     return frozenset(chosen)
 
 
-def named_in_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> frozenset[tuple[str, str]]:
-    """Return the (stage, variable) pairs whose variable ``keep`` names."""
-    names = set(keep or ())
-    return frozenset((n.name, v) for n in nodes for v in n.writes if names & {v, f"{n.name}.{v}"})
-
-
 def _check_vocabulary(request: Request, entries: Entries) -> None:
     """Report names in the pipeline that two distributions define differently, or that one defines wrongly."""
     quantities: dict[str, str] = {}

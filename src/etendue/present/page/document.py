@@ -82,7 +82,7 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: D
         "pictures": dict(pictures or {}),
         "cells": _cells(opened, table, columns),
         "omissions": omissions(table),
-        "failures": failures(opened, table),
+        "failures": failures(table),
         "damaged": sorted(opened.damaged),
         "measured": measured(opened),
         "answer": answer(opened),

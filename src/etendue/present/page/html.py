@@ -56,9 +56,8 @@ def page(document: DocumentView, live: bool = False) -> str:
             "form-action 'none'",
         ]
     )
-    names = dict.fromkeys(
-        [str(document["name"]), str(document.get("archive", document["name"]))]
-    )  # of the pipeline, of the folder
+    # of the pipeline, of the folder
+    names = dict.fromkeys([str(document["name"]), str(document.get("archive", document["name"]))])
     parts = {
         "policy": policy,
         "title": html.escape(" · ".join([*names, "etendue"])),

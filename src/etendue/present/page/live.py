@@ -188,14 +188,14 @@ class Live:
             if place is None:
                 rows.append({**row, "why": "outside the picture"})
                 continue
-            values = np.asarray(one.array[..., place[0], place[1]]).ravel()
+            values, letters = np.asarray(one.array[..., place[0], place[1]]).ravel(), one.filter_letters()
             rows.append(
                 {
                     **row,
                     "row": place[0],
                     "column": place[1],
                     "units": one.units,
-                    "filter": one.filter_at(*place),
+                    "filter": "" if letters is None else str(letters[place]),
                     "values": values.tolist(),
                     "labels": _labels(one),
                     "dims": list(one.dims),

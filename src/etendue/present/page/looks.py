@@ -87,7 +87,7 @@ class Picture:
         return pictures.drawn_as(self.one)
 
     @cached_property
-    def linear(self) -> Any:
+    def linear(self) -> Array:
         """(3, y, x) float32: linear sRGB; if encoded or a map, the values as shown."""
         return pictures.appearance_of(self.one).rgb(self.one.values)
 
@@ -122,11 +122,11 @@ class Picture:
 
         return white_among(order, number, bright_of)
 
-    def eight_bit(self, gain: float = 1.0) -> Any:
+    def eight_bit(self, gain: float = 1.0) -> Array:
         """Return (y, x, 3) uint8. ``gain``: factor of extra brightness."""
         return rendered(self.drawn, self.linear, self.bright / gain)
 
-    def small(self) -> Any:
+    def small(self) -> Array:
         """Return the same, averaged over areas until it fits."""
         return pictures.drawn(self.one, self.bright, small=True)
 
@@ -147,11 +147,6 @@ class Picture:
         first = [round(float(self.one[dim].values[0])) if dim in self.one.coords else 0 for dim in PLANE]
         tile = np.array([list(row) for row in seen_as.pattern(self.drawn.pattern).moved(*first)])
         return tile[np.arange(self.size[0])[:, None] % tile.shape[0], np.arange(self.size[1])[None, :] % tile.shape[1]]
-
-    def filter_at(self, row: int, column: int) -> str:
-        """Return the letter of the filter at a sample of a pattern, '' for any other picture."""
-        letters = self.filter_letters()
-        return "" if letters is None else str(letters[row, column])
 
 
 def drawn_of(opened: Opened, stage: str, variable: str) -> Drawn:

@@ -162,9 +162,8 @@ class Opened:
         found = []
         for dim, known in values.items():
             key, label, units = shown.get(dim, (dim, dim, "1"))
-            if any(
-                isinstance(v, str) for v in known
-            ):  # names in the order of the sweep, followed by those of earlier runs
+            # names in the order of the sweep, followed by those of earlier runs
+            if any(isinstance(v, str) for v in known):
                 given = dict.fromkeys(self.record["axes"].get(key, ()))
                 ordered = [*(v for v in given if v in known), *(v for v in known if v not in given)]
             else:

@@ -55,12 +55,12 @@ class Number:
         return {"stage": self.figure.stage, "variable": self.figure.variable, "inner": self.inner}
 
     @property
-    def values(self) -> Any:
+    def values(self) -> Array:
         """The values over its axes."""
         own = self.figure.values
         return own.reshape(*own.shape[: len(self.figure.axes)], -1)[..., self.inner]
 
-    def over(self, axes: Sequence[ArchivedAxis]) -> Any:
+    def over(self, axes: Sequence[ArchivedAxis]) -> Array:
         """Return the values over some axes of the sweep, which include its own."""
         own = list(self.figure.axes)
         sizes = [len(axis.values) if axis.dim in own else 1 for axis in axes]
@@ -70,7 +70,7 @@ class Number:
     def at(self, place: Mapping[str, int]) -> float:
         return float(self.values[tuple(place[dim] for dim in self.figure.axes)])
 
-    def worth(self, values: Array) -> Any:
+    def worth(self, values: Array) -> Array:
         """Return values for which higher is better, on a ratio scale: decibels and stops are converted from
         logarithms.
         """
@@ -206,7 +206,7 @@ def _trades(one: Number) -> bool:
     return bool(one.known.better) and not one.known.counted and known_values.size > 1 and bool(np.ptp(known_values) > 0)
 
 
-def _burnt(numbers: Sequence[Number], over: Sequence[ArchivedAxis]) -> Any:
+def _burnt(numbers: Sequence[Number], over: Sequence[ArchivedAxis]) -> Array:
     """Return where a metric exceeds what a chosen cell may have."""
     found = np.zeros([len(axis.values) for axis in over], bool)
     dims = {axis.dim for axis in over}
@@ -219,7 +219,7 @@ def _burnt(numbers: Sequence[Number], over: Sequence[ArchivedAxis]) -> Any:
     return found
 
 
-def _shares(worth: Array) -> Any:
+def _shares(worth: Array) -> Array:
     """Return each value as a share of the best in its column: as a ratio, inverted where lower is better; as a share of
     the range if values may be 0.
     """

@@ -33,9 +33,8 @@ class WrittenReport:
     failed: int
 
 
-Blame = Callable[
-    [Path, DocumentView], DocumentView
-]  # (folder, values of axes by dim) -> document of each stage's share of the losses
+# (folder, values of axes by dim) -> document of each stage's share of the losses
+Blame = Callable[[Path, DocumentView], DocumentView]
 
 
 def report(archive: Path, output: Path, blame: Blame | None = None) -> WrittenReport:

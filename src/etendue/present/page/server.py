@@ -47,9 +47,8 @@ class Server(HTTPServer):
 
     def __init__(self, live: Live, port: int = 0) -> None:
         self.pool = ThreadPoolExecutor(ANSWERING, "answer")
-        self.waiting: OrderedDict[socket.socket, tuple[Any, float]] = (
-            OrderedDict()
-        )  # by connection: its address, and since when
+        # by connection: its address, and since when
+        self.waiting: OrderedDict[socket.socket, tuple[Any, float]] = OrderedDict()
         super().__init__((HOST, port), _Handler)  # closes the socket itself if the port is taken
         self.live = live
         self.token = secrets.token_urlsafe(24)

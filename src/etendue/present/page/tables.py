@@ -113,7 +113,7 @@ def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, s
     return rows
 
 
-def failures(opened: Opened, table: Ledger) -> Document:
+def failures(table: Ledger) -> Document:
     """Return failed cells by stage and message, and how many later cells were skipped."""
     rows = []
     for stage, message, own in each_of(table, table["status"] == "failed", "message"):

@@ -85,14 +85,14 @@ class Appearance:
             low, high = min(low, found.min(initial=np.inf)), max(high, found.max(initial=-np.inf))
         return float(low), float(high)
 
-    def share(self, rows: Array, ends: tuple[float, float]) -> Any:
+    def share(self, rows: Array, ends: tuple[float, float]) -> Array:
         """Return how far numbers lie between the ends, from 0 to 1."""
         found, (low, high) = self._measured(rows), ends
         with np.errstate(invalid="ignore"):
             share = (found - low) / (high - low) if high > low else np.where(np.isnan(found), np.nan, 0.5)
         return np.clip(share, 0, 1).astype(np.float32)
 
-    def _measured(self, rows: Array) -> Any:
+    def _measured(self, rows: Array) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.log(rows, dtype=np.float64) if self.drawn.log else rows.astype(np.float64)
 
@@ -176,7 +176,7 @@ def seen(drawn: Drawn, found: Array, bright: float) -> Array:
     return np.where(lost, striped(lost.shape), found) if lost.any() else found
 
 
-def striped(shape: tuple[int, ...]) -> Any:
+def striped(shape: tuple[int, ...]) -> Array:
     """Return (3, y, x) float32 stripes that mark missing values."""
     rows, columns = np.indices(shape)
     stripes = np.where(

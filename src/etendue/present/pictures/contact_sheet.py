@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -21,16 +21,13 @@ import numpy as np
 from etendue.contract.arrays.variables import variable as known
 from etendue.present.pictures.details import SIDE
 from etendue.types.arrays import Array
+from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
     from PIL import Image
 
-BOX, LABEL, GAP, HEAD = (
-    256,
-    34,
-    12,
-    34,
-)  # dots: a picture, the two lines above it, gap between pictures, a line of the title
+# dots: a picture, the two lines above it, gap between pictures, a line of the title
+BOX, LABEL, GAP, HEAD = (256, 34, 12, 34)
 MOST = 360  # dots of a picture whose samples are enlarged by a whole factor
 COLUMNS = 4
 TITLE, TEXT = 18, 11  # dots: heights of letters
@@ -49,7 +46,7 @@ class _Tile:
     place: tuple[float, ...]
 
 
-def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequence[Array] = ()) -> None:
+def contact_sheet(table: DocumentView, path: Path, title: str, maps: Sequence[Array] = ()) -> None:
     """Write all frames in order, each with its stage, variable and true size, as one PNG, completely or not at all.
 
     Enlarged frames, and all with a pattern, use a whole number of dots per sample: any other resampling shows a false
@@ -137,7 +134,7 @@ def _flowed(maps: Sequence[Array], width: int) -> list[tuple[int, list[tuple[int
     return rows
 
 
-def _tiles(table: Mapping[str, Any]) -> list[_Tile]:
+def _tiles(table: DocumentView) -> list[_Tile]:
     """Return the pictures as they are drawn."""
     columns = {name: values for name, (_, values, _) in table["arrays"].items()}
     sizes = [(int(columns["height"][n]), int(columns["width"][n])) for n in range(len(columns["preview"]))]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,7 @@ def as_float(rows: Array) -> Array:
     return rows.astype(np.float32, copy=False)
 
 
-def fitted(picture: Array, decode: Decode = as_float) -> Any:
+def fitted(picture: Array, decode: Decode = as_float) -> Array:
     """Average over areas until the picture fits; smaller pictures are unchanged.
 
     Parameters
@@ -92,7 +91,7 @@ class Rows(ABC):
     def put(self, row: int, first: int, weights: Array, light: Array) -> None: ...
 
     @abstractmethod
-    def made(self) -> Any: ...
+    def made(self) -> Array: ...
 
 
 class Fitted(Rows):

@@ -21,7 +21,7 @@ from etendue.contract.arrays.drawn import Drawn, Pictured
 from etendue.contract.ports import ContactSheet
 from etendue.contract.values.quantities import declared
 from etendue.contract.wording import first
-from etendue.pipeline.stand_ins import stand_ins_text, standing_in
+from etendue.pipeline.stand_ins import standing_in
 from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.present.pictures.appearance import brightness, rendered, white_among
@@ -30,6 +30,7 @@ from etendue.present.pictures.details import PlaneWindow, limited, lines_of, par
 from etendue.present.pictures.fitting import LARGEST
 from etendue.present.pictures.thumbnails import Thumbnail, drawn_before, window_of
 from etendue.types.arrays import Array
+from etendue.types.documents import Document
 
 
 @dataclass
@@ -47,12 +48,8 @@ class Frame:
     bright: float = 1.0  # value shown as white
     first: int = 0  # its first row in the whole
     part: Any = None  # (y, x, 3) detail, the same place of the scene in all
-    place: tuple[float, float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    )  # of the detail: top, left, height, width as fractions of the whole
+    # of the detail: top, left, height, width as fractions of the whole
+    place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
 
 def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Mapping[str, Thumbnail]]) -> list[Frame]:
@@ -125,8 +122,9 @@ def sheet(
     frames = render(plan, shown, small)
     if not frames:
         return None
-    marked = stand_ins_text(standing_in(plan.pipeline, plan.shared))
-    table, title = frames_table(frames), f"{plan.pipeline.name}{at}{_shared(plan)}{'; ' * bool(marked)}{marked}"
+    standing = [len(names) for names in standing_in(plan.pipeline, plan.shared).values()]
+    marked = f"; {'up to ' * (len(standing) > 1)}{max(standing)} stand-ins without a source" if standing else ""
+    table, title = frames_table(frames), f"{plan.pipeline.name}{at}{_shared(plan)}{marked}"
     table["attrs"]["cell"] = {dim: value for ref in shown.values() for dim, value in plan.labels(ref).items()}
     return ContactSheet(table, lambda path: contact_sheet(table, path, title, maps()), tuple(shown.values()), at)
 
@@ -141,10 +139,8 @@ def same_pictures(folder: Path, maps: Callable[[], list[Array]]) -> ContactSheet
 
 def _shared(plan: Plan) -> str:
     """Return the preferred quantities that are not swept, to follow the axis values of a title."""
-    swept, texts = (
-        {axis.key for axis in plan.axes} | {name for node in plan.nodes for name in node.writes},
-        [],
-    )  # swept, or computed by a stage
+    # swept, or computed by a stage
+    swept, texts = ({axis.key for axis in plan.axes} | {name for node in plan.nodes for name in node.writes}, [])
     for name in first("sides"):
         value = plan.shared.get(name)
         if name not in swept and isinstance(value, int | float) and not isinstance(value, bool):
@@ -153,7 +149,7 @@ def _shared(plan: Plan) -> str:
     return f"{',' if plan.axes else ' at'} {', '.join(texts)}" if texts else ""
 
 
-def _parts(frames: list[Frame]) -> dict[str, Any]:
+def _parts(frames: list[Frame]) -> Document:
     """Return the details as arrays, to be stored with the pictures."""
     sizes = [(0, 0) if f.part is None else f.part.shape[:2] for f in frames]
     high, wide = (max(1, *(size[n] for size in sizes), 1) for n in (0, 1))
@@ -183,7 +179,7 @@ def _parts(frames: list[Frame]) -> dict[str, Any]:
     }
 
 
-def frames_table(frames: list[Frame]) -> dict[str, Any]:
+def frames_table(frames: list[Frame]) -> Document:
     """Return the frames as a group of the archive: preview(stage, channel, y, x), 8 bit, padded with zeros."""
     height, width = (max(f.picture.shape[side] for f in frames) for side in (0, 1))
     preview = np.zeros((len(frames), 3, height, width), np.uint8)

@@ -63,7 +63,7 @@ class _View:
             picture, band = self.seen.small(array), self.band(array) if max(size) > LARGEST else None
         return Thumbnail(np.ascontiguousarray(picture, dtype=np.float32), size, band, self.rows[0])
 
-    def band(self, array: Array) -> Any:
+    def band(self, array: Array) -> Array | None:
         """Return some rows of a large picture at full resolution, in the colours of the whole."""
         first, last = self.rows
         return None if last <= first or self.seen.grey else self.banded(np.asarray(array[..., first:last, :]))

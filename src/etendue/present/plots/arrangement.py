@@ -66,13 +66,13 @@ class Arrangement:
         return ", ".join(self.said)
 
 
-def dims_of(held: Sequence[HeldVariable], counted: bool = False) -> list[PlotDim]:
+def dims_of(held: Sequence[HeldVariable]) -> list[PlotDim]:
     """Return the dims of what is plotted: sweep axes first, the usual ones leading; then named dims such as
     ``stage``.
     """
     found: dict[str, PlotDim] = {}
     for one in held:
-        own = [*one.axes, *(dim for dim in one.dims if counted or not one.is_counted(dim))]
+        own = [*one.axes, *(dim for dim in one.dims if not one.is_counted(dim))]
         for dim in own:
             values = [*(found[dim].values if dim in found else ()), *one.values_of(dim)]
             values = list(dict.fromkeys(values))

@@ -39,9 +39,8 @@ class HeldVariable:
     stage: str
     variable: str
     groups: tuple[xarray.Dataset, ...] = field(repr=False)  # one group, or one for each shape
-    order: Mapping[str, Mapping[AxisValue, int]] = field(
-        default_factory=dict, repr=False
-    )  # order of names along axes, as swept
+    # order of names along axes, as swept
+    order: Mapping[str, Mapping[AxisValue, int]] = field(default_factory=dict, repr=False)
     archive: str = field(default=ANY, repr=False)  # name of the archive in suggested commands
 
     @property
@@ -299,9 +298,8 @@ def _stages(tree: xarray.DataTree) -> list[tuple[str, list[xarray.Dataset]]]:
     for node in sorted(tops, key=lambda node: int(node.attrs.get("order", 10**6))):
         groups = [part.to_dataset(inherit=False) for part in node.subtree if part.data_vars]
         if groups:
-            shape = (
-                node.parent is not None and "order" not in node.attrs and "order" in node.parent.attrs
-            )  # one shape of a stage
+            # one shape of a stage
+            shape = node.parent is not None and "order" not in node.attrs and "order" in node.parent.attrs
             found.append(
                 (str(node.parent.name if shape and node.parent else node.name or node.attrs.get("stage", "")), groups)
             )

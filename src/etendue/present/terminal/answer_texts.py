@@ -135,15 +135,13 @@ def notes(document: DocumentView) -> list[str]:
     )
     fixed = {f"{name}: {why}" for one in errors for name, why in one["fixed"].items()}
     said += [f"not refined, and so in no error here: {text}" for text in sorted(fixed)]
-    remedies = [f"{_as_options(text)} ({name})" for name, text in document.get("remedies", {}).items()]
+    remedies = [
+        f"{' '.join(f'--set {one}' for one in text.replace(' = ', '=').split(', '))} ({name})"
+        for name, text in document.get("remedies", {}).items()
+    ]
     if remedies and said:
         said.append(f"for smaller errors, one or more of: {'; '.join(remedies)}")
     return said + _missing(document)
-
-
-def _as_options(text: str) -> str:
-    """Return parameters, written as ``stage.name = value, ...``, as options of the command line."""
-    return " ".join(f"--set {one.replace(' = ', '=')}" for one in text.split(", "))
 
 
 def _missing(document: DocumentView) -> list[str]:

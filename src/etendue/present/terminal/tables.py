@@ -23,8 +23,6 @@ from etendue.plan.shown import is_headline
 from etendue.types.arrays import Array
 from etendue.types.documents import Document
 
-Table = dict[str, Any]
-
 
 class Column:
     """A table column that is built when it is converted to an array: all columns of a large table at once would take
@@ -38,10 +36,10 @@ class Column:
         return np.array(self.make(), dtype=dtype or self.dtype)
 
 
-def ledger(plan: Plan, reports: Reports) -> Table:
+def ledger(plan: Plan, reports: Reports) -> Document:
     """Return one row per cell: stage, axes (missing where they do not apply), seconds, error and its basis, key."""
     cells, nodes = plan.cells, {node.name: node for node in plan.nodes}
-    arrays: dict[str, Any] = {}
+    arrays: Document = {}
 
     def put(name: str, long_name: str, of: Callable[[Cell], float | str], units: str = "") -> None:
         """Add a column computed from each cell: text, or numbers if there are units."""
@@ -111,7 +109,7 @@ def ledger(plan: Plan, reports: Reports) -> Table:
     return {"arrays": arrays, "attrs": {"title": "one row per cell"}}
 
 
-def _put(arrays: dict[str, Any], name: str, long_name: str, make: Callable[[], list[Any]], units: str = "") -> None:
+def _put(arrays: Document, name: str, long_name: str, make: Callable[[], list[Any]], units: str = "") -> None:
     attrs = {"units": units, "long_name": long_name} if units else {"long_name": long_name}
     arrays[name] = (("cell",), Column(make, float if units else object), attrs)
 
@@ -162,7 +160,7 @@ def stage_rows(plan: Plan, reports: Reports) -> list[Document]:
     return rows
 
 
-def summary(plan: Plan, reports: Reports) -> Table:
+def summary(plan: Plan, reports: Reports) -> Document:
     """Return the same rows as a group of the archive."""
     rows = stage_rows(plan, reports)
     dims = ("stage",)

@@ -31,9 +31,8 @@ class Common:
     run: str  # a unique name
     platform: Platform
     has: DocumentView  # the result of ``platform`` in the owner, and the version of etendue
-    code: Mapping[
-        tuple[str, str], tuple[str, str]
-    ]  # by module and class of each stage: the digest of its code, its distribution
+    # by module and class of each stage: the digest of its code, its distribution
+    code: Mapping[tuple[str, str], tuple[str, str]]
     mark: Mark | None = None
 
     def differences(self) -> list[str]:

@@ -20,9 +20,8 @@ from etendue.run.workers import quiet_tracker
 DEATHS = 1  # number of workers that may die while computing a batch before its cells are tried one by one
 ENDING = 10.0  # seconds for workers to end in order
 SILENT = logging.CRITICAL + 1
-NO_PROFILE = {
-    "distributed.worker.profile.enabled": False
-}  # the profiler inspects frames, where CPython 3.11 may hang (its issue 106883)
+# the profiler inspects frames, where CPython 3.11 may hang (its issue 106883)
+NO_PROFILE = {"distributed.worker.profile.enabled": False}
 
 
 @contextmanager

@@ -81,11 +81,8 @@ class GainChain(Well, Amplifier):
     def saturation(self) -> float:
         """Return the charge at which the full well or the top code is reached."""
         found = amplifier.saturation_charge(self.well(), self.dn_per_electron(), self.black_level, self.bits)
-        return found if self.response_bend == 0 else min(self.well(), float(self.before_bend(self._top_charge())))
-
-    def _top_charge(self) -> float:
-        """Return the charge after the response that reaches the top code, electron."""
-        return float((2**self.bits - 1 - self.black_level) / self.dn_per_electron())
+        top = float((2**self.bits - 1 - self.black_level) / self.dn_per_electron())  # after the response
+        return found if self.response_bend == 0 else min(self.well(), float(self.before_bend(top)))
 
     def white(self) -> float:
         """Return the DN between black and saturation: to the top code, or to the full well where it is reached

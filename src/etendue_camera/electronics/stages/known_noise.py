@@ -41,9 +41,12 @@ class KnownNoise(ReadOut, GainChain):
     def noise_model(self) -> tuple[float, float]:
         """Return the variance per value, and that in the dark."""
         electrons = self.electrons()
-        return 1 / electrons, (
-            self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
-        ) / electrons**2
+        return 1 / electrons, self.dark_floor() / electrons**2
+
+    def dark_floor(self, sheets: Sheets = ()) -> float:
+        """Return the variance in the dark without dark charge, electron^2; ``sheets``: what other stages add."""
+        own = self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
+        return own + (elsewhere(sheets, "read_noise") + elsewhere(sheets, "dsnu"))
 
     def dark_sigma(self) -> float:
         """Return the standard deviation of a pixel in the dark."""

@@ -24,11 +24,8 @@ from etendue_camera.roles import DEFECTIVE, PROCESSING
 from etendue_camera.sensor.stages.crosstalk import mixing_of
 from etendue_camera.sensor.stages.sensitivity import Collecting, electrons_per_irradiance
 
-NOT_OF_A_PIXEL = (
-    *DEFECTIVE,
-    *PROCESSING,
-    "merging",
-)  # roles of stages that change noise but enter no metric of a good pixel
+# roles of stages that change noise but enter no metric of a good pixel
+NOT_OF_A_PIXEL = (*DEFECTIVE, *PROCESSING, "merging")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,11 +123,9 @@ class ExposureReport(KnownNoise):
     error: ClassVar = measured(1e-6, 1e-14)
 
     def run(self, raw: Array, expected_charge: FloatArray, sheets: Sheets = ()) -> dict[str, Array]:
-        floor = self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
-        floor += elsewhere(sheets, "read_noise") + elsewhere(sheets, "dsnu")
-        held = np.result_type(
-            expected_charge, np.min_scalar_type(floor)
-        )  # rounding of a coarse ADC may be beyond float32
+        floor = self.dark_floor(sheets)
+        # rounding of a coarse ADC may be beyond float32
+        held = np.result_type(expected_charge, np.min_scalar_type(floor))
         variance = expected_charge + held.type(floor)
         snr = expected_charge / np.sqrt(np.maximum(variance, np.finfo(variance.dtype).tiny))
         clipped = (raw >= 2**self.bits - 1) | (expected_charge >= self.well())

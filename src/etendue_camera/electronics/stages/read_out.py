@@ -154,7 +154,8 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
             offset = offset + kind(self.of_row_pattern) * rng_sensor.row_normal("row")
         if self.of_column_pattern > 0:
             offset = offset + kind(self.of_column_pattern) * rng_sensor.column_normal("column")
-        if self.of_row_noise > 0:
+        if self.of_row_noise > 0 or self.of_column_noise > 0:
+            # Rows are drawn even without row noise: otherwise the columns would be other draws at row_noise = 0.
             offset = offset + kind(self.of_row_noise) * rng.standard_normal((*leading, rows, 1), dtype=charge.dtype)
         if self.of_column_noise > 0:
             offset = offset + kind(self.of_column_noise) * rng.standard_normal(
@@ -191,9 +192,8 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
     working: ClassVar = 2.6
 
     def __post_init__(self) -> None:
-        analogue_gain(
-            self
-        )  # rejects unattainable ISO speeds, and black levels that leave no codes, before anything runs
+        # rejects unattainable ISO speeds, and black levels that leave no codes, before anything runs
+        analogue_gain(self)
         converter.top_code(self.bits, self.black_level)
         response.check(self.response_bend, self.response_order, self.bend_scale())
 

@@ -272,7 +272,7 @@ class Distortion(Profiled, Banded, Bounded):
         """
         if not self.lens_profile or self.table or self.k1 or self.k2 or self.k3:
             return None
-        return measured_heights(self, self.focal_length)
+        return measured_heights(self.lens_profile, file_state(self.lens_profile), self.crop_factor, self.focal_length)
 
     def map(self) -> warp.DistortionCurve:
         table = _table(self.table, file_state(self.table)) if self.table else self.of_lens()
@@ -345,9 +345,8 @@ class Distortion(Profiled, Banded, Bounded):
             found = peaks.relative(lost, np.ones_like(lost), light.content, lines).apart
             return min(1.0, found + warp.BORDER) + rounding, "proved"
         limit = light.band_limit
-        softness = (
-            1.0 if not limit else 0.483 / (limit * grid["irradiance"].line("x").step)
-        )  # exp(-2 pi^2 s^2 f^2) = 0.01
+        # exp(-2 pi^2 s^2 f^2) = 0.01
+        softness = 1.0 if not limit else 0.483 / (limit * grid["irradiance"].line("x").step)
         return min(1.0, warp.edge_error(self.order, softness, self.oversampling)) + rounding, "fitted"
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:

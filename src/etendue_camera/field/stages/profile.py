@@ -100,14 +100,9 @@ def _falloff(
     return FieldTable(own.name, "height_mm", nodes, np.maximum(values, 0.0)[:, None], ())
 
 
-def measured_heights(stage: Any, focal: float) -> Table | None:
-    """Return ideal heights, wavelengths and real heights of a stage's lens, all um; None if they were not measured."""
-    state = file_state(stage.lens_profile)
-    return _heights(stage.lens_profile, state, stage.crop_factor, focal)
-
-
 @lru_cache(512)
-def _heights(path: str, state: tuple[int, int], crop: float, focal: float) -> Table | None:
+def measured_heights(path: str, state: tuple[int, int], crop: float, focal: float) -> Table | None:
+    """Return ideal heights, wavelengths and real heights (um) of a lens; None if none were measured."""
     lens = lens_calibration.chosen(lens_file(path).entries, crop)
     if not lens.distortion and not lens.tca:
         return None

@@ -86,7 +86,7 @@ class LensShading(Conjugates, Bounded, Haloed):
         if self.map == "model":
             self.relative(np.zeros(1), 0.0)
 
-    def relative(self, radius_um: FloatArray, corner_um: float) -> Any:
+    def relative(self, radius_um: FloatArray, corner_um: float) -> FloatArray:
         """Return the relative illumination by image height that the camera assumes."""
         shared: dict[str, Any] = {
             "f_number": self.f_number,
@@ -119,7 +119,7 @@ class LensShading(Conjugates, Bounded, Haloed):
             )
         return table
 
-    def weakened(self, gains: Any) -> Any:
+    def weakened(self, gains: Any) -> FloatArray:
         """Return the gains of a table at the given strength and limit."""
         return np.minimum(1 + self.strength * (gains - 1), self.largest_gain)
 
@@ -139,7 +139,7 @@ class LensShading(Conjugates, Bounded, Haloed):
             )[0]
         )
 
-    def gains(self, y_um: FloatArray, x_um: FloatArray) -> Any:
+    def gains(self, y_um: FloatArray, x_um: FloatArray) -> FloatArray:
         """Return the gains, (1 or channel, y, x)."""
         radius = np.hypot(y_um[:, None], x_um[None, :])
         if self.map == "model":

@@ -59,8 +59,8 @@ class Irradiance(Conjugates, Banded):
 
     def factor(self) -> float:
         magnification = self.image_magnification()
-        if self.t_number > 0:
-            return float(radiometry.t_number_factor(self.t_number, magnification, self.pupil_magnification))
+        if self.t_number > 0:  # the f-number of a lossless aplanatic lens that gives as much light (ISO 517)
+            return float(radiometry.aplanatic_factor(self.t_number, magnification, self.pupil_magnification))
         model = radiometry.aplanatic_factor if self.aperture_model == "aplanatic" else radiometry.flat_disc_factor
         return float(model(self.f_number, magnification, self.pupil_magnification)) * self.transmittance
 
@@ -124,7 +124,7 @@ class OpticalFilter(Banded, Bounded, Tinting):
             return transmission
         return filters.smooth_cut(coordinates["wavelength"], self.cut_off, self.edge)
 
-    def transmission(self, grid: Grid) -> Any:
+    def transmission(self, grid: Grid) -> FloatArray:
         bands = grid.bands()
         return np.asarray(
             self.prepare({"wavelength_edges": np.array(bands.edges), "wavelength": np.array(bands.values())})

@@ -106,8 +106,8 @@ class PixelEtendue(Conjugates):
         model = radiometry.aplanatic_factor if self.aperture_model == "aplanatic" else radiometry.flat_disc_factor
         factor = float(model(self.f_number, self.image_magnification(), self.pupil_magnification))
         return {
-            "etendue": radiometry.etendue((self.pixel_pitch * self.aperture_fraction) ** 2, factor),
-            "cone_half_angle": math.degrees(math.asin(min(math.sqrt(factor / math.pi), 1.0))),
+            "etendue": np.asarray((self.pixel_pitch * self.aperture_fraction) ** 2 * factor),
+            "cone_half_angle": np.asarray(math.degrees(math.asin(min(math.sqrt(factor / math.pi), 1.0)))),
         }
 
 

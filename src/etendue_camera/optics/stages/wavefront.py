@@ -26,10 +26,8 @@ MOST_SAMPLES = 2048
 WAVES: Any = {"units": "um", "held": (-1e3, 1e3)}
 MOVED: Any = {"units": "mm", "held": (-1e3, 1e3)}
 TABLE_BYTES = 64 << 20  # size limit of the tables for all bands
-ROUND_WAVES = {
-    False: 6.0,
-    True: 2.0,
-}  # per pupil radius, clear or obstructed: steeper rotationally symmetric wavefronts are summed over cells
+# per pupil radius, clear or obstructed: steeper rotationally symmetric wavefronts are summed over cells
+ROUND_WAVES = {False: 6.0, True: 2.0}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,7 +244,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         found = np.stack([self.lattice(clear, path, w) for w in bands])
         return bands, None, found
 
-    def radial_path(self, square: Any) -> Any:
+    def radial_path(self, square: Any) -> FloatArray:
         return self.path(0.0, np.sqrt(square))
 
     def lattice(self, clear: FloatArray, path: FloatArray, wavelength: float) -> Array:

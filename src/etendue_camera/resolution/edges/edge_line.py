@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 from etendue_camera.arrays import FloatArray
 
 Sites = NDArray[np.bool_]
-CLOSER, NEAREST = (
-    (0.25, 0.12, 0.06, 0.04, 0.04),
-    8.0,
-)  # distances within which the line is located again: fractions of the picture width, and a minimum in pixels
+# distances within which the line is located again: fractions of the picture width, and a minimum in pixels
+CLOSER, NEAREST = ((0.25, 0.12, 0.06, 0.04, 0.04), 8.0)
 STRONG = 0.2  # fraction of the strongest squared gradient above which a pixel belongs to the edge
 
 

@@ -49,9 +49,8 @@ class EdgeResponse:
     mtf10: float = math.nan  # NaN if not reached
     mtf_nyquist: float = math.nan  # the response at 0.5 cycles/pixel
     rise: float = math.nan  # distance from 10 to 90 % of the step
-    aliasing: float = (
-        math.nan
-    )  # share of the energy of the line spread up to ``highest`` that lies above 0.5 cycles/pixel
+    # share of the energy of the line spread up to ``highest`` that lies above 0.5 cycles/pixel
+    aliasing: float = math.nan
 
     @property
     def mtf50_limited(self) -> float:

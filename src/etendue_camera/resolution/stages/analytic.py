@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from etendue.api import ChannelTransfer, Facts, Grid, Labels, Probe, param, quantity
+from etendue.api import ChannelTransfer, Facts, Grid, Labels, Probe, Stage, param, quantity
 from etendue.contract.capabilities import ends_in_sum
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.resolution import contrast as resolution
@@ -44,9 +44,9 @@ class Observed:
     ``light``: (wavelength,); None for such light.
     """
 
-    weights: Any
-    channels: Any = None
-    light: Any = None
+    weights: FloatArray | None
+    channels: FloatArray | None = None
+    light: FloatArray | None = None
 
     def mean(self, otf: Otf, fy: FloatArray, fx: FloatArray) -> FloatArray:
         """Return the mean over wavelength, (n,); after a pixel, including the charge that moves between pixels
@@ -60,7 +60,9 @@ class Observed:
         return tuple(b"" if one is None else one.tobytes() for one in (self.weights, self.light))
 
 
-def signed(otf: Otf, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
+def signed(
+    otf: Otf, observed: Observed, towards: tuple[float, float], rendering: bool
+) -> Callable[[FloatArray], FloatArray]:
     """Return the photon-weighted mean along a direction, with or without the rendering of the chart."""
 
     def value(f: FloatArray) -> FloatArray:
@@ -71,13 +73,15 @@ def signed(otf: Otf, observed: Observed, towards: tuple[float, float], rendering
     return value
 
 
-def response(otf: Otf, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
+def response(
+    otf: Otf, observed: Observed, towards: tuple[float, float], rendering: bool
+) -> Callable[[FloatArray], FloatArray]:
     """Return the contrast: the magnitude of `signed`."""
     own = signed(otf, observed, towards, rendering)
     return lambda f: np.abs(own(f))
 
 
-def factor_of(stage: Any) -> str:
+def factor_of(stage: Stage) -> str:
     """Return the factor that a stage with a transfer function belongs to: all before the sensor are the lens."""
     if ends_in_sum(type(stage)):
         return "geometry"
@@ -95,9 +99,9 @@ def half_contrast(
     return resolution.ContrastCurve(grid, own(grid)).half((lambda f: np.abs(own(f))) if solved else None)
 
 
-def gains(otf: Otf, mtf50: Callable[[Any], float], nyquist: float, highest: float) -> FloatArray:
-    """Return the ratio of MTF50 without each factor to MTF50 with it, (factor,). For sampling, it is MTF50 over the
-    Nyquist frequency, if that is above 1.
+def gains(otf: Otf, mtf50: Callable[[Otf], float], nyquist: float, highest: float) -> FloatArray:
+    """Return the ratio of MTF50 without each factor to MTF50 with it, (factor,); for sampling, MTF50 over Nyquist where
+    above it.
 
     The rendering of the chart is not part of the camera and is excluded. Where contrast without a factor does not fall
     to one half up to ``highest``, that frequency is used for MTF50, as a lower bound. NaN where the contrast of the

@@ -164,9 +164,8 @@ class EdgeProbe(PictureProbe):
     ) -> dict[str, Array]:
         light = lights[-1][1].astype(float) if lights else None
         channels, green = channels_of(transfers), second_of(transfers)
-        observed = Observed(
-            green if light is None or green is None else green * light, channels, light
-        )  # for a grey chart
+        # for a grey chart
+        observed = Observed(green if light is None or green is None else green * light, channels, light)
         taken = weighed(transfers, matrices, whites, lambda a: decoded(a, self.encoding, self.exponent))
         check_encoding(rgb_linear, rgb_display, self.encoding, self.exponent)
         given = {
@@ -291,9 +290,8 @@ class EdgeProbe(PictureProbe):
         gain[: len(FACTORS)], spread = self.known_gains(transfers, observed, edges)
         if clipped:
             return gain, math.nan
-        first = {
-            variable: (edge, self.pixel_pitch / step) for _, variable, edge, step in reversed(found)
-        }  # first picture of each kind
+        # first picture of each kind
+        first = {variable: (edge, self.pixel_pitch / step) for _, variable, edge, step in reversed(found)}
         (before, pixels), (after, behind) = (
             first.get(variable, (None, 1.0)) for variable in ("photon_rate", "rgb_camera")
         )

@@ -15,7 +15,7 @@ import numpy as np
 
 from etendue.api import Line, Probe, measured, param, quantity
 from etendue_camera.arrays import Array, FloatArray
-from etendue_camera.electronics.stages.known_noise import KnownNoise, Sheets, elsewhere
+from etendue_camera.electronics.stages.known_noise import KnownNoise, Sheets
 from etendue_camera.resolution import information
 from etendue_camera.roles import CROSSTALK, DEFECTIVE, PROCESSING
 from etendue_camera.sensor import cfa
@@ -97,7 +97,7 @@ class Information(KnownNoise, Probe):
         spot = information.gaussian_object(square.fy[:, None], square.fx, self.object_size / math.sqrt(8 * math.log(2)))
         shares, (light, noise) = self.shares(), self.light_and_noise(charge, currents, sheets)
 
-        def quanta(otf: Otf, fy: FloatArray, fx: FloatArray) -> Any:
+        def quanta(otf: Otf, fy: FloatArray, fx: FloatArray) -> FloatArray:
             """Return the quanta of all channels together, (m, n)."""
             return sum(
                 share * information.neq(e * contrast, variance)
@@ -136,21 +136,19 @@ class Information(KnownNoise, Probe):
         if dark > 0 and mosaics:  # the same time for both
             current = np.maximum(self.by_channel(*mosaics[-1]), 0.0)
             light = charge * (current / (current + dark))
-        floor = self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
-        floor += elsewhere(sheets, "read_noise") + elsewhere(sheets, "dsnu")
         patterns = (
             (math.hypot(*said) if said else self.prnu) * light,
             (spread / dark if dark > 0 else 0.0) * (charge - light),
         )
-        return light, charge + floor + patterns[0] ** 2 + patterns[1] ** 2
+        return light, charge + self.dark_floor(sheets) + patterns[0] ** 2 + patterns[1] ** 2
 
-    def shares(self) -> Any:
+    def shares(self) -> FloatArray:
         """Return each channel's fraction of the mosaic's pixels, (channel,)."""
         mask = mask_of(self.pattern)
         letters = "".join("".join(row) for row in mask.rows)
         return np.array([letters.count(channel) / len(letters) for channel in mask.channels])
 
-    def by_channel(self, mosaic: FloatArray, grid: Any) -> Any:
+    def by_channel(self, mosaic: FloatArray, grid: Any) -> FloatArray:
         """Return the channel means (channel,) of a mosaic, for the first exposure."""
         mosaic = mosaic.reshape(-1, *mosaic.shape[-2:])[0]
         y, x, mask = grid.line("y"), grid.line("x"), mask_of(self.pattern)
@@ -160,7 +158,7 @@ class Information(KnownNoise, Probe):
         )
 
     @staticmethod
-    def colours(weights: FloatArray, light: FloatArray | None) -> Any:
+    def colours(weights: FloatArray, light: FloatArray | None) -> FloatArray:
         """Return the photon distribution of a grey surface, (channel, wavelength)."""
         own = np.asarray(weights, dtype=float) * (1.0 if light is None else light)
         return own / own.sum(axis=1, keepdims=True)

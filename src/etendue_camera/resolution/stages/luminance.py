@@ -52,8 +52,8 @@ class PictureProbe(Probe):
 
 
 def weighed(
-    transfers: Sequence[tuple[str, Otf]], matrices: Any, whites: Any, decode: Callable[[Any], Any]
-) -> dict[str, Callable[[Any], Any]]:
+    transfers: Sequence[tuple[str, Otf]], matrices: Any, whites: Any, decode: Callable[[FloatArray], FloatArray]
+) -> dict[str, Callable[[FloatArray], FloatArray]]:
     """Return the function that computes the luminance of each variable; ``decode`` is for encoded display values."""
     green = second_of(transfers)
     y_row, display = _luminance(matrices, whites), np.array(LUMINANCE)

@@ -48,7 +48,7 @@ class _TwoLevels(Scene):
         charts.require_levels(self.low, self.high)  # rejects reversed levels before anything is drawn
         return Facts(uniform=False, contrast=self.high / self.low if self.low > 0 else math.inf)
 
-    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> Any:
+    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> FloatArray:
         """Return the reflectance (y, x), about the centre of the window."""
         raise TypeError(f"{type(self).__name__} must implement chart")
 
@@ -75,7 +75,7 @@ class SiemensStar(_TwoLevels):
     cycles: int = param(36, at_least=1, held=(1, 100_000))
     radius: float = param(400.0, units="um", above=0)
 
-    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> Any:
+    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> FloatArray:
         return charts.siemens_star(y, x, self.cycles, self.radius, drawn)
 
 
@@ -86,7 +86,7 @@ class ZonePlate(_TwoLevels):
     highest_frequency: float = param(0.25, units="cycles/um", above=0, doc="local frequency at the rim")
     radius: float = param(400.0, units="um", above=0)
 
-    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> Any:
+    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> FloatArray:
         return charts.zone_plate(y, x, self.highest_frequency, self.radius, drawn)
 
 

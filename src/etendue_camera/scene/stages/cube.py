@@ -100,7 +100,7 @@ class RadianceCube(Source, Banded, Discretised):
         known = Facts(contrast=high / low) if low > 0 else Facts()
         return known, {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
 
-    def white_light(self, edges: tuple[float, ...]) -> Any:
+    def white_light(self, edges: tuple[float, ...]) -> Array:
         return (
             spectra.light_of_radiance(self.illuminant, edges, 1.0)
             if self.white_luminance

@@ -19,7 +19,7 @@ from etendue.api import Facts, Grid, param
 from etendue.contract.values.bounds import beyond
 from etendue.transfer import resampling
 from etendue_camera import spectra
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.colour.encoding import srgb_decode
 from etendue_camera.picture_files import MOST_PIXELS, read_picture
 from etendue_camera.scene.stages.scene import Scene
@@ -44,7 +44,7 @@ def _counted(path: str, state: tuple[int, int]) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=4)
-def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int]) -> Any:
+def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int]) -> tuple[FloatArray, str]:
     """Return linear sRGB (3, rows, columns) from the largest centred crop of the right shape, area-averaged in linear
     light, and a note.
     """

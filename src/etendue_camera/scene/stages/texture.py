@@ -15,10 +15,8 @@ from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.scene import charts, dead_leaves
 from etendue_camera.scene.stages.scene import Scene
 
-SOFT_ERROR, HARD_ERROR = (
-    0.06,
-    0.25,
-)  # largest error relative to the range of levels, at 1-fold oversampling; it falls with the square of oversampling
+# largest error relative to the range of levels, at 1-fold oversampling; it falls with the square of oversampling
+SOFT_ERROR, HARD_ERROR = (0.06, 0.25)
 FEW_SAMPLES = 4.0  # samples in the radius of the smallest leaf: smaller leaves have larger errors
 
 

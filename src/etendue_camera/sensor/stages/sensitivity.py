@@ -24,10 +24,8 @@ FLAT = "flat"  # the name of a sensitivity equal for photons of every wavelength
 CLEAR = "WC"  # letters of pixels without a filter
 WORDS = {"red": "R", "green": "G", "blue": "B", "white": "W", "clear": "C"}
 CAMERA_COLUMNS = ("R", "G", "B")
-OF_THE_SAME, SAME_PEAK = (
-    0.005,
-    0.01,
-)  # a table whose column peaks are this close to 1 is relative; a peak this close to peak_qe equals it
+# a table whose column peaks are this close to 1 is relative; a peak this close to peak_qe equals it
+OF_THE_SAME, SAME_PEAK = (0.005, 0.01)
 FINE = tuple(300.0 + 0.25 * i for i in range(3601))  # nm, bins in which the peak of a table is searched
 
 
@@ -220,7 +218,7 @@ def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
     """
     if stage.sensitivity == FLAT:
         return []
-    lowest, highest = spectra.camera_range(stage.sensitivity)
+    lowest, highest = spectra.range_of(stage.sensitivity, "camera")
     if lowest <= edges[0] and edges[-1] <= highest:
         return []  # without colour-science
     names, rows, values = spectra.camera_rows(stage.sensitivity)
@@ -263,9 +261,8 @@ def _centres(edges: tuple[float, ...]) -> FloatArray:
     return 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
 
 
-SEEN_BY = tuple(
-    field.name for field in fields(Sensitive)
-)  # what determines the colours of a sensor, whatever the pixel size
+# what determines the colours of a sensor, whatever the pixel size
+SEEN_BY = tuple(field.name for field in fields(Sensitive))
 
 
 @lru_cache(64)

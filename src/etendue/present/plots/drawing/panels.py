@@ -43,14 +43,14 @@ class Sides:
 
 
 def map_of_figures(
-    values: Any,
+    values: Array,
     sides: Sides,
     title: str,
     unit: str = "",
     digits: int = 3,
-    failed: Any = None,
-    there: Any = None,
-) -> Any:
+    failed: Array | None = None,
+    there: Array | None = None,
+) -> Figure:
     """Show numbers by colour on one scale, each also written in its cell.
 
     Parameters
@@ -105,9 +105,8 @@ def map_of_figures(
         bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=panels, fraction=0.05, pad=0.02, aspect=25)
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))
         span = high / max(low, 1e-300)
-        shown = (
-            "" if span > 100 else "25" if span > 4 else "23456789"
-        )  # leading digits labelled in each decade of a logarithmic scale
+        # leading digits labelled in each decade of a logarithmic scale
+        shown = "" if span > 100 else "25" if span > 4 else "23456789"
         bar.ax.yaxis.set_minor_formatter(
             FuncFormatter(lambda value, _: f"{value:.3g}" if f"{value:.0e}"[0] in shown else "")
         )
@@ -118,14 +117,14 @@ def map_of_figures(
 
 
 def map_of_names(
-    indices: Any,
+    indices: Array,
     names: Sequence[str],
     sides: Sides,
     title: str,
-    failed: Any = None,
+    failed: Array | None = None,
     said: str = "no value",
     tints: Mapping[str, str] | None = None,
-) -> Any:
+) -> Figure:
     """Show names by colour with a legend; ``indices`` (panel, y, x) point into ``names``; NaN stays white.
 
     ``said``: meaning of white; ``tints``: colours of names that have one.
@@ -189,7 +188,7 @@ def _mark(panel: Axes, row: int, column: int, text: str, colour: str, room: floa
     panel.text(column, row, text, ha="center", va="center", fontsize=room or 5, color=colour)
 
 
-def _explain(figure: Any, failed: Any, values: Any, there: Any) -> None:
+def _explain(figure: Figure, failed: Array | None, values: Array, there: Array | None) -> None:
     """Explain below the panels the marks that appear in them."""
     words = [f"{FAILED} the cell failed"] if failed is not None and np.any(failed) else []
     lost = ~np.isfinite(values) & (np.zeros_like(values, bool) if failed is None else ~np.asarray(failed))
@@ -201,7 +200,7 @@ def _explain(figure: Any, failed: Any, values: Any, there: Any) -> None:
         figure.supxlabel("     ".join(words), fontsize=8, color="0.35")
 
 
-def _checked(values: Any, sides: Sides) -> Any:
+def _checked(values: Array, sides: Sides) -> Array:
     values = np.asarray(values, dtype=float)
     wanted = (len(sides.panels), len(sides.y), len(sides.x))
     if values.shape != wanted:
@@ -233,9 +232,8 @@ def _panels(sides: Sides, title: str) -> tuple[Figure, list[Axes], float]:
         if number % columns == 0:
             panel.set_ylabel(sides.y_name, fontsize=8)
         found.append(panel)
-    cell = min(
-        wide / max(len(sides.x), 1) * 0.62, high / max(len(sides.y), 1) * 1.4
-    )  # inches; 3 or 4 letters take 0.25
+    # inches; 3 or 4 letters take 0.25
+    cell = min(wide / max(len(sides.x), 1) * 0.62, high / max(len(sides.y), 1) * 1.4)
     return figure, found, min(7.5, 26 * cell) if cell > 0.17 else 0
 
 
@@ -259,11 +257,11 @@ def _ticks(put: Callable[..., object], labels: Sequence[Any], inches: float, tur
     )
 
 
-def wrapped(text: str, inches: float, points: float = 10) -> str:
+def wrapped(text: str, inches: float) -> str:
     """Break a title into lines that fit over a figure."""
     import textwrap
 
-    return "\n".join(textwrap.wrap(text, max(24, int(inches * 72 / (0.56 * points)))))
+    return "\n".join(textwrap.wrap(text, max(24, int(inches * 72 / 5.6))))
 
 
 def _text(label: Any) -> str:

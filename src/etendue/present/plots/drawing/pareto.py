@@ -33,7 +33,7 @@ MARKERS = "osD^vP*Xhp<>"
 MOST_NAMED = 24
 
 
-def front(points: Any) -> Any:
+def front(points: Any) -> Array:
     """Return which points no other dominates: none is at least as good in every column and better in one.
 
     Parameters
@@ -48,9 +48,8 @@ def front(points: Any) -> Any:
     points = np.asarray(points, float)
     known = np.isfinite(points).all(axis=1)
     found = np.zeros(len(points), bool)
-    order = (
-        np.lexsort(-points.T[::-1]) if len(points) else np.empty(0, int)
-    )  # by the first column, then the second, best first
+    # by the first column, then the second, best first
+    order = np.lexsort(-points.T[::-1]) if len(points) else np.empty(0, int)
     best = -np.inf
     last: Any = None
     if points.shape[1] == 2:

@@ -34,13 +34,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 100
-BOX, INSET, GAP, LABEL, HEAD = (
-    260,
-    132,
-    12,
-    34,
-    40,
-)  # dots: sides of a picture and of its detail, gap, room above a picture, room above all
+# dots: sides of a picture and of its detail, gap, room above a picture, room above all
+BOX, INSET, GAP, LABEL, HEAD = (260, 132, 12, 34, 40)
 COLUMNS = 6
 MOST_SAID = 5  # values of an axis listed in a message
 

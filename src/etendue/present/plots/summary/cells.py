@@ -91,9 +91,8 @@ def failed_cells(
     if not journal:
         return _failed_by_status(holdings, units)
     told = [name for name, event, status, *_ in journal.said.told() if event == status == "failed"]
-    return [
-        (stage, where, "") for stage, _, where in (name.partition(" ") for name in told)
-    ]  # the reason is written when the run ends
+    # the reason is written when the run ends
+    return [(stage, where, "") for stage, _, where in (name.partition(" ") for name in told)]
 
 
 def _failed_of(ledger: xarray.Dataset, units: Mapping[str, str]) -> list[tuple[str, str, str]]:

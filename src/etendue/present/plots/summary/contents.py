@@ -43,13 +43,8 @@ MOST_FIGURES, MOST_PICTURES, MOST_ROWS, MOST_VALUES = 6, 24, 8, 8
 OMITTED = ("stage", "why_left_out", "approximated", "bound", "seconds_saved")
 RANGED = 50_000  # largest number of cells of which min and max are read
 LARGEST = 16 * 2**20  # largest number of elements of an array shown as a picture
-UNREADABLE = (
-    EtendueError,
-    OSError,
-    ValueError,
-    KeyError,
-    RuntimeError,
-)  # what xarray, zarr and its codecs raise on damaged bytes
+# what xarray, zarr and its codecs raise on damaged bytes
+UNREADABLE = (EtendueError, OSError, ValueError, KeyError, RuntimeError)
 
 
 @dataclass(frozen=True)
