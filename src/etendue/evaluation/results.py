@@ -1,0 +1,86 @@
+"""Results of cells in memory, by their keys: the least recently used go when a bound in bytes is reached.
+
+In:  arrays of computed cells and their reports.
+Out: the same, for any later cell of equal key. Equal keys mean equal bits.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from etendue.contract.ports import CellReport
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
+
+BESIDE = 1024  # bytes of a cell beside its arrays: its key, its report, and what holds them
+
+
+class Entry(NamedTuple):
+    """What is kept of a cell."""
+
+    report: CellReport
+    arrays: Mapping[str, Array]
+    size: int
+
+
+class Results:
+    """A store of results that later evaluations may read, from any thread.
+
+    Attributes
+    ----------
+    most : its bound in bytes
+    bytes : of all that it holds
+    """
+
+    def __init__(self, most: int) -> None:
+        self.most, self.bytes = most, 0
+        self._lock = threading.Lock()
+        self._entries: OrderedDict[str, Entry] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def seen(self, key: str) -> Entry | None:
+        """Return what is kept under a key, without counting it as used."""
+        return self._entries.get(key)
+
+    def used(self, key: str) -> None:
+        """Count what is kept under a key as used now."""
+        with self._lock:
+            if key in self._entries:
+                self._entries.move_to_end(key)
+
+    def put(self, key: str, report: CellReport, arrays: Mapping[str, Any]) -> None:
+        """Keep arrays of a cell beside those that are kept of it already."""
+        own = {name: _alone(array) for name, array in arrays.items()}
+        with self._lock:
+            before = self._entries.pop(key, None)
+            self.bytes -= before.size if before else 0
+            own = {**(before.arrays if before else {}), **own}
+            size = BESIDE + sum(array.nbytes for array in own.values())
+            if size > self.most:
+                return
+            while self.bytes + size > self.most:
+                self.bytes -= self._entries.popitem(last=False)[1].size
+            self._entries[key] = Entry(report, own, size)
+            self.bytes += size
+
+    def clear(self, most: int | None = None) -> None:
+        """Drop everything; ``most``: the bound from now on."""
+        with self._lock:
+            self._entries.clear()
+            self.bytes = 0
+            self.most = self.most if most is None else most
+
+
+def _alone(array: Array) -> Array:
+    """Return an array that nobody can change and that holds no more memory than its own."""
+    whole = array.base
+    if array.flags.writeable or (whole is not None and getattr(whole, "nbytes", array.nbytes) > array.nbytes):
+        array = array.copy()
+        array.setflags(write=False)
+    return array
