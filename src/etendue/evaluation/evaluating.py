@@ -21,7 +21,7 @@ from etendue.plan.ancestry import ancestry
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.run.batches import Batch, BatchResult, partition
 from etendue.run.memory import SELDOM_COLLECTING
-from etendue.run.watch import Stop, run_batches
+from etendue.run.watch import Stop, run_batches, run_briefly
 from etendue.session import HeldArrays, Options
 
 if TYPE_CHECKING:
@@ -78,11 +78,12 @@ def evaluate(plan: Plan, wanted: Wanted, results: Results, options: Options | No
 
     if todo:
         batches = partition(jobs, options.batch_seconds)
-        if sum(batch.seconds for batch in batches) < SHORT:
-            options = replace(options, scheduler="serial")
         with interrupts.held(), SELDOM_COLLECTING:
             interrupts.check()
-            run_batches(batches, frozenset(todo), lambda batch: None, after, options.how(Stop()))
+            if sum(batch.seconds for batch in batches) < SHORT:
+                run_briefly(batches, frozenset(todo), after)
+            else:
+                run_batches(batches, frozenset(todo), lambda batch: None, after, options.how(Stop()))
     return found
 
 

@@ -53,7 +53,8 @@ class Session:
         self.results, self.plans = Results(bytes), Plans()
 
     def __call__(self, want: str | Iterable[str] | None = None, **values: Any) -> Any:
-        """Return the ``xarray.DataTree`` of a run at other values, given as for ``etendue.simulate``.
+        """Return the ``xarray.DataTree`` of a run at other values, given as for ``etendue.simulate``, without its small
+        pictures (``frames``).
 
         Raises
         ------
@@ -62,7 +63,7 @@ class Session:
         EtendueError
             If cells failed; the message names the first.
         """
-        return remembered(self.plan(want, values), self.results, Options()).tree
+        return remembered(self.plan(want, values), self.results, Options(pictures=False)).tree
 
     def metrics(self, names: str | Iterable[str], **values: Any) -> dict[str, Any]:
         """Return variables at other values: by name a number, or a read-only array of all of them. Axes of a sweep
