@@ -315,11 +315,11 @@ class Pipeline(Extended, PipelineSource):
             outcome.tree = opened(outcome, archive)
         return outcome
 
-    def session(self, bytes: int = BYTES, leave_out: bool = True) -> Session:
+    def session(self, bytes: int = BYTES, leave_out: bool = True, archive: str | Path | None = None) -> Session:
         """Return an object that evaluates the pipeline many times, each time at other values: it keeps results, at most
-        ``bytes`` of them, and computes only what changed.
+        ``bytes`` of them, and computes only what changed. ``archive``: a folder whose results are read, too.
         """
-        return Session(self.written(), bytes, leave_out)
+        return Session(at_choices_of(self.written(), archive), bytes, leave_out, archive)
 
     def __repr__(self) -> str:
         chain = " -> ".join(one.name if one.name == one.use else f"{one.name} ({one.use})" for one in self.stages)

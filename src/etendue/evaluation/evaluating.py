@@ -55,7 +55,8 @@ def evaluate(plan: Plan, wanted: Wanted, results: Results, options: Options | No
     known, todo, jobs = _left_to_do(alone, wanted, held)
     found = Evaluated()
     for ref in known:
-        results.used(plan.cells[ref].key)
+        entry, names = held[ref], {*wanted.get(ref, ()), *(jobs[ref].deliver if ref in jobs else ())}
+        results.used(plan.cells[ref].key, entry.report, {name: entry.arrays[name] for name in names})
         if ref in wanted:
             found.arrays[ref] = {name: held[ref].arrays[name] for name in wanted[ref]}
             found.reports[ref] = replace(held[ref].report, stage=ref[0], index=ref[1])

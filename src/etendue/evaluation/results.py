@@ -7,13 +7,14 @@ Out: the same, for any later cell of equal key. Equal keys mean equal bits.
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
+from collections import ChainMap, OrderedDict
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from etendue.contract.ports import CellReport
 
 if TYPE_CHECKING:
+    from etendue.evaluation.archived import ArchivedResults
     from etendue.types.arrays import Array
 
 BESIDE = 1024  # bytes of a cell beside its arrays: its key, its report, and what holds them
@@ -34,10 +35,11 @@ class Results:
     ----------
     most : its bound in bytes
     bytes : of all that it holds
+    behind : an archive, whose results are read where memory has none
     """
 
-    def __init__(self, most: int) -> None:
-        self.most, self.bytes = most, 0
+    def __init__(self, most: int, behind: ArchivedResults | None = None) -> None:
+        self.most, self.bytes, self.behind = most, 0, behind
         self._lock = threading.Lock()
         self._entries: OrderedDict[str, Entry] = OrderedDict()
 
@@ -46,13 +48,21 @@ class Results:
 
     def seen(self, key: str) -> Entry | None:
         """Return what is kept under a key, without counting it as used."""
-        return self._entries.get(key)
+        held = self._entries.get(key)
+        stored = self.behind.of(key) if self.behind is not None else None
+        if stored is None:
+            return held
+        report, arrays = stored
+        return Entry(report, arrays, 0) if held is None else held._replace(arrays=ChainMap(held.arrays, arrays))  # type: ignore[arg-type]
 
-    def used(self, key: str) -> None:
-        """Count what is kept under a key as used now."""
+    def used(self, key: str, report: CellReport, arrays: Mapping[str, Array]) -> None:
+        """Count some arrays of a cell as used now; keep them if they come from the archive or were dropped since."""
         with self._lock:
-            if key in self._entries:
+            own = self._entries.get(key)
+            if own is not None and arrays.keys() <= own.arrays.keys():
                 self._entries.move_to_end(key)
+                return
+        self.put(key, report, arrays)
 
     def put(self, key: str, report: CellReport, arrays: Mapping[str, Any]) -> None:
         """Keep arrays of a cell beside those that are kept of it already."""

@@ -7,12 +7,14 @@ Out: trees and records of metrics, with the bits of a run.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from etendue.calls import called_methods
 from etendue.errors import Fault, RequestError
+from etendue.evaluation.archived import ArchivedResults
 from etendue.evaluation.asking import overrides_of, raise_failed
 from etendue.evaluation.evaluating import Wanted, evaluate
 from etendue.evaluation.plans import Plans
@@ -38,6 +40,7 @@ class Session:
     pipeline : as read or written; a file that changes later is not read again
     bytes : bound on the results that are kept; the least recently used go first
     leave_out : whether stages that the scene does not need may be left out
+    archive : folder of an archive whose results are read where they fit; nothing is written to it
 
     Examples
     --------
@@ -48,9 +51,16 @@ class Session:
     True
     """
 
-    def __init__(self, pipeline: PipelineFile, bytes: int = BYTES, leave_out: bool = True) -> None:
+    def __init__(
+        self,
+        pipeline: PipelineFile,
+        bytes: int = BYTES,
+        leave_out: bool = True,
+        archive: str | Path | None = None,
+    ) -> None:
         self.pipeline, self.leave_out = pipeline, leave_out
-        self.results, self.plans = Results(bytes), Plans()
+        self.results = Results(bytes, ArchivedResults(Path(archive)) if archive is not None else None)
+        self.plans = Plans()
 
     def __call__(self, want: str | Iterable[str] | None = None, **values: Any) -> Any:
         """Return the ``xarray.DataTree`` of a run at other values, given as for ``etendue.simulate``, without its small

@@ -104,9 +104,7 @@ def plan_again(pipeline: PipelineFile, registry: Registry, leave_out_allowed: bo
 
 @without_collecting()
 @asked_of_stages()
-def plan_as(
-    pipeline: PipelineFile, registry: Registry, choice: Choice, told: Told = lambda done, total: None
-) -> Plan:
+def plan_as(pipeline: PipelineFile, registry: Registry, choice: Choice, told: Told = lambda done, total: None) -> Plan:
     """Return the plan of a pipeline, decided as asked."""
     # Order: the graph before cells (a file with faults must not be expanded), cells before warnings (most warnings need
     # the facts of a cell).
