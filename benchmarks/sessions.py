@@ -1,5 +1,5 @@
 """What an evaluation of pipelines/sweep.toml costs where only one parameter changes, each time to another value, and
-what simulate in a loop costs: wall and CPU milliseconds, the median of some repeats; memory after many; bits in threads.
+what simulate in a loop costs: the median of wall and CPU milliseconds; memory after many evaluations; bits in threads.
 
     python benchmarks/sessions.py [--repeats N] [--evaluations N]
 

@@ -14,7 +14,6 @@ from etendue.builder.simulating import simulate
 from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError, PluginError, RequestError
 from etendue.evaluation.asking import overrides_of
-from etendue.evaluation.plans import Plans
 from etendue.evaluation.remembering import MEMORY
 from etendue.evaluation.results import BESIDE, Results
 from etendue.evaluation.session import Session
@@ -103,7 +102,7 @@ def test_a_record_has_the_values_of_the_tree(session, name):
         assert np.asarray(record[text]).dtype == whole.dtype or whole.size == 1
 
 
-@pytest.mark.parametrize("most", (0, 20_000, 400_000))
+@pytest.mark.parametrize("most", [0, 20_000, 400_000])
 def test_a_small_bound_changes_no_bit_and_is_kept(most):
     small = Session(load(BARE), bytes=most)
     for name in ("nothing", "noise", "the lens", "an axis", "noise"):
@@ -177,7 +176,7 @@ def test_threads_give_the_same_bits():
 
 @pytest.mark.parametrize(
     "bad",
-    (
+    [
         {"f_number": -2},
         {"f_number": "2 kg"},
         {"sharpen__strenght": 1},
@@ -187,7 +186,7 @@ def test_threads_give_the_same_bits():
         {"pixel_pitch": "500 um"},
         {"demosaic__use": "demosaic_unknown"},
         {"f_number": []},
-    ),
+    ],
 )
 def test_a_bad_value_is_refused_as_by_a_run(session, bad):
     session.metrics("rgb_camera")

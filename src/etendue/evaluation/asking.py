@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from etendue.contract.ports import CellReport
 from etendue.contract.values.tables import SHARED
 from etendue.errors import PluginError
 from etendue.pipeline.overrides import TOP
 from etendue.plan.model import Plan
-from etendue.contract.ports import CellReport
 from etendue.types.documents import Document
 
 

@@ -6,17 +6,18 @@ Out: trees and records of metrics, with the bits of a run.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from etendue.calls import called_methods
-from etendue.errors import Fault, RequestError
+from etendue.errors import Fault, PluginError, RequestError
 from etendue.evaluation.archived import ArchivedResults
 from etendue.evaluation.asking import overrides_of, raise_failed
-from etendue.evaluation.evaluating import Wanted, evaluate
+from etendue.evaluation.evaluating import evaluate
 from etendue.evaluation.plans import Plans
 from etendue.evaluation.remembering import remembered
 from etendue.evaluation.results import Results
@@ -29,6 +30,16 @@ if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
 BYTES = 1 << 30  # of results that a session keeps, unless another bound is given
+
+
+@dataclass(frozen=True)
+class Row:
+    """One evaluation: its settings, and the metrics they gave, or why they gave none."""
+
+    number: int
+    settings: DocumentView
+    metrics: DocumentView
+    failed: str = ""
 
 
 @called_methods
@@ -97,6 +108,21 @@ class Session:
             name = f"{stage}.{variable}"
             record[name if name in texts else variable] = _joined(plan, (stage, variable), found.arrays)
         return record
+
+    def rows(self, settings: Iterable[Mapping[str, Any]], names: str | Iterable[str]) -> Iterator[Row]:
+        """Evaluate one row of settings after the other. The next row is asked for only after the one before has been
+        given out, so that a generator may choose it by what it was told.
+
+        A row that the stages refuse, or at which a cell fails, is given out with the reason.
+        """
+        names = [names] if isinstance(names, str) else list(names)
+        for number, own in enumerate(settings):
+            found, failed = dict[str, Any](), ""
+            try:
+                found = self.metrics(names, **own)
+            except (RequestError, PluginError) as error:
+                failed = str(error)
+            yield Row(number, dict(own), found, failed)
 
     def plan(self, want: str | Iterable[str] | None, values: Mapping[str, Any]) -> Plan:
         """Return what an evaluation would run, whether it is in memory or not."""
