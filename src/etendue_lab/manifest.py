@@ -34,6 +34,7 @@ def etendue_commands() -> Document:
             ),
             ("losses", "information:losses", "FILE", "report each stage's share of lost contrast, SNR and colour"),
             ("optimise", "search:optimise", "FILE", "search for the settings that make a metric best"),
+            ("pairs", "search:pairs", "FILE --photographs FOLDER", "make pictures of random cameras with their truth"),
             ("stability", "stability:stability", "[STAGE]", "test every stage at numerically hard inputs"),
         )
     }
@@ -44,6 +45,7 @@ def etendue_methods() -> dict[str, str]:
     return {
         "Pipeline.compare": "etendue_lab.compare.python:compare",
         "Pipeline.optimise": "etendue_lab.search.study:optimise",
+        "Pipeline.pairs": "etendue_lab.pairs.drawing:pairs",
         "Pipeline.quality": "etendue_lab.quality.python:quality",
     }
 

@@ -1,6 +1,8 @@
-"""The ``optimise`` command: search for the settings that make a metric best."""
+"""Commands that evaluate many cameras: ``optimise`` searches for the best, ``pairs`` draws them at random."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import click
 
@@ -46,4 +48,45 @@ def optimise() -> None:
     Needs optuna: pip install 'etendue[optimise]'.
 
     Exit codes: 0 done, 2 invalid request, 3 no trial meets all limits.
+    """
+
+
+@command("pairs")
+@options.FILE
+@click.option(
+    "--photographs",
+    required=True,
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Pictures (PNG, JPEG, TIFF) in a folder and the folders in it, or one file.",
+)
+@_texts("over", "NAME=LOW:HIGH", "Draw a setting: f_number=1.4:8, integration_time='1 ms:20 ms:log', demosaic.use=a,b")
+@click.option(
+    "--variable",
+    "variables",
+    multiple=True,
+    metavar="VARIABLE",
+    help="What a pair holds; default: raw and expected_charge" + options.REPEAT,
+)
+@options.settings()
+@click.option("--count", default=1000, show_default=True, type=click.IntRange(1), metavar="N", help="Number of pairs.")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), metavar="N", help="Seed of all draws.")
+@click.option("--block", default=64, show_default=True, type=click.IntRange(1), metavar="N", help="Pairs in a file.")
+@options.WORKERS
+@options.output("Folder for the blocks. Default: ./<name>-pairs.")
+@options.JSON
+@options.gather
+@later("etendue_lab.pairs.terminal:pairs_command", "stopped; the same command goes on with the next block")
+def pairs() -> None:
+    """Make pictures of random cameras with their truth, for training.
+
+    Every pair is one photograph seen by one camera whose settings are drawn between the given ends: what the camera
+    stores (raw) and the mean charge of the same pixels without noise (expected_charge), or any other variables with
+    the dims y x or channel y x. The same seed and number give the same pair on any machine of one platform, in any
+    order and number of workers.
+
+    A block pairs-00000.npz holds each variable as float32 (number, channel, y, x); pairs-00000.json the settings of
+    its pairs. Blocks that are there stay: after an interruption, or with a larger --count, the same command goes on.
+
+    Exit codes: 0 done, 2 invalid request.
     """

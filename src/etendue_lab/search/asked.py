@@ -266,6 +266,21 @@ def read_request(
     )
 
 
+def read_ranges(pipeline: PipelineFile, registry: Registry, over: Iterable[str]) -> tuple[Range, ...]:
+    """Return ranges of settings.
+
+    Raises
+    ------
+    RequestError
+        With every fault of the texts.
+    """
+    reader = _Reader(pipeline, registry)
+    ranges = [reader.range(text) for text in ([over] if isinstance(over, str) else over)]
+    if reader.faults:
+        raise RequestError(reader.faults, pipeline.file)
+    return tuple(one for one in ranges if one is not None)
+
+
 def _number(text: str) -> Any:
     try:
         return int(text)

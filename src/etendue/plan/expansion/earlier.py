@@ -53,16 +53,16 @@ class Earlier:
 def nearest_of(plans: Sequence[Plan], graph: Graph, pipeline: PipelineFile, choice: Choice) -> Earlier | None:
     """Return the plan of which most nodes are unchanged; None if none was decided alike."""
     sources = frozenset(node.name for node in graph.nodes if node.is_source)
-    alike = [one for one in plans if _decided_alike(one, pipeline, choice)]
-    found = [Earlier(one, _unchanged(one, graph), sources) for one in alike]
+    alike = [one for one in plans if _decided_alike(one, choice)]
+    same = [(one, one.pipeline.seed == pipeline.seed) for one in alike]
+    found = [Earlier(one, _unchanged(one, graph, seeded), sources) for one, seeded in same]
     return max(found, key=lambda one: len(one.unchanged), default=None)
 
 
-def _decided_alike(plan: Plan, pipeline: PipelineFile, choice: Choice) -> bool:
+def _decided_alike(plan: Plan, choice: Choice) -> bool:
     """Return whether all that holds for a whole pipeline is the same."""
     own = plan.pipeline
-    return (own.seed, own.tolerance, own.norm, own.precision, plan.leaves_out, plan.expected) == (
-        pipeline.seed,
+    return (own.tolerance, own.norm, own.precision, plan.leaves_out, plan.expected) == (
         choice.tolerance,
         choice.norm,
         choice.precision,
@@ -71,13 +71,15 @@ def _decided_alike(plan: Plan, pipeline: PipelineFile, choice: Choice) -> bool:
     )
 
 
-def _unchanged(plan: Plan, graph: Graph) -> frozenset[str]:
+def _unchanged(plan: Plan, graph: Graph, same_seed: bool) -> frozenset[str]:
     before = {node.name: node for node in plan.nodes}
     axes = {axis.dim: axis for axis in plan.axes}
     same_axes = {axis.dim for axis in graph.axes if axes.get(axis.dim) == axis}
     same_values = {name for name, value in graph.shared.items() if name in plan.shared and plan.shared[name] == value}
 
     def unchanged(node: Node) -> bool:
+        if not same_seed and (node.is_random or node.draws_anew):
+            return False
         if before.get(node.name) != node or not same_axes.issuperset(node.axes):
             return False
         taken = (parameters_of(one.kind).items() for one in node.alternatives)
