@@ -11,13 +11,16 @@ import numpy as np
 import pytest
 
 from etendue.builder.simulating import simulate
+from etendue.compute import rows
 from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError, PluginError, RequestError
+from etendue.evaluation import archived
 from etendue.evaluation.asking import overrides_of
 from etendue.evaluation.remembering import MEMORY
 from etendue.evaluation.results import BESIDE, Results
 from etendue.evaluation.session import Session
 from etendue.pipeline.file import overridden
+from etendue.plan import cost
 from etendue.plan.planner import make_plan, plan_again
 from etendue.session import load
 from tests.run.small import BARE, SWEEP, assert_same_bits, plan_of, run
@@ -201,6 +204,31 @@ def test_a_bad_value_is_refused_as_by_a_run(session, bad):
 def test_a_variable_that_nobody_writes_is_refused(session):
     with pytest.raises(RequestError, match="no stage of this pipeline writes 'mtf500'.*mtf50"):
         session.metrics(["mtf500"])
+
+
+@pytest.mark.parametrize("large", ["frames", "light"])
+def test_what_is_computed_piece_by_piece_is_the_same(monkeypatch, large):
+    """Frames in strips, light by band: what is never whole is not kept, and read again from what is."""
+    if large == "frames":
+        monkeypatch.setattr(rows, "LARGEST_WHOLE", 0)
+        monkeypatch.setattr(rows, "STRIP", 1)
+        monkeypatch.setattr(rows, "TILE", 8)
+    else:
+        monkeypatch.setattr(cost, "LARGEST_WHOLE", 1000)
+    own = Session(load(BARE))
+    for name in ("nothing", "noise", "the lens", "sharpening", "noise"):
+        record = own.metrics(["rgb_camera", "clipped_fraction"], **CHANGES[name])
+        pipeline = overridden(file_of(CHANGES[name]), {"wanted": ["rgb_camera", "clipped_fraction"]})
+        tree = run(make_plan(pipeline, installed_stages()), pictures=False).tree
+        assert_same_bits(record["rgb_camera"], tree["sharpen"]["rgb_camera"].values, name)
+        assert record["clipped_fraction"] == float(tree["exposure_report"]["clipped_fraction"])
+
+
+def test_an_archive_of_another_platform_is_refused(tmp_path, monkeypatch):
+    run(plan_of({"sweep.f_number": [2]}), tmp_path / "a", pictures=False)
+    monkeypatch.setattr(archived, "platform_record", lambda: {"machine": "another"})
+    with pytest.raises(ArchiveError, match="another platform, so bits may differ"):
+        Session(load(BARE), archive=tmp_path / "a")
 
 
 def test_an_archive_is_read_and_never_written(tmp_path):
