@@ -105,6 +105,26 @@ def test_a_record_has_the_values_of_the_tree(session, name):
         assert np.asarray(record[text]).dtype == whole.dtype or whole.size == 1
 
 
+@pytest.mark.parametrize("name", ["nothing", "nothing left out", "two axes"])
+def test_every_variable_alone_is_that_of_the_tree(session, name):
+    """Light within a segment, what is left out, and what only a look at stages gives are among them."""
+    tree, names = alone(name), []
+    for node in session.plan(None, CHANGES[name]).nodes:
+        for variable in node.writes:
+            names.append(f"{node.name}.{variable}")
+            (found,) = session.metrics(names[-1], **CHANGES[name]).values()
+            whole = tree[node.name][variable].values
+            assert np.asarray(found).tobytes() == whole.tobytes() or (whole.size == 1 and found == whole), names[-1]
+    assert len(names) > 20
+    assert list(session.metrics(names, **CHANGES[name])) == names
+
+
+def test_shapes_that_differ_along_an_axis_are_left_to_the_tree(session):
+    with pytest.raises(RequestError, match="rgb_camera has other shapes along an axis of the sweep; ask for the tree"):
+        session.metrics("rgb_camera", pixel__rows=[24, 32])
+    assert "24x32" in session(pixel__rows=[24, 32])["sharpen"].children
+
+
 @pytest.mark.parametrize("most", [0, 20_000, 400_000])
 def test_a_small_bound_changes_no_bit_and_is_kept(most):
     small = Session(load(BARE), bytes=most)

@@ -131,6 +131,15 @@ def test_the_folder_of_another_search_is_refused_and_left_alone(tmp_path, text, 
 
 
 @needs_optuna
+def test_whole_numbers_and_choices_are_searched_as_such():
+    over = ["bits=8:14", "pixel.rows=16,24", "demosaic.use=demosaic_bilinear,demosaic_nearest", "read_noise=1,2.5"]
+    found = search(load(BARE), request(over=over, subject=[]), 25)
+    assert not [one.failed for one in found.trials if one.failed]
+    assert {type(one.settings["bits"]) for one in found.trials} == {int}
+    assert {one.settings["read_noise"] for one in found.trials} == {"1", "2.5"}
+
+
+@needs_optuna
 def test_a_cell_that_fails_is_told_as_failed_and_the_search_goes_on(monkeypatch):
     kind = installed_stages().load("exposure")
     right = kind.run
