@@ -4,6 +4,8 @@ plans.
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
@@ -23,7 +25,8 @@ from etendue.pipeline.file import overridden
 from etendue.plan import cost
 from etendue.plan.planner import make_plan, plan_again
 from etendue.session import load
-from tests.run.small import BARE, SWEEP, assert_same_bits, plan_of, run
+from tests.documents.pages import ROOT
+from tests.run.small import BARE, SWEEP, assert_same_bits, environment, plan_of, run
 
 # One change at every place of the chain, and of every kind: of the scene, shared, of a stage, swapped, swept, global.
 CHANGES = {
@@ -363,3 +366,29 @@ def test_a_stage_that_fails_is_named_and_its_result_is_not_kept(monkeypatch):
             with pytest.raises(PluginError, match=r"(?s)1 cells failed; the first: demosaic .*not today"):
                 ask()
     assert_same_bits(own.metrics("rgb_camera", read_noise=6)["rgb_camera"], expected)
+
+
+ROUNDS = """
+import resource
+from etendue.evaluation.session import Session
+from etendue.session import load
+from tests.run.small import BARE
+
+def resident():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * resource.getpagesize()
+
+own, early = Session(load(BARE), bytes=2_000_000), 0
+for n in range(400):
+    own.metrics(["rgb_camera", "mtf50"], f_number=2 + n / 400, read_noise=1 + n / 400)
+    early = resident() if n == 99 else early
+print(resident() / early)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_memory_does_not_grow_with_evaluations():
+    """Within 1.1 times of what it is after 100, of which a tenth is more than the bound on results."""
+    done = subprocess.run([sys.executable, "-c", ROUNDS], cwd=ROOT, env=environment(), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) < 1.1
