@@ -67,6 +67,6 @@ class Plans:
 
 
 def _files(plan: Plan) -> tuple[tuple[str, tuple[int, int]], ...]:
-    stages = {id(cell.stage): cell.stage for cell in plan.cells.values()}
-    paths = {path for stage in stages.values() for path in files_of(stage).values()}
+    stages = {cell.stage for cell in plan.cells.values()}
+    paths = {path for stage in stages for path in files_of(stage).values()}
     return tuple((path, file_state(path)) for path in sorted(paths))

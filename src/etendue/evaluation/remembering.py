@@ -96,11 +96,4 @@ def bytes_of(plan: Plan) -> int:
     """Return the bytes of all kept variables of a plan, at most."""
     width = 4 if plan.precision == "float32" else 8
     kept = {node.name: [name for name in node.writes if (node.name, name) in plan.kept] for node in plan.nodes}
-    sizes: dict[tuple[str, int], int] = {}
-    total = 0
-    for cell in plan.cells.values():
-        place = (cell.node, id(cell.grids))
-        if place not in sizes:
-            sizes[place] = width * sum(cell.grids[name].count for name in kept[cell.node])
-        total += sizes[place]
-    return total
+    return width * sum(cell.grids[name].count for cell in plan.cells.values() for name in kept[cell.node])

@@ -11,6 +11,8 @@ from collections import ChainMap, OrderedDict
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from etendue.contract.ports import CellReport
 
 if TYPE_CHECKING:
@@ -90,7 +92,8 @@ class Results:
 def _alone(array: Array) -> Array:
     """Return an array that nobody can change and that holds no more memory than its own."""
     whole = array.base
-    if array.flags.writeable or (whole is not None and getattr(whole, "nbytes", array.nbytes) > array.nbytes):
+    alone = whole is None or (isinstance(whole, np.ndarray) and whole.nbytes <= array.nbytes)
+    if array.flags.writeable or not alone:
         array = array.copy()
         array.setflags(write=False)
     return array

@@ -178,14 +178,17 @@ class _Reader:
         if declared is None or declared[1] not in (int, float):
             self.faults.append(Fault(f"--over {key}", "is no number: give choices, NAME=A,B"))
             return None
-        parts = [part.strip() for part in rest.split(":")]
+        return self.between(name, text, [part.strip() for part in rest.split(":")], declared)
+
+    def between(self, name: str, text: str, parts: list[str], declared: tuple[Parameter, Any]) -> Range | None:
+        """Return the range between two ends; ``parts``: the ends, and ``log`` or ``linear`` if given."""
         if len(parts) not in (2, 3) or parts[2:] not in ([], ["log"], ["linear"]):
             self.faults.append(Fault(f"--over {text}", "expected NAME=LOW:HIGH or NAME=LOW:HIGH:log"))
             return None
-        ends = [self.value(f"--over {key}", part, declared) for part in parts[:2]]
-        if None in ends:
+        key = text.partition("=")[0].strip()
+        low, high = (self.value(f"--over {key}", part, declared) for part in parts[:2])
+        if low is None or high is None:
             return None
-        low, high = (float(end) for end in ends if end is not None)
         logarithmic = parts[2:] == ["log"]
         if not low < high or (logarithmic and low <= 0):
             self.faults.append(Fault(f"--over {text}", "expected a lower end, above 0 for log, and a higher one"))
