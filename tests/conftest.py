@@ -9,6 +9,7 @@ import tempfile
 from functools import partialmethod
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner, Result
 from hypothesis import settings
 
@@ -25,3 +26,11 @@ if (
 ):  # before click 8.2; as later: stderr apart, output both of them
     CliRunner.__init__ = partialmethod(CliRunner.__init__, mix_stderr=False)
     Result.output = property(lambda result: result.stdout + result.stderr)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _nothing_remembered() -> None:
+    """Every call of ``simulate`` computes: laws compare runs, not a run with its own memory."""
+    from etendue.evaluation.remembering import MEMORY
+
+    MEMORY.clear(0)

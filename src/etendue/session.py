@@ -228,7 +228,8 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress, 
         if work.plan is not plan:
             standing = {ref: standing[own] for ref, own in work.cells.items() if own in standing}
         tree, files = keeper.close(run.tables(), sheet, reports.count(FAILED) > 0)
-    _remember(plan, reports.of(plan, work.cells), archive=keeper.folder is not None)
+    if work.todo:
+        _remember(plan, reports.of(plan, work.cells), archive=keeper.folder is not None)
     reports.reuse(ref for ref in run.earlier if ref in reports)
     if tree is not None:
         TREES_OUT.hand_out(tree, tree.nbytes)

@@ -33,6 +33,8 @@ def etendue_commands() -> Document:
                 "report bits per pixel of fine detail and where they are lost",
             ),
             ("losses", "information:losses", "FILE", "report each stage's share of lost contrast, SNR and colour"),
+            ("optimise", "search:optimise", "FILE", "search for the settings that make a metric best"),
+            ("pairs", "search:pairs", "FILE --photographs FOLDER", "make pictures of random cameras with their truth"),
             ("stability", "stability:stability", "[STAGE]", "test every stage at numerically hard inputs"),
         )
     }
@@ -42,6 +44,8 @@ def etendue_commands() -> Document:
 def etendue_methods() -> dict[str, str]:
     return {
         "Pipeline.compare": "etendue_lab.compare.python:compare",
+        "Pipeline.optimise": "etendue_lab.search.study:optimise",
+        "Pipeline.pairs": "etendue_lab.pairs.drawing:pairs",
         "Pipeline.quality": "etendue_lab.quality.python:quality",
     }
 

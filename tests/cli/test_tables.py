@@ -29,6 +29,8 @@ from etendue_lab.compare import ranking
 from etendue_lab.compare.compared import ComparedRow
 from etendue_lab.compare.study import Comparison
 from etendue_lab.emva.frames import measured
+from etendue_lab.search.asked import Asked, Goal, Limit, Metric, Range
+from etendue_lab.search.study import Found, Trial
 from etendue_lab.stability.rows import LawCase, counts, document, groups, single
 from tests.run.small import plan_of, run
 from tests.studies.desk import measurement
@@ -72,6 +74,17 @@ def a_comparison() -> tuple[tuple[Any, ...], Any]:
     place = ("demosaic", "rgb_camera")
     found = Comparison("small", "demosaic.use", rows, place, place, "", "1 frame", (4, 4), {}, [])
     return (found, []), ranking.document(found)
+
+
+def a_search() -> tuple[tuple[Any, ...], Any]:
+    asked = Asked(
+        (Goal(Metric("mtf50", "mean"), True), Goal(Metric("noise"))),
+        (Limit(Metric("clipped"), True, 0.1),),
+        (Range("f_number", 1.0, 8.0), Range("demosaic.use", choices=("a", "b"))),
+    )
+    trials = [Trial(n, {"f_number": 2.0 + n, "demosaic.use": "a"}, (n / 3, n / 7), (n - 3.0,)) for n in range(5)]
+    document = Found("small", asked, tuple(trials)).document()
+    return (document,), document
 
 
 def cases_of_laws(every: bool) -> tuple[tuple[Any, ...], Any]:
@@ -188,6 +201,7 @@ CASES = {
         written("measure"),
     ),
     "quality": Case(f"{LAB}.quality.terminal:print_quality", (of("rows"),), written("quality")),
+    "optimise": Case(f"{LAB}.search.terminal:print_search", (of("best"),), a_search),
     "compare": Case(f"{LAB}.compare.ranking:print_comparison", (of("rows"),), a_comparison),
     **{
         f"stability{' --all' * every}": Case(

@@ -24,6 +24,7 @@ from etendue.contract.stage import Stage
 from etendue.contract.values import quantities as shared_quantities
 from etendue.contract.values.tables import SHARED, preset_keys, tables
 from etendue.errors import Fault, RequestError, nearest
+from etendue.evaluation.session import BYTES, Session
 from etendue.pipeline import toml
 from etendue.pipeline.file import PipelineFile as Written
 from etendue.pipeline.file import PipelineSource, parse_pipeline, read_pipeline
@@ -313,6 +314,12 @@ class Pipeline(Extended, PipelineSource):
         if archive is not None or outcome.answers:
             outcome.tree = opened(outcome, archive)
         return outcome
+
+    def session(self, bytes: int = BYTES, leave_out: bool = True, archive: str | Path | None = None) -> Session:
+        """Return an object that evaluates the pipeline many times, each time at other values: it keeps results, at most
+        ``bytes`` of them, and computes only what changed. ``archive``: a folder whose results are read, too.
+        """
+        return Session(at_choices_of(self.written(), archive), bytes, leave_out, archive)
 
     def __repr__(self) -> str:
         chain = " -> ".join(one.name if one.name == one.use else f"{one.name} ({one.use})" for one in self.stages)

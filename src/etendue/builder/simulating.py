@@ -16,15 +16,14 @@ from etendue.archive import places
 from etendue.archive.records.choices import with_kept_choices
 from etendue.calls import called
 from etendue.contract.registry import installed_stages
-from etendue.contract.values.tables import SHARED
-from etendue.errors import PluginError
+from etendue.evaluation.asking import overrides_of, raise_failed
+from etendue.evaluation.remembering import MEMORY, remembered
 from etendue.pipeline.file import PipelineFile, PipelineSource
-from etendue.pipeline.overrides import TOP
 from etendue.plan import planner
 from etendue.present.plots.stated import stated
 from etendue.run.schedulers import check_scheduler
 from etendue.session import Options, Outcome, execute, load
-from etendue.types.documents import Document, DocumentView
+from etendue.types.documents import DocumentView
 
 
 @called
@@ -67,29 +66,14 @@ def simulate(
     >>> float(tree["exposure_report"]["clipped_fraction"].max()) < 1
     True
     """
-    overrides: Document = {}
-    for name, value in parameters.items():
-        key = name.replace("__", ".")
-        if hasattr(value, "tolist"):
-            value = value.tolist()
-        if key in TOP:
-            overrides[key] = value
-        elif isinstance(value, list | tuple | dict):
-            overrides[f"sweep.{key}"] = list(value) if not isinstance(value, dict) else value
-        else:
-            overrides[key if "." in key else f"{SHARED}.{key}"] = value
-    if want is not None:
-        overrides["wanted"] = [want] if isinstance(want, str) else list(want)
-    made = at_choices_of(load(pipeline, overrides), archive)
-    plan = planner.make_plan(made, installed_stages(), leave_out)
-    outcome = execute(plan, archive, Options(check_scheduler(scheduler), workers))
-    if outcome.failed:
-        first = outcome.failed[0]
-        ref = (first.stage, first.index)
-        raise PluginError(
-            f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: "
-            f"{first.message}"
-        )
+    made = at_choices_of(load(pipeline, overrides_of(parameters, want)), archive)
+    options = Options(check_scheduler(scheduler), workers)
+    if archive is None and MEMORY.results.most and options == Options():
+        outcome = remembered(MEMORY.plans.plan(made, leave_out), MEMORY.results, options)
+    else:
+        plan = planner.make_plan(made, installed_stages(), leave_out)
+        outcome = execute(plan, archive, options)
+        raise_failed(plan, outcome.failed)
     with_errors(outcome, errors)
     return opened(outcome, archive)
 

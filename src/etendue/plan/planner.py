@@ -53,8 +53,6 @@ def asked_of_stages() -> Iterator[None]:
         yield
 
 
-@without_collecting()
-@asked_of_stages()
 def make_plan(
     pipeline: PipelineFile,
     registry: Registry,
@@ -82,17 +80,39 @@ def make_plan(
     RequestError
         With every fault of the file, or with every stage whose grid is impossible.
     """
+    choice = Choice(
+        pipeline.tolerance,
+        leave_out_allowed and pipeline.leave_out,
+        pipeline.precision,
+        pipeline.norm,
+        expected,
+        versions,
+        computed,
+    )
+    return plan_as(pipeline, registry, choice, told)
+
+
+def plan_again(pipeline: PipelineFile, registry: Registry, leave_out_allowed: bool, earlier: Sequence[Plan]) -> Plan:
+    """Return the plan that ``make_plan`` makes. Cells that cannot differ from those of an earlier plan are taken from
+    it, so that planning costs what changed.
+    """
+    leave_out_allowed = leave_out_allowed and pipeline.leave_out
+    norm = pipeline.norm
+    choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision, norm, earlier=tuple(earlier))
+    return plan_as(pipeline, registry, choice)
+
+
+@without_collecting()
+@asked_of_stages()
+def plan_as(pipeline: PipelineFile, registry: Registry, choice: Choice, told: Told = lambda done, total: None) -> Plan:
+    """Return the plan of a pipeline, decided as asked."""
     # Order: the graph before cells (a file with faults must not be expanded), cells before warnings (most warnings need
     # the facts of a cell).
-    leave_out_allowed = leave_out_allowed and pipeline.leave_out
     # Swapped stages come before automatic values, because these are chosen by the stages that are finally used.
     pipeline, swapped = fitted_to_overrides(pipeline, registry)
     pipeline, chosen = settled(pipeline, registry)
     try:
         graph = build_graph(pipeline, registry)
-        choice = Choice(
-            pipeline.tolerance, leave_out_allowed, pipeline.precision, pipeline.norm, expected, versions, computed
-        )
         cells, precision, looked = expand(graph, pipeline, choice, told)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), error.file) from None
@@ -114,9 +134,9 @@ def make_plan(
         seen_only=graph.seen_only,
         precision=precision,
         shared=graph.shared,
-        leaves_out=leave_out_allowed,
+        leaves_out=choice.leave_out,
         looked=looked,
-        expected=expected,
+        expected=choice.expected,
         warnings=(*swapped, *chosen, *graph.warnings, *warnings),
     )
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Set
+from collections.abc import Callable, Iterator, Set
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from etendue import interrupts
@@ -90,7 +91,21 @@ def run_batches(
     """Run batches with single-threaded linear algebra; afterwards drop cached tables that recent runs did not use."""
     if not batches:
         return
-    keep_freed_memory()
-    with ONE_THREAD, TABLES.run():
+    with _as_a_run():
         run = scheduler(how.address).run()
         watched(lambda: run(batches, deliver, before, after, how), how.stop)
+
+
+def run_briefly(batches: list[Batch], deliver: Set[CellRef], after: Callable[[Batch, BatchResult], None]) -> None:
+    """Run batches that take less time than a signal may wait, one after the other in this thread: starting another
+    takes as long as many cells.
+    """
+    with _as_a_run():
+        scheduler("serial").run()(batches, deliver, lambda batch: None, after, How("serial", 1, Stop()))
+
+
+@contextmanager
+def _as_a_run() -> Iterator[None]:
+    keep_freed_memory()
+    with ONE_THREAD, TABLES.run():
+        yield

@@ -24,6 +24,7 @@ from etendue.pipeline.file import PipelineFile
 from etendue.plan import stage_calls
 from etendue.plan.expansion import scenes
 from etendue.plan.expansion.deciding import Decider, Decisions, segment_input
+from etendue.plan.expansion.earlier import nearest_of
 from etendue.plan.expansion.forms import CellGrids, Draft, output_grid
 from etendue.plan.expansion.growth import state_growth
 from etendue.plan.expansion.recipes import Recipes
@@ -76,6 +77,7 @@ class _Expansion:
         self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions, choice.keys)
         self.faults: dict[str, Fault] = {}
         self.looked = 0.0  # seconds spent on scenes whose content was not in the cache
+        self.earlier = nearest_of(choice.earlier, graph, pipeline, choice)
 
     def stage_at(self, node: Node, number: int, index: Mapping[str, int], found: tuple[LateValue, ...] = ()) -> Stage:
         """Return the stage of an alternative at a combination, with stand-ins for quantities that only a run finds."""
@@ -114,6 +116,8 @@ class _Expansion:
     def expand(self) -> dict[CellRef, Cell]:
         total = self.count()
         self.precision = self.choose_precision()
+        if self.earlier is not None:
+            self.grids |= self.earlier.begin(self.precision)
         self.decider = Decider(self.graph, self.choice, self.cells, self.stage_at, self.precision)
         # positions by axes, shared by all nodes with the same axes
         places: dict[tuple[str, ...], list[tuple[int, ...]]] = {}
@@ -159,6 +163,8 @@ class _Expansion:
         """
         if self.choice.precision != "auto":
             return self.choice.precision
+        if self.earlier is not None and self.earlier.has_sources:
+            return self.earlier.precision
         for node in self.graph.nodes:
             if not node.is_source:
                 continue
@@ -202,6 +208,9 @@ class _Expansion:
         return replace(facts, content=found, uniform=facts.uniform or found.detail == 0, low=low, high=high), grids
 
     def add(self, node: Node, index: tuple[int, ...]) -> None:
+        if self.earlier is not None and (known := self.earlier.take(node.name, index)) is not None:
+            self.cells[known.ref] = known
+            return
         cells, by_dim = self.cells, dict(zip(node.axes, index, strict=True))
         number = by_dim[node.use_axis] if node.use_axis else 0
         one, reading = node.alternatives[number], self.readings[node.name, number]

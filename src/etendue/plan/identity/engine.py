@@ -75,6 +75,7 @@ MOVES = {
     "etendue.contract.values.quantities": _VALUES,
     "etendue.contract.values.tables": _WORDS,
     "etendue.errors": _WORDS,
+    "etendue.evaluation.*": "reads back bits under the keys of all they depend on",
     "etendue.interrupts": "signals",
     "etendue.pipeline.*": f"reads the pipeline's file; {_VALUES}",
     "etendue.plain_files": "reads files whole or not at all",

@@ -13,7 +13,7 @@ from etendue.contract.registry import Registry
 from etendue.contract.values.units import as_written
 from etendue.errors import Fault, unprintable
 from etendue.pipeline.file import PipelineFile
-from etendue.plan.model import Cell, CellRef
+from etendue.plan.model import Cell, CellRef, Plan
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,7 @@ class Choice:
     computed: frozenset[str] = frozenset()  # stages that are not left out, whatever their bound
     decided: Mapping[CellRef, Cell] = field(default_factory=dict)  # cells whose decisions are copied
     keys: bool = True  # whether cells have keys; without keys, results cannot be stored or reused
+    earlier: tuple[Plan, ...] = ()  # plans decided alike; cells that cannot differ are taken from one of them
 
 
 class Request:

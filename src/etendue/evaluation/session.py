@@ -1,0 +1,160 @@
+"""A pipeline that is evaluated many times, each time at other values: an evaluation costs what changed.
+
+In:  a pipeline as written, a bound in bytes.
+Out: trees and records of metrics, with the bits of a run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from etendue.calls import called_methods
+from etendue.errors import Fault, PluginError, RequestError
+from etendue.evaluation.archived import ArchivedResults
+from etendue.evaluation.asking import overrides_of, raise_failed
+from etendue.evaluation.evaluating import evaluate
+from etendue.evaluation.plans import Plans
+from etendue.evaluation.remembering import remembered
+from etendue.evaluation.results import Results
+from etendue.pipeline.file import PipelineFile, overridden
+from etendue.plan.model import Plan, StageVariable
+from etendue.session import Options
+from etendue.types.documents import DocumentView
+
+if TYPE_CHECKING:
+    from etendue.types.arrays import Array
+
+BYTES = 1 << 30  # of results that a session keeps, unless another bound is given
+
+
+@dataclass(frozen=True)
+class Row:
+    """One evaluation: its settings, and the metrics they gave, or why they gave none."""
+
+    number: int
+    settings: DocumentView
+    metrics: DocumentView
+    failed: str = ""
+
+
+@called_methods
+class Session:
+    """Evaluations of one pipeline, from any thread.
+
+    Parameters
+    ----------
+    pipeline : as read or written; a file that changes later is not read again
+    bytes : bound on the results that are kept; the least recently used go first
+    leave_out : whether stages that the scene does not need may be left out
+    archive : folder of an archive whose results are read where they fit; nothing is written to it
+
+    Examples
+    --------
+    >>> import etendue
+    >>> session = etendue.Pipeline.read("pipelines/smallest.toml").session()
+    >>> record = session.metrics("clipped_fraction", seed=2)
+    >>> bool((record["clipped_fraction"] < 1).all())
+    True
+    """
+
+    def __init__(
+        self,
+        pipeline: PipelineFile,
+        bytes: int = BYTES,
+        leave_out: bool = True,
+        archive: str | Path | None = None,
+    ) -> None:
+        self.pipeline, self.leave_out = pipeline, leave_out
+        self.results = Results(bytes, ArchivedResults(Path(archive)) if archive is not None else None)
+        self.plans = Plans()
+
+    def __call__(self, want: str | Iterable[str] | None = None, **values: Any) -> Any:
+        """Return the ``xarray.DataTree`` of a run at other values, given as for ``etendue.simulate``, without its small
+        pictures (``frames``).
+
+        Raises
+        ------
+        RequestError
+            With every fault, as a run.
+        EtendueError
+            If cells failed; the message names the first.
+        """
+        return remembered(self.plan(want, values), self.results, Options(pictures=False)).tree
+
+    def metrics(self, names: str | Iterable[str], **values: Any) -> dict[str, Any]:
+        """Return variables at other values: by name a number, or a read-only array of all of them. Axes of a sweep
+        come first, in their order.
+
+        Raises
+        ------
+        RequestError, EtendueError
+            As for a tree.
+        """
+        plan = self.plan(names, values)
+        wanted: dict[Any, frozenset[str]] = {}
+        for stage, variable in plan.wanted:
+            for cell in plan.of(stage):
+                wanted[cell.ref] = wanted.get(cell.ref, frozenset()) | {variable}
+        found = evaluate(plan, wanted, self.results)
+        raise_failed(plan, found.failed)
+        texts = {names} if isinstance(names, str) else set(names)
+        record = {}
+        for stage, variable in plan.wanted:
+            name = f"{stage}.{variable}"
+            record[name if name in texts else variable] = _joined(plan, (stage, variable), found.arrays)
+        return record
+
+    def rows(self, settings: Iterable[Mapping[str, Any]], names: str | Iterable[str]) -> Iterator[Row]:
+        """Evaluate one row of settings after the other. The next row is asked for only after the one before has been
+        given out, so that a generator may choose it by what it was told.
+
+        A row that the stages refuse, or at which a cell fails, is given out with the reason.
+        """
+        names = [names] if isinstance(names, str) else list(names)
+        for number, own in enumerate(settings):
+            found, failed = dict[str, Any](), ""
+            try:
+                found = self.metrics(names, **own)
+            except (RequestError, PluginError) as error:
+                failed = str(error)
+            yield Row(number, dict(own), found, failed)
+
+    def plan(self, want: str | Iterable[str] | None, values: Mapping[str, Any]) -> Plan:
+        """Return what an evaluation would run, whether it is in memory or not."""
+        overrides: DocumentView = overrides_of(values, want)
+        return self.plans.plan(overridden(self.pipeline, overrides) if overrides else self.pipeline, self.leave_out)
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of the results that are kept now."""
+        return self.results.bytes
+
+    def clear(self) -> None:
+        """Forget all results and plans."""
+        self.results.clear()
+        self.plans.clear()
+
+    def __repr__(self) -> str:
+        held = f"{self.results.bytes / 1e6:.0f} of {self.results.most / 1e6:.0f} MB"
+        return f"<session of {self.pipeline.name}: {len(self.results)} results, {held}>"
+
+
+def _joined(plan: Plan, one: StageVariable, arrays: Mapping[Any, Mapping[str, Array]]) -> Any:
+    """Return a variable of all cells of its stage: a number if it is one."""
+    stage, variable = one
+    own = [arrays[cell.ref][variable] for cell in plan.of(stage)]
+    if len(own) == 1:
+        return own[0].item() if own[0].size == 1 else own[0]
+    if len({array.shape for array in own}) > 1:
+        raise RequestError(
+            [Fault("", f"{variable} has other shapes along an axis of the sweep; ask for the tree instead")]
+        )
+    sizes = [len(plan.axis(dim).values) for dim in plan.node(stage).axes]
+    whole = np.stack(own).reshape(*sizes, *own[0].shape)
+    whole.setflags(write=False)
+    return whole

@@ -1,0 +1,92 @@
+"""Commands that evaluate many cameras: ``optimise`` searches for the best, ``pairs`` draws them at random."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from etendue.cli import options
+from etendue.cli.saying import command, later
+
+
+def _texts(name: str, metavar: str, help: str) -> options.Adds:
+    return click.option(f"--{name}", multiple=True, metavar=metavar, help=help + options.REPEAT)
+
+
+@command("optimise")
+@options.FILE
+@_texts("minimise", "METRIC", "Make this metric small: rms, mtf50[mean]")
+@_texts("maximise", "METRIC", "Make this metric large")
+@_texts("subject", "LIMIT", "Stay within a limit: 'clipped_fraction <= 0.01', 'pixel_pitch <= 3'")
+@_texts(
+    "over", "NAME=LOW:HIGH", "Search a setting: f_number=1.4:8, integration_time='1 ms:20 ms:log', demosaic.use=a,b"
+)
+@options.settings()
+@click.option("--trials", default=100, show_default=True, type=click.IntRange(1), metavar="N", help="Evaluations.")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), metavar="N", help="Seed of the search.")
+@click.option(
+    "--sampler",
+    default="tpe",
+    show_default=True,
+    type=click.Choice(["tpe", "nsga2", "random"]),
+    help="How optuna chooses the next settings; random: for comparison.",
+)
+@options.output("Folder for the trials and the picture of their history. Default: ./<name>-search.")
+@options.JSON
+@options.gather
+@later("etendue_lab.search.terminal:optimise_command", "stopped; the same command goes on with the next trial")
+def optimise() -> None:
+    """Search for the settings that make a metric best, within limits.
+
+    Every trial runs the camera at other settings and costs what changed. Finished trials are in the folder: the same
+    command after an interruption reads them and goes on, and gives the trials of an uninterrupted search; with more
+    --trials it continues. A limit on a searched setting narrows its range. Trials that the stages refuse or that fail
+    are told to the optimiser as failed, trials beyond a limit by how far they are beyond it. With several goals the
+    result is the front of trials that no other trial beats in all of them.
+
+    Needs optuna: pip install 'etendue[optimise]'.
+
+    Exit codes: 0 done, 2 invalid request, 3 no trial meets all limits.
+    """
+
+
+@command("pairs")
+@options.FILE
+@click.option(
+    "--photographs",
+    required=True,
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Pictures (PNG, JPEG, TIFF) in a folder and the folders in it, or one file.",
+)
+@_texts("over", "NAME=LOW:HIGH", "Draw a setting: f_number=1.4:8, integration_time='1 ms:20 ms:log', demosaic.use=a,b")
+@click.option(
+    "--variable",
+    "variables",
+    multiple=True,
+    metavar="VARIABLE",
+    help="What a pair holds; default: raw and expected_charge" + options.REPEAT,
+)
+@options.settings()
+@click.option("--count", default=1000, show_default=True, type=click.IntRange(1), metavar="N", help="Number of pairs.")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), metavar="N", help="Seed of all draws.")
+@click.option("--block", default=64, show_default=True, type=click.IntRange(1), metavar="N", help="Pairs in a file.")
+@options.WORKERS
+@options.output("Folder for the blocks. Default: ./<name>-pairs.")
+@options.JSON
+@options.gather
+@later("etendue_lab.pairs.terminal:pairs_command", "stopped; the same command goes on with the next block")
+def pairs() -> None:
+    """Make pictures of random cameras with their truth, for training.
+
+    Every pair is one photograph seen by one camera whose settings are drawn between the given ends: what the camera
+    stores (raw) and the mean charge of the same pixels without noise (expected_charge), or any other variables with
+    the dims y x or channel y x. The same seed and number give the same pair on any machine of one platform, in any
+    order and number of workers.
+
+    A block pairs-00000.npz holds each variable as float32 (number, channel, y, x); pairs-00000.json the settings of
+    its pairs. Blocks that are there stay: after an interruption, or with a larger --count, the same command goes on.
+
+    Exit codes: 0 done, 2 invalid request.
+    """

@@ -1,0 +1,1 @@
+"""Pictures of random cameras with their truth, for training."""

@@ -1,0 +1,103 @@
+"""The trials of a search on disk: a search that was stopped goes on where it was, and gives the same trials.
+
+In:  a folder, the request and the pipeline.
+Out: finished trials by number; a line more for each new one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+from etendue.errors import Fault, RequestError
+from etendue.result_files import check_folder, write_whole
+from etendue.types.documents import Document, DocumentView
+
+REQUEST, TRIALS = "search.json", "trials.jsonl"
+
+
+class Memory:
+    """What a folder knows of a search; without a folder, nothing.
+
+    Raises
+    ------
+    RequestError
+        The folder cannot be written to, or is of another search.
+    """
+
+    def __init__(self, folder: Path | None, request: DocumentView) -> None:
+        self.folder = folder
+        self.trials: list[Document] = []
+        if folder is None:
+            return
+        check_folder(folder)
+        wanted = json.loads(json.dumps(request))
+        known = _document(folder / REQUEST)
+        if known is not None and known != wanted:
+            differ = [key for key in wanted if known.get(key) != wanted[key]]
+            raise RequestError(
+                [Fault(str(folder), f"is of another search ({', '.join(differ)} differ); choose another --output")]
+            )
+        if known is None:
+            write_whole(folder, {REQUEST: json.dumps(request, indent=1).encode()})
+        self.trials = self._read(folder / TRIALS)
+
+    def _read(self, path: Path) -> list[Document]:
+        """Return the trials; cut off a last line that was not written to its end."""
+        if not path.exists():
+            return []
+        whole, found = 0, list[Document]()
+        with path.open("rb") as file:
+            for line in file:
+                try:
+                    trial = json.loads(line) if line.endswith(b"\n") else None
+                except ValueError:
+                    trial = None
+                if not isinstance(trial, dict) or trial.get("number") != len(found):
+                    break
+                found.append(trial)
+                whole += len(line)
+        if whole < path.stat().st_size:
+            os.truncate(path, whole)
+        return found
+
+    def of(self, number: int, settings: DocumentView) -> Document | None:
+        """Return a finished trial.
+
+        Raises
+        ------
+        RequestError
+            It had other settings: the search cannot be replayed.
+        """
+        if number >= len(self.trials):
+            return None
+        known = self.trials[number]
+        if known["settings"] != json.loads(json.dumps(dict(settings))):
+            raise RequestError(
+                [
+                    Fault(
+                        str(self.folder),
+                        f"trial {number} had other settings, {known['settings']}; this version of optuna searches "
+                        f"otherwise: choose another --output",
+                    )
+                ]
+            )
+        return known
+
+    def add(self, trial: DocumentView) -> None:
+        """Write a finished trial; it is on disk when this returns."""
+        if self.folder is None:
+            return
+        with (self.folder / TRIALS).open("ab") as file:
+            file.write(json.dumps(dict(trial)).encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def _document(path: Path) -> Document | None:
+    try:
+        found = json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) else None
