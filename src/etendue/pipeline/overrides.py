@@ -11,6 +11,7 @@ from __future__ import annotations
 from etendue.contract.values import quantities
 from etendue.contract.values.tables import table_in, tables
 from etendue.errors import Fault, RequestError, nearest
+from etendue.pipeline.zipped import is_axis
 from etendue.types.documents import Document, DocumentView
 
 TOP = (
@@ -25,6 +26,7 @@ TOP = (
     "keep",
     "stages",
     "sweep",
+    "design",
     "variant",
     "description",
     "requires",
@@ -64,7 +66,7 @@ def flat(sweep: DocumentView) -> Document:
     """Return a sweep with one key per axis: TOML reads ``STAGE.use`` without quotes as a table in a table."""
     found: Document = {}
     for key, value in sweep.items():
-        if isinstance(value, dict) and value and not set(value) & {"from", "to", "steps", "spacing"}:
+        if isinstance(value, dict) and value and not is_axis(value):
             found.update({f"{key}.{name}": one for name, one in value.items()})
         else:
             found[key] = value
@@ -102,21 +104,20 @@ def apply_overrides(document: Document, overrides: DocumentView, file: str = "")
     for key, value in by_one_name(overrides, document).items():
         head, _, tail = key.partition(".")
         named = _stages(document)
-        if head in (*tables(), "sweep", "about") and tail:
+        if head in (*tables(), "sweep", "design", "about") and tail:
             if not isinstance(document.setdefault(head, {}), dict):
                 continue  # a fault of form, reported later
             document[head][tail] = value
             places.append(key)
-            if head in tables() and isinstance(document.get("sweep"), dict):
-                document["sweep"].pop(tail, None)
+            if head in tables():
+                _no_longer_varied(document, tail)
         elif tail and head in named:
             number, table = named[head]
             if tail == "use":
                 table.setdefault("name", head)  # a swapped stage keeps its name
             table[tail] = value
             places.append(f"stages[{number}].{tail}")
-            if isinstance(document.get("sweep"), dict):
-                document["sweep"].pop(key, None)
+            _no_longer_varied(document, key)
         elif not tail and head in (*TOP, *tables()):
             document[head] = value
             places.append(key)
@@ -125,6 +126,14 @@ def apply_overrides(document: Document, overrides: DocumentView, file: str = "")
     if faults:
         raise RequestError(faults, file)
     return places
+
+
+def _no_longer_varied(document: Document, key: str) -> None:
+    """Remove a value that is now given from the sweep and from the factors of the design."""
+    design = document.get("design")
+    for table in (document.get("sweep"), design.get("factors") if isinstance(design, dict) else None):
+        if isinstance(table, dict):
+            table.pop(key, None)
 
 
 def _meant(document: DocumentView, head: str, tail: str) -> str:

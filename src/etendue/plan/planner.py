@@ -19,6 +19,8 @@ from etendue.errors import Fault, PluginError, RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan import cost, omissions, stage_calls
 from etendue.plan.agreement import met_twice, taken_differently
+from etendue.plan.designs.drawing import with_design
+from etendue.plan.designs.summary import axes_said, design_said
 from etendue.plan.expansion.cells import Told, expand
 from etendue.plan.expansion.fields import notes_on_the_scene
 from etendue.plan.model import Cell, CellRef, Node, Plan
@@ -86,7 +88,7 @@ def make_plan(
     # the facts of a cell).
     leave_out_allowed = leave_out_allowed and pipeline.leave_out
     pipeline, swapped = fitted_to_overrides(pipeline, registry)
-    pipeline, chosen = settled(pipeline, registry)
+    pipeline, chosen = settled(with_design(pipeline, registry), registry)
     try:
         graph = build_graph(pipeline, registry)
         choice = Choice(
@@ -97,13 +99,14 @@ def make_plan(
         raise RequestError(pipeline.located(error.faults), error.file) from None
     kept = frozenset(one for one in resolve_keep(graph.nodes, graph.keep) if one[0] not in graph.seen_only)
     try:
-        sampled = notes_on_the_scene(graph.nodes, cells, {axis.dim: axis for axis in graph.axes})
+        sampled = notes_on_the_scene(graph.nodes, cells, graph.positioned)
         warnings = (*_warnings(graph.nodes, cells, pipeline.tolerance), *sampled)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), pipeline.file) from None
     return Plan(
         pipeline=pipeline,
         axes=graph.axes,
+        derived=graph.derived,
         nodes=graph.nodes,
         cells=cells,
         wanted=graph.wanted,
@@ -230,7 +233,8 @@ def summary(plan: Plan, peak_memory: int | None = None) -> Document:
         "tolerance": plan.pipeline.tolerance if plan.leaves_out else None,
         "norm": plan.pipeline.norm,
         "scene_seconds": plan.looked,
-        "axes": [{"name": a.key, "values": list(a.values), "units": a.units or None} for a in plan.axes],
+        "axes": axes_said(plan),
+        "design": design_said(plan),
         "warnings": list(plan.warnings),
     }
 

@@ -14,6 +14,7 @@ from etendue.contract.registry import installed_stages
 from etendue.contract.stage import looks_at_stages
 from etendue.contract.values.tables import preset_keys
 from etendue.errors import RequestError
+from etendue.pipeline.derived import with_rows
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
 from etendue.types.documents import AxisValue, DocumentView
@@ -100,9 +101,14 @@ def _over(
     plan: Plan, extra: Mapping[str, list[AxisValue]], stored: Mapping[str, Mapping[str, list[AxisValue]]]
 ) -> Plan | None:
     """Return the plan with further axis values, in stored order; None if it is invalid."""
-    sweep = dict(plan.pipeline.sweep)
+    pipeline, sweep = plan.pipeline, dict(plan.pipeline.sweep)
     for axis in plan.axes:
         if axis.key not in extra:
+            continue
+        if axis.rows:
+            known = dict.fromkeys(v for axes in stored.values() for v in axes.get(axis.dim, ()))
+            order = [v for v in known if v in {*axis.values, *extra[axis.key]}]
+            pipeline = with_rows(pipeline, axis.dim, list(dict.fromkeys([*order, *axis.values])))
             continue
         if is_of_names(axis.key):
             sweep[axis.key] = [*sweep[axis.key], *extra[axis.key]]
@@ -112,7 +118,7 @@ def _over(
             own = {*axis.values, *extra[axis.key]}
             sweep[axis.key] = [*(v for v in order if v in own), *(v for v in axis.values if v not in known)]
     try:
-        return planner.make_plan(replace(plan.pipeline, sweep=sweep), installed_stages(), plan.leaves_out)
+        return planner.make_plan(replace(pipeline, sweep=sweep), installed_stages(), plan.leaves_out)
     except RequestError:
         return None
 

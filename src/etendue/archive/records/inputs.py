@@ -24,6 +24,8 @@ from etendue.errors import ArchiveError
 from etendue.pipeline import toml
 from etendue.pipeline.file import PipelineFile
 from etendue.pipeline.presets import COPY, preset_at
+from etendue.pipeline.zipped import put_together
+from etendue.plan.designs.asked import factors_of
 from etendue.plan.identity.keys import file_digest
 from etendue.plan.model import Plan
 from etendue.plan.wiring.parameters import resolve_file
@@ -155,8 +157,27 @@ def resolve_pipeline(plan: Plan) -> Resolved:
         for entry in pipeline.stages
     ]
     if pipeline.sweep:
-        document["sweep"] = {key: found.axis(key, values) for key, values in pipeline.sweep.items()}
+        swept = {key: found.axis(key, values) for key, values in pipeline.sweep.items()}
+        document["sweep"] = put_together(swept, pipeline.zipped)
+    if pipeline.design:
+        document["design"] = _design(pipeline, found)
     return Resolved(toml.dumps(document), found.inputs, found.written)
+
+
+def _design(pipeline: PipelineFile, found: _Resolver) -> Document:
+    """Return the design with its files named by content."""
+    factors = {
+        key: found.axis(key, written) if isinstance(written, list | tuple) else written
+        for key, written in factors_of(pipeline.design, pipeline).items()
+    }
+    own = {key: value for key, value in pipeline.design.items() if not key.startswith("factors.")}
+    own |= {"factors": factors} if factors else {}
+    if isinstance(name := own.get("file"), str):
+        path = str(resolve_file(name, pipeline.folder))
+        own["file"] = f"../inputs/{file_digest(path)}.csv"
+        found.inputs[Path(own["file"]).name] = path
+        found.written[name] = own["file"]
+    return own
 
 
 def as_recorded(value: Any, written: Mapping[str, str]) -> str:

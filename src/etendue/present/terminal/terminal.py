@@ -18,6 +18,7 @@ from rich.table import Table
 from etendue.contract.stage import parameters_of
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
+from etendue.present.terminal.designs import design_lines
 from etendue.present.terminal.answer_texts import plus_minus
 from etendue.present.terminal.cells import Column, cells
 from etendue.present.terminal.looking import next_commands
@@ -181,7 +182,8 @@ def _without_time(stage: Document) -> str:
 def print_plan(document: Document) -> None:
     """Print the plan as a table, and what is left out and why."""
     console = _out()
-    short = short_axes(axis["name"] for axis in document["axes"])
+    short = short_axes(axis["name"] for axis in document["axes"] if not axis.get("of"))
+    short = {axis["name"]: short.get(axis["name"], axis["name"]) for axis in document["axes"]}
     columns = plan_columns(lambda axes: _product(short[key] for key in axes))
     title = f"plan of {escape(document['name'])}"
     console.print(_table(title, *columns, rows=document["stages"], wrap=("axes",)))
@@ -189,6 +191,8 @@ def print_plan(document: Document) -> None:
         console.print(escape(text))
     for axis in document["axes"]:
         console.print(f"axis      {escape(_axis(axis, short[axis['name']]))}")
+    for text in design_lines(document):
+        console.print(escape(text))
     for text in _uses(document["stages"]):
         console.print(f"stage     {text}")
     for text in _bound(document["stages"]):
