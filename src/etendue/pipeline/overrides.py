@@ -53,6 +53,8 @@ def by_one_name(overrides: DocumentView, document: DocumentView) -> Document:
     for key, value in overrides.items():
         if key.startswith("sweep."):
             key = f"sweep.{axis_name(key.removeprefix('sweep.'), document)}"
+        elif key.startswith("design."):
+            pass
         elif "." not in key and key not in TOP and key in _quantities(document):
             key = table_in(document).place(key)
         elif "." in key and (head := key.partition(".")[0]) in tables() and head not in _stages(document):
@@ -111,6 +113,8 @@ def apply_overrides(document: Document, overrides: DocumentView, file: str = "")
             places.append(key)
             if head in tables():
                 _no_longer_varied(document, tail)
+            if head == "design" and isinstance(document.get("sweep"), dict):  # a factor, not an axis any more
+                document["sweep"].pop(axis_name(tail.removeprefix("factors."), document), None)
         elif tail and head in named:
             number, table = named[head]
             if tail == "use":
