@@ -33,6 +33,13 @@ def etendue_commands() -> Document:
                 "report bits per pixel of fine detail and where they are lost",
             ),
             ("losses", "information:losses", "FILE", "report each stage's share of lost contrast, SNR and colour"),
+            (
+                "sensitivity",
+                "designs:sensitivity",
+                "ARCHIVE METRIC...",
+                "report which factors of a design matter for metrics",
+            ),
+            ("yield", "designs:yield_", "ARCHIVE --require 'METRIC >= 60'", "report which share of units passes"),
             ("stability", "stability:stability", "[STAGE]", "test every stage at numerically hard inputs"),
         )
     }

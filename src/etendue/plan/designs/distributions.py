@@ -113,6 +113,22 @@ class Distribution:
             return (value - first) ** 2 / (width * (mode - first)) if value > first else 0.0
         return 1 - (last - value) ** 2 / (width * (last - mode)) if value < last else 1.0
 
+    def shares_below(self, values: Array) -> Array:
+        """Return the shares of the probability below some values."""
+        import numpy as np
+
+        low, high = self._below(self.low), self._below(self.high)
+        found = np.array([self._below(float(value)) for value in values])
+        return np.clip((found - low) / (high - low), 0, 1)
+
+    def edges(self) -> Array:
+        """Return the edges of its strata of equal probability, whose middles are its levels."""
+        import numpy as np
+
+        shares = np.arange(1, self.levels) / self.levels
+        low, high = self._below(self.low), self._below(self.high)
+        return np.concatenate([[-np.inf], self._at(low + shares * (high - low)), [np.inf]])
+
     def density(self, value: Array) -> Array:
         """Return the probability per unit of value, up to a factor that is the same for all values of a shape."""
         import numpy as np

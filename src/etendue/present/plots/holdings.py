@@ -15,7 +15,7 @@ import numpy as np
 import xarray
 
 from etendue.archive.read.left_out import tree_with_left_out
-from etendue.archive.structure.layout import BOUNDS
+from etendue.archive.structure.layout import BOUNDS, ROW
 from etendue.contract.arrays.variables import Variable, without
 from etendue.contract.arrays.variables import variable as known
 from etendue.contract.values.names import TABLES
@@ -198,6 +198,16 @@ class HeldVariable:
         return array, _loaded(chosen["status"], self).transpose(*axes).values
 
 
+def by_row(group: xarray.Dataset) -> xarray.Dataset:
+    """Return a group with its values in every row of a design, in place of combinations that rows have in common."""
+    for name in [str(name) for name in group.variables if str(name).endswith(ROW)]:
+        dim = name.removesuffix(ROW)
+        if dim in group.dims and group[name].ndim == 1:
+            rows = group[name].reset_coords(drop=True)
+            group = group.drop_vars(name).sel({dim: rows}).drop_vars(dim)
+    return group
+
+
 class Holdings:
     """Everything in a tree that can be plotted."""
 
@@ -207,7 +217,7 @@ class Holdings:
         self.tree = tree
         self.held: dict[tuple[str, str], HeldVariable] = {}
         self.whites: dict[tuple[Any, ...], float | None] = {}  # what is bright in a picture, by its name and place
-        stages = _stages(tree)
+        stages = [(stage, [by_row(group) for group in groups]) for stage, groups in _stages(tree)]
         self.order = self._order(group for _, groups in stages for group in groups)
         for stage, groups in stages:
             for name in groups[0].data_vars:
