@@ -190,11 +190,12 @@ class Pipeline(Extended, PipelineSource):
         >>> made.drawn["factors"]
         {'sharpen.strength': {'from': 0, 'to': 0.4}}
         """
-        words = {word: plain(factors.pop(word)) for word in ("file", "correlation", "rows") if word in factors}
+        words: Document = {word: plain(factors.pop(word)) for word in ("file", "correlation", "rows") if word in factors}
         named = {axis_name(name.replace("__", "."), self.document()): plain(one) for name, one in factors.items()}
-        own = {"method": method, **({"points": points} if method != "list" else {}), "seed": seed, **words}
+        own: Document = {"method": method, "points": points, "seed": seed, "factors": named, **words}
+        empty = ("points",) * (method == "list") + ("factors",) * (not named)
         left = {name: values for name, values in self.axes.items() if name not in named}
-        return self._with(drawn={**own, **({"factors": named} if named else {})}, axes=left)
+        return self._with(drawn={word: one for word, one in own.items() if word not in empty}, axes=left)
 
     def want(self, *variables: str) -> Pipeline:
         """Return the pipeline with the variables to compute: ``rgb_display``, or ``stage.variable``. Stages that they

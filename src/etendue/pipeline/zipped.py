@@ -1,7 +1,8 @@
 """Axes of a sweep that share a dim: their values change together, row by row. Axes with distinct dims multiply.
 
 In:  ``[sweep]`` with entries such as ``{ values = ["1 ms", "4 ms"], dim = "shot" }``.
-Out: for each such axis its distinct values, in the place of a list of values, and a ``Zip``: which of them each row has.
+Out: for each such axis its distinct values, in the place of a list of values; and a ``Zip``: which of them each row
+     has.
 """
 
 from __future__ import annotations

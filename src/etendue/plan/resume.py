@@ -16,7 +16,7 @@ from etendue.contract.values.tables import preset_keys
 from etendue.errors import RequestError
 from etendue.pipeline.derived import with_rows
 from etendue.plan import planner
-from etendue.plan.model import CellRef, Plan
+from etendue.plan.model import Axis, CellRef, Plan
 from etendue.types.documents import AxisValue, DocumentView
 
 
@@ -106,9 +106,7 @@ def _over(
         if axis.key not in extra:
             continue
         if axis.rows:
-            known = dict.fromkeys(v for axes in stored.values() for v in axes.get(axis.dim, ()))
-            order = [v for v in known if v in {*axis.values, *extra[axis.key]}]
-            pipeline = with_rows(pipeline, axis.dim, list(dict.fromkeys([*order, *axis.values])))
+            pipeline = with_rows(pipeline, axis.dim, _rows(axis, extra[axis.key], stored))
             continue
         if is_of_names(axis.key):
             sweep[axis.key] = [*sweep[axis.key], *extra[axis.key]]
@@ -121,6 +119,13 @@ def _over(
         return planner.make_plan(replace(pipeline, sweep=sweep), installed_stages(), plan.leaves_out)
     except RequestError:
         return None
+
+
+def _rows(axis: Axis, extra: Sequence[AxisValue], stored: Mapping[str, Mapping[str, list[AxisValue]]]) -> list[int]:
+    """Return the rows of a design in stored order, then those that are new."""
+    there = [row for axes in stored.values() for row in axes.get(axis.dim, ()) if isinstance(row, int)]
+    wanted = {*axis.values, *extra}
+    return list(dict.fromkeys([*(row for row in there if row in wanted), *axis.values]))
 
 
 def is_of_names(key: str) -> bool:

@@ -49,7 +49,13 @@ def variant(
     choice = Choice(pipeline.tolerance, False, precision, pipeline.norm, plan.expected, decided=decided, keys=False)
     cells, chosen, _ = expand(graph, pipeline, choice)
     return replace(
-        plan, axes=axes, derived=derived, nodes=nodes, cells=cells, precision=chosen, leaves_out=not exact and plan.leaves_out
+        plan,
+        axes=axes,
+        derived=derived,
+        nodes=nodes,
+        cells=cells,
+        precision=chosen,
+        leaves_out=not exact and plan.leaves_out,
     )
 
 

@@ -8,7 +8,10 @@ from etendue.cli import options
 from etendue.cli.saying import command, later
 
 AT = click.option(
-    "--at", multiple=True, metavar="AXIS=VALUE", help="Only this value of an axis or dim of the metrics" + options.REPEAT
+    "--at",
+    multiple=True,
+    metavar="AXIS=VALUE",
+    help="Only this value of an axis or dim of the metrics" + options.REPEAT,
 )
 
 

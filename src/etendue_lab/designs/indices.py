@@ -44,7 +44,7 @@ def saltelli(mixed: Array) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         first = (b[..., None, :] * (ab - a[..., None, :])).mean(axis=-1) / variance[..., None]
         total = 0.5 * ((a[..., None, :] - ab) ** 2).mean(axis=-1) / variance[..., None]
-    return np.nan_to_num(np.stack([first, total], axis=-2), nan=0.0, posinf=0.0, neginf=0.0)
+    return np.asarray(np.nan_to_num(np.stack([first, total], axis=-2), nan=0.0, posinf=0.0, neginf=0.0))
 
 
 def indices(mixed: Array, resampled: int = RESAMPLED, level: float = LEVEL, seed: int = 0) -> Indices:

@@ -17,7 +17,7 @@ RESAMPLED = 400
 def standardised(factors: Array) -> Array:
     """Return columns with mean 0 and deviation 1; of a constant column 0."""
     spread = factors.std(axis=0)
-    return (factors - factors.mean(axis=0)) / np.where(spread > 0, spread, 1)
+    return np.asarray((factors - factors.mean(axis=0)) / np.where(spread > 0, spread, 1))
 
 
 def coefficients(factors: Array, metric: Array) -> tuple[Array, float]:

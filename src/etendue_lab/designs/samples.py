@@ -152,15 +152,11 @@ def samples_of(folder: Path, name: str = "") -> Samples:
     if asked is None:
         raise RequestError(faults)
     of = distributions(asked, pipeline, installed_stages(), faults)
-    factors = [
-        found for key in asked.factors if (found := _factor(key, held, numbers, of.get(key))) is not None
-    ]
+    factors = [found for key in asked.factors if (found := _factor(key, held, numbers, of.get(key))) is not None]
     return Samples(holdings.pipeline, numbers, tuple(factors), asked, holdings, run.record)
 
 
-def _factor(
-    key: str, held: Sequence[HeldVariable], numbers: tuple[int, ...], of: Distribution | None
-) -> Factor | None:
+def _factor(key: str, held: Sequence[HeldVariable], numbers: tuple[int, ...], of: Distribution | None) -> Factor | None:
     """Return a factor from the coordinates of what it reaches; None if it reaches nothing."""
     where: dict[int, Any] = {}
     found: xarray.DataArray | None = None

@@ -89,7 +89,11 @@ def print_yields(document: Document) -> None:
             ("requirement", "left", "requirement"),
             ("fail", "right", "failed", ".1%"),
             ("fail only this", "right", "alone", ".1%"),
-            ("margin of the worst 5 %", "right", lambda row: f"{row['at_risk']:+.3g} {unit_text(row['units'])}".rstrip()),
+            (
+                "margin of the worst 5 %",
+                "right",
+                lambda row: f"{row['at_risk']:+.3g} {unit_text(row['units'])}".rstrip(),
+            ),
         )
         console.print(_table("", *columns, rows=one["fails"]))
         if one["tighter"]:
@@ -102,6 +106,10 @@ def print_yields(document: Document) -> None:
             console.print(_table("", *tighter, rows=one["tighter"]))
         for note in one["notes"]:
             console.print(f"note: {escape(note)}")
+
+
+def _margin(row: Document) -> str:
+    return f"{row['at_risk']:+.3g} {unit_text(row['units'])}".rstrip()
 
 
 def _gain(found: Document) -> str:

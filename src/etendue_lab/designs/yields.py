@@ -16,6 +16,7 @@ import numpy as np
 
 from etendue.contract.values.units import UnitError, to_unit
 from etendue.errors import Fault, RequestError
+from etendue.plan.designs.distributions import Distribution
 from etendue.types.arrays import Array
 from etendue.types.documents import AxisValues, Document
 from etendue_lab.designs.samples import Factor, Metric, Samples, by_place
@@ -111,12 +112,12 @@ def units_of(samples: Samples) -> Array:
 
 def _at_place(samples: Samples, requirements: Sequence[Requirement], metrics: Sequence[Metric]) -> Document:
     own = units_of(samples)
-    there = own & np.isfinite(np.stack([metric.values for metric in metrics])).all(axis=0)
+    there: Array = own & np.isfinite(np.stack([metric.values for metric in metrics])).all(axis=0)
     units = int(there.sum())
     if units < FEWEST:
         raise RequestError(f"{units} units are finished; at least {FEWEST} are needed")
     holds = np.stack([one.holds(metric) for one, metric in zip(requirements, metrics, strict=True)])[:, there]
-    passes = holds.all(axis=0)
+    passes: Array = np.asarray(holds.all(axis=0))
     passed = int(passes.sum())
     low, high = wilson(passed, units)
     at = {dim: value for metric in metrics for dim, value in metric.at.items() if dim != "stage"}
@@ -157,31 +158,38 @@ def weights_of(samples: Samples, factor: Factor, share: float = TIGHTER) -> Arra
     if now.levels:
         edges = now.edges()
         stratum = np.clip(np.searchsorted(edges, values) - 1, 0, now.levels - 1)
-        mass = np.diff(then.shares_below(edges))
+        mass = np.diff([then.share_below(edge) for edge in edges])
         return np.asarray(mass[stratum] * now.levels)
-    density = now.density(values)
-    weights = np.where(density > 0, then.density(values) / np.where(density > 0, density, 1), 0.0)
+    density = np.array([now.density(value) for value in values.tolist()])
+    other = np.array([then.density(value) for value in values.tolist()])
+    weights = np.where(density > 0, other / np.where(density > 0, density, 1), 0.0)
     if samples.asked.correlated:
         weights = weights * _of_copula(samples, factor, then)
     return np.asarray(weights)
 
 
-def _of_copula(samples: Samples, factor: Factor, then: Any) -> Array:
+def _of_copula(samples: Samples, factor: Factor, then: Distribution) -> Array:
     """Return the ratio of the densities of correlated factors, of which one has another distribution."""
-    from scipy.special import ndtri
-
     keys = list(samples.asked.factors)
     scores = np.zeros((len(samples.numbers), len(keys)))
     for one in samples.factors:
         own = one.distribution
         if own is not None and own.shape != "choices":
-            scores[:, keys.index(one.key)] = ndtri(np.clip(own.shares_below(one.values.astype(float)), 1e-12, 1 - 1e-12))
+            scores[:, keys.index(one.key)] = _scores(own, one)
     precision = np.linalg.inv(np.array(samples.asked.correlated)) - np.eye(len(keys))
     moved = scores.copy()
     at = keys.index(factor.key)
-    moved[:, at] = ndtri(np.clip(then.shares_below(factor.values.astype(float)), 1e-12, 1 - 1e-12))
+    moved[:, at] = _scores(then, factor)
     power = [np.einsum("ni,ij,nj->n", own, precision, own) for own in (scores, moved)]
     return np.asarray(np.exp(0.5 * (power[0] - power[1])))
+
+
+def _scores(of: Distribution, factor: Factor) -> Array:
+    """Return the normal quantiles of the values of a factor."""
+    from scipy.special import ndtri
+
+    shares = np.array([of.share_below(float(value)) for value in factor.values])
+    return np.asarray(ndtri(np.clip(shares, 1e-12, 1 - 1e-12)))
 
 
 def tightened(samples: Samples, factor: Factor, passes: Array, there: Array) -> Document:

@@ -250,13 +250,13 @@ def _parts(folder: Path) -> list[str]:
     return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
 
 
-def sweep_of(record: DocumentView, folder: Path) -> DocumentView:
-    """Return the sweep of an earlier run from its record, with files as copies in the archive; empty if it cannot be
+def sweep_of(record: DocumentView, folder: Path, table: str = "sweep") -> DocumentView:
+    """Return a table, the sweep, of an earlier run from its record, with files as copies in the archive; empty if it cannot be
     read.
     """
     text = record.get("resolved")
     try:
-        found = tomllib.loads(text, parse_float=Decimal).get("sweep", {}) if isinstance(text, str) else {}
+        found = tomllib.loads(text, parse_float=Decimal).get(table, {}) if isinstance(text, str) else {}
     except (ValueError, RecursionError):
         return {}
     return _in_place(found, folder) if isinstance(found, dict) and not _names_others(found) else {}

@@ -152,7 +152,7 @@ class Laid:
         return {"coordinates": " ".join(sorted(beside))} if beside else {}
 
     def _grown_along(self, path: str, layout: GroupLayout, dim: str, values: list[Any]) -> list[Any]:
-        """Return values along a grown axis: those of the plan; NaN, or an empty text, for rows that it does not have."""
+        """Return values along a grown axis: those of the plan; NaN, or an empty text, for rows it does not have."""
         known = dict(zip(layout.axes[dim], values, strict=True))
         missing = "" if any(isinstance(value, str) for value in values) else float("nan")
         return [known.get(value, missing) for value in self.axes[path][dim]]

@@ -20,7 +20,7 @@ from etendue.pipeline.file import PipelineFile
 from etendue.pipeline.overrides import axis_name
 from etendue.pipeline.zipped import LONGEST, SAMPLE
 from etendue.plan.designs.distributions import KEYS as FORMS
-from etendue.plan.designs.points import METHODS, rows_of
+from etendue.plan.designs.points import METHODS, positive, rows_of
 from etendue.plan.wiring.parameters import Unfit, resolve_file
 from etendue.types.documents import Document, DocumentView
 
@@ -111,7 +111,11 @@ def factors_of(design: DocumentView, pipeline: PipelineFile) -> Document:
     written = design.get("factors", {})
     flat: Document = {key.removeprefix("factors."): value for key, value in design.items() if key[:8] == "factors."}
     for key, value in {**(written if isinstance(written, Mapping) else {}), **flat}.items():
-        if isinstance(value, Mapping) and not set(value) & set(FORMS) and key in {entry.name for entry in pipeline.stages}:
+        if (
+            isinstance(value, Mapping)
+            and not set(value) & set(FORMS)
+            and key in {entry.name for entry in pipeline.stages}
+        ):
             flat.pop(key, None)
             flat |= {f"{key}.{name}": one for name, one in value.items()}
         else:
@@ -148,15 +152,9 @@ def _correlated(
     if method in ("saltelli", "list"):
         why = "Sobol' indices are of independent factors" if method == "saltelli" else "a list has its own"
         faults.append(Fault(place, f"not with method {method!r}: {why}"))
-    elif not _positive(matrix):
+    elif not positive(matrix):
         faults.append(Fault(place, "no factors can have these correlations at once; make some of them smaller"))
     return tuple(map(tuple, matrix))
-
-
-def _positive(matrix: list[list[float]]) -> bool:
-    import numpy as np
-
-    return float(np.linalg.eigvalsh(np.array(matrix)).min()) > 1e-9
 
 
 def _listed(pipeline: PipelineFile, faults: list[Fault]) -> Document:

@@ -11,18 +11,21 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 from etendue.contract.values.parameter import Parameter
 from etendue.contract.values.units import as_written
 from etendue.errors import nearest
 from etendue.plan.wiring.parameters import Unfit, resolve
-from etendue.types.arrays import Array
 from etendue.types.documents import DocumentView
 
 SHAPES = {"normal": 2, "uniform": 2, "triangular": 3}  # and how many numbers each has
 KEYS = (*SHAPES, "from", "to", "spacing", "at_least", "at_most", "levels")
 MOST_LEVELS = 10_000
+NORMAL = NormalDist()
+TINY = 2.0**-53  # a share of 0 has no quantile
+SAME = 1e-11  # values are rounded to 12 digits
 
 
 @dataclass(frozen=True)
@@ -65,44 +68,66 @@ class Distribution:
             return replace(self, numbers=tuple(centre * (x / centre) ** keep for x in self.numbers))
         return replace(self, numbers=tuple(centre + keep * (x - centre) for x in self.numbers))
 
-    def quantile(self, share: Array) -> Array:
-        """Return the values below which these shares of the probability lie; of choices: their places."""
-        import numpy as np
-
-        if self.levels and self.shape != "choices":
-            share = (np.floor(share * self.levels) + 0.5) / self.levels
-        below, above = self._below(self.low), self._below(self.high)
-        share = below + share * (above - below)
+    def quantile(self, share: float) -> float:
+        """Return the value below which a share of the probability lies; of choices: its place."""
         if self.shape == "choices":
-            return np.minimum(np.floor(share * self.numbers[0]), self.numbers[0] - 1)
-        found = np.clip(self._at(share), self.low, self.high)
-        return np.round(found) if self.whole else found
+            return float(min(int(share * self.numbers[0]), int(self.numbers[0]) - 1))
+        if self.levels:
+            share = (math.floor(share * self.levels) + 0.5) / self.levels
+        low, high = self._below(self.low), self._below(self.high)
+        found = min(max(self._at(low + share * (high - low)), self.low), self.high)
+        return float(round(found)) if self.whole else found
 
-    def _at(self, share: Array) -> Array:
-        import numpy as np
-        from scipy.special import ndtri
+    def share_below(self, value: float) -> float:
+        """Return the share of the probability below a value."""
+        low, high = self._below(self.low), self._below(self.high)
+        return min(max((self._below(value) - low) / (high - low), 0.0), 1.0)
 
+    def edges(self) -> list[float]:
+        """Return the edges of its strata of equal probability, whose middles are its levels."""
+        low, high = self._below(self.low), self._below(self.high)
+        inner = [self._at(low + step / self.levels * (high - low)) for step in range(1, self.levels)]
+        return [-math.inf, *inner, math.inf]
+
+    def density(self, value: float) -> float:
+        """Return the probability per unit of value."""
+        first, *_, last = self.numbers
+        if not self.low <= value <= self.high:
+            return 0.0
+        room = self._below(self.high) - self._below(self.low)
+        if self.shape == "normal":
+            return NORMAL.pdf((value - first) / last) / last / room
+        if not first - SAME * abs(first) <= value <= last + SAME * abs(last):
+            return 0.0
+        if self.shape == "log":
+            return 1 / (value * math.log(last / first)) / room
+        if self.shape == "uniform":
+            return 1 / (last - first) / room
+        mode, width = self.numbers[1], last - first
+        rising = (value - first) / (mode - first) if value < mode else (last - value) / (last - mode or 1.0)
+        return max(rising, 0.0) * 2 / width / room
+
+    def _at(self, share: float) -> float:
+        """Return the value below which a share of the untruncated probability lies."""
         first, *_, last = self.numbers
         if self.shape == "normal":
-            return np.asarray(first + last * ndtri(share))
+            return first + last * NORMAL.inv_cdf(min(max(share, TINY), 1 - TINY))
         if self.shape == "log":
-            return np.asarray(first * (last / first) ** share)
+            return float(first * (last / first) ** share)
         if self.shape == "uniform":
             return first + (last - first) * share
         mode, width = self.numbers[1], last - first
-        rising = first + np.sqrt(share * width * (mode - first))
-        falling = last - np.sqrt((1 - share) * width * (last - mode))
-        return np.where(share * width <= mode - first, rising, falling)
+        if share * width <= mode - first:
+            return first + math.sqrt(share * width * (mode - first))
+        return last - math.sqrt((1 - share) * width * (last - mode))
 
     def _below(self, value: float) -> float:
         """Return the share of the untruncated probability below a value."""
-        from scipy.special import ndtr
-
         if self.shape == "choices" or math.isinf(value):
             return float(value > 0)
         first, *_, last = self.numbers
         if self.shape == "normal":
-            return float(ndtr((value - first) / last))
+            return NORMAL.cdf((value - first) / last)
         value = min(max(value, first), last)
         if self.shape == "log":
             return math.log(value / first) / math.log(last / first)
@@ -112,43 +137,6 @@ class Distribution:
         if value <= mode:
             return (value - first) ** 2 / (width * (mode - first)) if value > first else 0.0
         return 1 - (last - value) ** 2 / (width * (last - mode)) if value < last else 1.0
-
-    def shares_below(self, values: Array) -> Array:
-        """Return the shares of the probability below some values."""
-        import numpy as np
-
-        low, high = self._below(self.low), self._below(self.high)
-        found = np.array([self._below(float(value)) for value in values])
-        return np.clip((found - low) / (high - low), 0, 1)
-
-    def edges(self) -> Array:
-        """Return the edges of its strata of equal probability, whose middles are its levels."""
-        import numpy as np
-
-        shares = np.arange(1, self.levels) / self.levels
-        low, high = self._below(self.low), self._below(self.high)
-        return np.concatenate([[-np.inf], self._at(low + shares * (high - low)), [np.inf]])
-
-    def density(self, value: Array) -> Array:
-        """Return the probability per unit of value, up to a factor that is the same for all values of a shape."""
-        import numpy as np
-
-        first, *_, last = self.numbers
-        inside = (value >= self.low) & (value <= self.high)
-        room = self._below(self.high) - self._below(self.low)
-        if self.shape == "normal":
-            found = np.exp(-0.5 * ((value - first) / last) ** 2) / last
-        else:
-            inside &= (value >= first * (1 - 1e-12)) & (value <= last * (1 + 1e-12))
-            if self.shape == "log":
-                found = 1 / (value * math.log(last / first))
-            elif self.shape == "uniform":
-                found = np.full(np.shape(value), 1 / (last - first))
-            else:
-                mode, width = self.numbers[1], last - first
-                rising, falling = max(mode - first, 1e-300), max(last - mode, 1e-300)
-                found = np.where(value <= mode, (value - first) / rising, (last - value) / falling) * 2 / width
-        return np.where(inside, found / room, 0.0)
 
 
 def distribution_of(written: Any, parameter: Parameter, kind: Any, folder: Path) -> Distribution:

@@ -20,7 +20,7 @@ from etendue.pipeline.zipped import SAMPLE, Zip, distinct
 from etendue.plan.designs.asked import Asked, asked_of
 from etendue.plan.designs.distributions import Distribution, distribution_of
 from etendue.plan.designs.points import unit_points
-from etendue.plan.wiring.parameters import Unfit
+from etendue.plan.wiring.parameters import Unfit, resolve
 from etendue.types.arrays import Array
 from etendue.types.documents import Document
 
@@ -35,10 +35,8 @@ def with_design(pipeline: PipelineFile, registry: Registry) -> PipelineFile:
     sweep = {key: value for key, value in pipeline.sweep.items() if key in own or key not in pipeline.zipped}
     drawn, zipped = dict[str, Any](), dict[str, Zip]()
     if asked is not None:
-        try:
-            drawn, zipped = _drawn(asked, distributions(asked, pipeline, registry, faults))
-        except _Unknown as error:
-            faults.append(error.fault)
+        asked = _in_units(asked, pipeline, registry)
+        drawn, zipped = _drawn(asked, distributions(asked, pipeline, registry, faults))
     rows = {SAMPLE: asked.chosen} if asked is not None else {}
     new = [fault for fault in faults if fault not in pipeline.faults]
     return replace(
@@ -50,9 +48,17 @@ def with_design(pipeline: PipelineFile, registry: Registry) -> PipelineFile:
     )
 
 
-class _Unknown(Exception):
-    def __init__(self, fault: Fault) -> None:
-        self.fault = fault
+def _in_units(asked: Asked, pipeline: PipelineFile, registry: Registry) -> Asked:
+    """Return a list with its numbers in the units of their parameters: 4 um and 4000 nm are one value."""
+    found: Document = {}
+    for key, values in asked.factors.items() if asked.method == "list" else ():
+        parameter, kind = _parameter(key, pipeline, registry) or (Parameter(), str)
+        try:
+            numbers = [resolve(value, parameter, kind, pipeline.folder) for value in values if kind in (int, float)]
+        except Unfit:
+            numbers = []  # reported with the axis
+        found[key] = [Decimal(f"{number:.12g}") for number in numbers] or values
+    return replace(asked, factors=found) if found else asked
 
 
 def distributions(
@@ -81,7 +87,7 @@ def _drawn(asked: Asked, found: dict[str, Distribution]) -> tuple[Document, dict
         return values, zipped
     shares = shares_of(asked)
     for column, (key, one) in enumerate(found.items()):
-        drawn = one.quantile(shares[:, column])
+        drawn = [one.quantile(share) for share in shares[:, column].tolist()]
         if one.shape == "choices":
             places, at = distinct([int(place) for place in drawn])
             values[key] = [asked.factors[key][place] for place in places]
@@ -111,7 +117,7 @@ def _parameter(key: str, pipeline: PipelineFile, registry: Registry) -> tuple[Pa
 def _kinds(entries: Iterable[StageEntry], pipeline: PipelineFile, registry: Registry) -> Iterable[Any]:
     for entry in entries:
         swapped = pipeline.sweep.get(f"{entry.name}.use", ())
-        others = [one if isinstance(one, str) else one.get("use") for one in swapped if isinstance(one, str | dict)]
+        others = [str(one.get("use")) if isinstance(one, dict) else str(one) for one in swapped]
         for use in (entry.use, *others):
             try:
                 if use in registry:

@@ -42,7 +42,14 @@ def unit_points(method: str, points: int, factors: int, seed: int, correlated: t
 
         found = ndtr(ndtri(found) @ np.linalg.cholesky(np.array(correlated)).T)
     found.setflags(write=False)
-    return found
+    return np.asarray(found)
+
+
+def positive(matrix: Sequence[Sequence[float]]) -> bool:
+    """Return whether factors can have such correlations all at once."""
+    import numpy as np
+
+    return float(np.linalg.eigvalsh(np.array(matrix)).min()) > 1e-9
 
 
 def _drawn(method: str, points: int, factors: int, seed: int) -> Array:

@@ -68,7 +68,9 @@ class _Expansion:
         self.stages: dict[tuple[str, tuple[Hashable, ...]], Stage] = {}
         self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
         numbered = [(node, number) for node in graph.nodes for number in range(len(node.alternatives))]
-        self.readings = {(node.name, number): reading_of(node, number, self.nodes, self.maps) for node, number in numbered}
+        self.readings = {
+            (node.name, number): reading_of(node, number, self.nodes, self.maps) for node, number in numbered
+        }
         self.forms: dict[Hashable, CellGrids] = {}
         # Decisions by stage and form, shared by cells whose inputs have no known facts: nothing else can differ there.
         self.decisions: Once[Decisions] = Once()
@@ -331,7 +333,10 @@ def reading_of(node: Node, number: int, nodes: Mapping[str, Node], maps: Maps) -
     ports = reads_of(kind)
     seen = [one for one in node.looks_at if one[0] in ports and looks(ports[one[0]]) == one[1]]
     return Reading(
-        tuple((port, source, variable, places(node, nodes[source], maps)) for port, source, variable in node.inputs[number]),
+        tuple(
+            (port, source, variable, places(node, nodes[source], maps))
+            for port, source, variable in node.inputs[number]
+        ),
         tuple((port, tuple((name, places(node, nodes[name], maps)) for name in names)) for port, _, names in seen),
         frozenset(ports),
         frozenset(quantities_of(kind)),

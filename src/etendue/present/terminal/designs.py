@@ -19,9 +19,8 @@ def design_lines(document: Document) -> list[str]:
     texts += [f"factor    {name}: {_said(one)}" for name, one in own["factors"].items()]
     if own["cells_unshared"] > own["cells"]:
         share = own["cells"] / own["cells_unshared"]
-        texts.append(
-            f"shared    {own['cells']} cells; {own['cells_unshared']} if no two rows had a value in common ({share:.0%})"
-        )
+        apart = f"{own['cells_unshared']} if no two rows had a value in common"
+        texts.append(f"shared    {own['cells']} cells; {apart} ({share:.0%})")
     if own["discrepancy"] is not None:
         less = own["discrepancy_without_levels"]
         beside = f"; {less:.3g} without levels" if less != own["discrepancy"] else ""
