@@ -82,7 +82,7 @@ def wilson(passed: float, rows: float) -> tuple[float, float]:
     share, square = passed / rows, QUANTILE**2
     centre = (share + square / (2 * rows)) / (1 + square / rows)
     half = QUANTILE / (1 + square / rows) * np.sqrt(share * (1 - share) / rows + square / (4 * rows**2))
-    return float(max(0.0, centre - half)), float(min(1.0, centre + half))
+    return float(centre - half) if passed else 0.0, float(centre + half) if passed < rows else 1.0
 
 
 def yields(samples: Samples, requirements: Sequence[Requirement], at: AxisValues | None = None) -> Document:
