@@ -66,8 +66,23 @@ def etendue_plots() -> Document:
             "doc": "the factor that limits resolution, over two axes",
             "uses": ("x", "y", "panels", "at"),
             "index": True,
-        }
+        },
+        "convergence": {
+            "place": "etendue_lab.designs.drawing:converging",
+            "doc": "the indices of a design over the number of points, with intervals",
+            "uses": ("at",),
+        },
+        "yield": {
+            "place": "etendue_lab.designs.drawing:yield_curve",
+            "doc": "the share of the samples of a design that reach a limit, over the limit",
+            "uses": ("at",),
+        },
     }
+
+
+@hookimpl
+def etendue_sections() -> Document:
+    return {"designs": {"place": "etendue_lab.designs.report:section", "title": "Samples of a design"}}
 
 
 @hookimpl

@@ -33,27 +33,28 @@ def yield_command(place: Path | str, requirements: tuple[str, ...], at: tuple[st
     say(document) if as_json else show(print_yields, document)
 
 
-def interval_text(found: Document | None, digits: int = 3) -> str:
-    """Return ``0.31 (0.28 .. 0.34)``."""
+def interval_text(found: Document | None) -> str:
+    """Return ``0.31 (0.28..0.34)``."""
     if found is None:
         return "-"
-    value, low, high = (f"{found[word]:.{digits}f}" for word in ("value", "low", "high"))
-    return f"{value} ({low} .. {high})"
+    value, low, high = (f"{found[word]:.2f}".replace("-0.00", "0.00") for word in ("value", "low", "high"))
+    return f"{value} ({low}..{high})"
 
 
 SENSITIVITY = (
     ("factor", "left", "factor"),
     ("first order", "right", lambda row: interval_text(row["first"])),
     ("total", "right", lambda row: interval_text(row["total"])),
-    ("main effect", "right", "main_effect", ".3f"),
-    ("regression", "right", lambda row: interval_text(row["regression"], 2)),
+    ("main effect", "right", "main_effect", ".2f"),
+    ("regression", "right", lambda row: interval_text(row["regression"])),
     ("rank", "right", "rank", ".2f", "-"),
 )
 
 
 def sensitivity_columns(rows: list[Document]) -> list[tuple[object, ...]]:
-    """Return the columns of a table of factors; without indices where there are none."""
-    return [column for column in SENSITIVITY if rows[0]["first"] or column[0] not in ("first order", "total")]
+    """Return the columns of a table of factors: indices, else the main effects that stand for them."""
+    absent = ("main effect",) if rows[0]["first"] else ("first order", "total")
+    return [column for column in SENSITIVITY if column[0] not in absent]
 
 
 def print_sensitivity(document: Document) -> None:

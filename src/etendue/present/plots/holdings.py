@@ -213,6 +213,7 @@ class Holdings:
 
     def __init__(self, tree: xarray.DataTree | xarray.Dataset, archive: str = ANY) -> None:
         self.archive = archive
+        self.source = str(tree.encoding.get("source", ""))  # where an archive has its arrays; '' in memory
         tree = xarray.DataTree(tree) if isinstance(tree, xarray.Dataset) else tree_with_left_out(tree)
         self.tree = tree
         self.held: dict[tuple[str, str], HeldVariable] = {}
