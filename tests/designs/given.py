@@ -8,13 +8,13 @@ import numpy as np
 import xarray
 
 from etendue.contract.registry import installed_stages
+from etendue.contract.values.parameter import Parameter
 from etendue.pipeline.file import parse_pipeline
 from etendue.plan.designs.asked import Asked
 from etendue.plan.designs.distributions import distribution_of
 from etendue.plan.designs.points import unit_points
 from etendue.plan.planner import make_plan
 from etendue.present.plots.holdings import Holdings
-from etendue.contract.values.parameter import Parameter
 from etendue.session import Options, execute
 from etendue_lab.designs.samples import Factor, Samples
 

@@ -10,7 +10,7 @@ from etendue_lab.designs.indices import indices, mixed_of, saltelli
 from etendue_lab.designs.regression import coefficients, main_effect, pairs, rank_correlations
 from etendue_lab.designs.sensitivity import sensitivity
 from tests.designs.given import samples
-from tests.designs.known import FUNCTIONS, G, ISHIGAMI
+from tests.designs.known import FUNCTIONS, ISHIGAMI, G
 
 CUBE = {"from": 0, "to": 1}
 

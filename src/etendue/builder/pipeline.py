@@ -190,7 +190,9 @@ class Pipeline(Extended, PipelineSource):
         >>> made.drawn["factors"]
         {'sharpen.strength': {'from': 0, 'to': 0.4}}
         """
-        words: Document = {word: plain(factors.pop(word)) for word in ("file", "correlation", "rows") if word in factors}
+        words: Document = {
+            word: plain(factors.pop(word)) for word in ("file", "correlation", "rows") if word in factors
+        }
         named = {axis_name(name.replace("__", "."), self.document()): plain(one) for name, one in factors.items()}
         own: Document = {"method": method, "points": points, "seed": seed, "factors": named, **words}
         empty = ("points",) * (method == "list") + ("factors",) * (not named)

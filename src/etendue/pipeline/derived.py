@@ -21,6 +21,11 @@ def given(entry: StageEntry, values: DocumentView, but: Collection[str] = ()) ->
     return replace(entry, values={**own, **values})
 
 
+def unswept(pipeline: PipelineFile) -> PipelineFile:
+    """Return the pipeline without its sweep and design."""
+    return replace(pipeline, sweep={}, zipped={}, design={}, rows={})
+
+
 def with_rows(pipeline: PipelineFile, dim: str, rows: Sequence[int]) -> PipelineFile:
     """Return the pipeline with only these rows of a dim that several axes share."""
     if dim != SAMPLE:

@@ -51,7 +51,7 @@ def _title(samples: Samples, metric: Metric, what: str) -> str:
 
 
 def converging(holdings: Holdings, asked: PlotRequest) -> Plot:
-    """Plot the total index of every factor, or its regression coefficient, over the number of points, with intervals."""
+    """Plot the total index of every factor, or its regression coefficient, over the number of points."""
     samples = samples_in(holdings)
     metric = _metric(samples, asked)
     steps = convergence(samples, metric)
@@ -107,5 +107,7 @@ def yield_curve(holdings: Holdings, asked: PlotRequest) -> Plot:
     axes.grid(color="0.92", zorder=0)
     axes.tick_params(labelsize=8)
     axes.set_title(wrapped(_title(samples, metric, "yield"), 6.0), fontsize=9.5)
-    rows = [[float(a), float(b), float(low), float(high)] for a, b, (low, high) in zip(limits, share, ends, strict=True)]
+    rows = [
+        [float(a), float(b), float(low), float(high)] for a, b, (low, high) in zip(limits, share, ends, strict=True)
+    ]
     return Plot(figure, ["limit", "yield", "low", "high"], rows)

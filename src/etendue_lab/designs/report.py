@@ -15,7 +15,6 @@ from etendue.archive.records.rerun import recorded
 from etendue.errors import EtendueError
 from etendue.present.plots.asked import PlotRequest
 from etendue.present.plots.drawing.samples import parallel, scatter
-from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.kinds import shown_at
 from etendue.types.documents import Document
 from etendue_lab.designs.drawing import converging, yield_curve
@@ -36,7 +35,7 @@ def section(tree: xarray.DataTree) -> list[Document]:
     lines = parallel(holdings, middle=middle)
     names = [str(name) for name in lines.columns if "." in str(name)]
     blocks: list[Document] = [
-        {"paragraph": f"{len(samples.numbers)} samples of a {samples.method} design over {len(samples.factors)} factors."},
+        {"paragraph": f"{len(samples.numbers)} samples of a design ({samples.method})."},
         _picture(lines, "every sample as a line over factors and metrics"),
     ]
     if len(lines.columns) - 1 <= MOST_COLUMNS:

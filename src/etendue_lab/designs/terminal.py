@@ -53,7 +53,7 @@ SENSITIVITY = (
 
 def sensitivity_columns(rows: list[Document]) -> list[tuple[object, ...]]:
     """Return the columns of a table of factors: indices, else the main effects that stand for them."""
-    absent = ("main effect",) if rows[0]["first"] else ("first order", "total")
+    absent = ("main effect", "rank") if rows[0]["first"] else ("first order", "total")
     return [column for column in SENSITIVITY if column[0] not in absent]
 
 

@@ -251,8 +251,8 @@ def _parts(folder: Path) -> list[str]:
 
 
 def sweep_of(record: DocumentView, folder: Path, table: str = "sweep") -> DocumentView:
-    """Return a table, the sweep, of an earlier run from its record, with files as copies in the archive; empty if it cannot be
-    read.
+    """Return the sweep, or another table, of an earlier run from its record, with files as copies in the archive; empty
+    if it cannot be read.
     """
     text = record.get("resolved")
     try:

@@ -184,7 +184,7 @@ def _fill(
 
 def _said_of(axis: Axis) -> Document:
     if axis.rows:
-        name = f"combination of factors, number among those of {axis.of}" if axis.of else f"row along {axis.dim}"
+        name = f"combination of factors along {axis.of}" if axis.of else axis.dim
         return {"long_name": name, "units": "1", "parameter": axis.key}
     return {"long_name": quantities.long_name(axis.key), "units": axis.units or "1", "parameter": axis.key}
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from etendue.present.plots.rows import factors_of, rows_dim
 from etendue.types.arrays import Array
 from etendue.types.documents import AxisValues, Document
 
-MOST = 8  # metrics
+NOWHERE: AxisValues = MappingProxyType({})
 COLOURS = "viridis"
 
 
@@ -62,9 +63,7 @@ def columns_of(
     if not there.any():
         raise RequestError(f"no sample has all of {', '.join(one.name for one in held)}")
     factors = [_factor(own.name, own.units, [own.values.get(row) for row in rows]) for own in factors_of(holdings, dim)]
-    columns = [
-        Column(one.name, one.title, one.values[there], one.names, one.metric) for one in (*factors, *found)
-    ]
+    columns = [Column(one.name, one.title, one.values[there], one.names, one.metric) for one in (*factors, *found)]
     kept = [row for row, is_there in zip(rows, there, strict=True) if is_there]
     fixed = {name: value for name, value in place.items()}
     units = {name: one.units_of(name) for one in held for name in (*one.axes, *one.dims)}
@@ -113,7 +112,9 @@ def _title(holdings: Holdings, what: str, fixed: str) -> str:
     return ": ".join(filter(None, [holdings.pipeline, ", ".join(filter(None, [what, fixed]))]))
 
 
-def parallel(holdings: Holdings, figures: Sequence[str] = (), at: AxisValues = {}, middle: AxisValues = {}) -> Plot:
+def parallel(
+    holdings: Holdings, figures: Sequence[str] = (), at: AxisValues = NOWHERE, middle: AxisValues = NOWHERE
+) -> Plot:
     """Plot every sample as a line over all factors and metrics, coloured by the last metric."""
     columns, rows, fixed = columns_of(holdings, figures, at, middle)
     from matplotlib import colormaps
@@ -164,7 +165,9 @@ def _ticks(column: Column) -> list[tuple[str, float]]:
     return [(number_text(low + share * (high - low)), share) for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
 
 
-def scatter(holdings: Holdings, figures: Sequence[str] = (), at: AxisValues = {}, middle: AxisValues = {}) -> Plot:
+def scatter(
+    holdings: Holdings, figures: Sequence[str] = (), at: AxisValues = NOWHERE, middle: AxisValues = NOWHERE
+) -> Plot:
     """Plot every two factors and metrics of the samples against each other, each alone on the diagonal."""
     columns, rows, fixed = columns_of(holdings, figures, at, middle)
     from matplotlib import colormaps
