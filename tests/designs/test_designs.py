@@ -1,4 +1,4 @@
-"""A design shares, stores, extends and resumes like a grid: what it computes is what a grid would at the same values."""
+"""A design shares, stores, extends and resumes like a grid, and computes what a grid would at the same values."""
 
 from __future__ import annotations
 
