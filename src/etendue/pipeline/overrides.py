@@ -111,17 +111,14 @@ def apply_overrides(document: Document, overrides: DocumentView, file: str = "")
                 continue  # a fault of form, reported later
             document[head][tail] = value
             places.append(key)
-            if head in tables():
-                _no_longer_varied(document, tail)
-            if head == "design" and isinstance(document.get("sweep"), dict):  # a factor, not an axis any more
-                document["sweep"].pop(axis_name(tail.removeprefix("factors."), document), None)
+            _only_here(document, head, tail)
         elif tail and head in named:
             number, table = named[head]
             if tail == "use":
                 table.setdefault("name", head)  # a swapped stage keeps its name
             table[tail] = value
             places.append(f"stages[{number}].{tail}")
-            _no_longer_varied(document, key)
+            _only_here(document, head, key)
         elif not tail and head in (*TOP, *tables()):
             document[head] = value
             places.append(key)
@@ -132,12 +129,13 @@ def apply_overrides(document: Document, overrides: DocumentView, file: str = "")
     return places
 
 
-def _no_longer_varied(document: Document, key: str) -> None:
-    """Remove a value that is now given from the sweep and from the factors of the design."""
+def _only_here(document: Document, head: str, key: str) -> None:
+    """Remove what is now a value, an axis or a factor from where it was another of these."""
     design = document.get("design")
-    for table in (document.get("sweep"), design.get("factors") if isinstance(design, dict) else None):
-        if isinstance(table, dict):
-            table.pop(key, None)
+    places = {"sweep": document.get("sweep"), "design": design.get("factors") if isinstance(design, dict) else None}
+    for name, table in places.items():
+        if isinstance(table, dict) and name != head and head != "about":
+            table.pop(axis_name(key.removeprefix("factors."), document), None)
 
 
 def _meant(document: DocumentView, head: str, tail: str) -> str:
