@@ -13,14 +13,14 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from etendue.plan.designs.points import unit_points  # noqa: E402
-from etendue_lab.designs.indices import indices, mixed_of  # noqa: E402
-from etendue_lab.designs.yields import required, yields  # noqa: E402
-from tests.designs.known import FUNCTIONS, Known  # noqa: E402
-from tests.designs.test_yields import truth, units  # noqa: E402
+from etendue.plan.designs.points import unit_points
+from etendue_lab.designs.indices import indices, mixed_of
+from etendue_lab.designs.yields import required, yields
+from tests.designs.known import FUNCTIONS, Known
+from tests.designs.test_yields import truth, units
 
 LEAST = 0.01  # smaller indices are not counted
-RESAMPLED = 400
+RESAMPLED = 199
 
 
 def points_of(method: str, points: int, factors: int, seed: int) -> np.ndarray:
