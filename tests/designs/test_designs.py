@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import shlex
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray
 
+from etendue.cli.options import Given, overrides
 from etendue.errors import ArchiveError, RequestError
+from etendue.present.terminal.terminal import replay
 from etendue.session import Options
 from tests.archive.tiny import store_of
 from tests.designs.given import DESIGN, SERIAL, STAGES, plan_of, ran
@@ -231,6 +236,16 @@ def test_a_fault_says_what_was_expected(name):
     over, text = FAULTS[name]
     with pytest.raises(RequestError, match=text.replace("[", r"\[")):
         plan_of(over)
+
+
+def test_a_failed_cell_can_be_run_alone():
+    """The command that a run prints asks for the row, in words that the command line reads."""
+    plan = plan_of({"design.points": 6, "design.factors.f_number": {"from": 2, "to": 8, "levels": 3}})
+    for ref in (("read_noise", (5,)), ("pixel", (2,)), ("scene", ())):
+        words = shlex.split(replay(plan, ref))
+        given = Given(Path(), tuple(words[n + 1] for n, word in enumerate(words) if word == "--set"))
+        alone = plan_of(overrides(given))
+        assert [cell.key for cell in alone.of(ref[0])] == [plan.cells[ref].key]
 
 
 def test_what_nothing_depends_on_is_told():

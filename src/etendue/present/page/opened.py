@@ -26,10 +26,10 @@ from etendue.archive.records.manifest import DATA
 from etendue.archive.records.owner import is_running
 from etendue.archive.records.provenance import latest_record, records
 from etendue.archive.sharding.unfolding import check_group
-from etendue.archive.structure.layout import BOUNDS, ROW
+from etendue.archive.structure.layout import BOUNDS
 from etendue.archive.structure.naming import cell_label
 from etendue.errors import ArchiveError
-from etendue.present.plots.holdings import by_row
+from etendue.present.plots.holdings import by_row, rows_of
 from etendue.present.plots.labels import places_text
 from etendue.present.plots.rows import rounded
 from etendue.types.documents import AxisValue, Document
@@ -274,8 +274,8 @@ def _in_rows(path: str, axes: Mapping[str, list[AxisValue]], data: xarray.Datase
     combined: dict[str, tuple[str, Mapping[AxisValue, AxisValue]]] = {}
     own: dict[str, list[AxisValue]] = {}
     for dim, values in axes.items():
-        rows = data.get(f"{dim}{ROW}")
-        if rows is None or rows.ndim != 1:
+        rows = rows_of(data, dim)
+        if rows is None:
             own[dim] = values
             continue
         name = str(rows.dims[0])

@@ -198,13 +198,20 @@ class HeldVariable:
         return array, _loaded(chosen["status"], self).transpose(*axes).values
 
 
+def rows_of(group: xarray.Dataset, dim: str) -> xarray.DataArray | None:
+    """Return the entry along a dim of combinations that every row of a design has; None for any other dim."""
+    rows = group.get(f"{dim}{ROW}")
+    if rows is None or rows.ndim != 1 or dim not in group.coords or rows.dims[0] not in group.coords:
+        return None
+    return rows if set(rows.values.tolist()) <= set(group[dim].values.tolist()) else None
+
+
 def by_row(group: xarray.Dataset) -> xarray.Dataset:
     """Return a group with its values in every row of a design, in place of combinations that rows have in common."""
-    for name in [str(name) for name in group.variables if str(name).endswith(ROW)]:
-        dim = name.removesuffix(ROW)
-        if dim in group.dims and group[name].ndim == 1:
-            rows = group[name].reset_coords(drop=True)
-            group = group.drop_vars(name).sel({dim: rows}).drop_vars(dim)
+    for dim in [str(dim) for dim in group.dims]:
+        rows = rows_of(group, dim)
+        if rows is not None:
+            group = group.drop_vars(f"{dim}{ROW}").sel({dim: rows.reset_coords(drop=True)}).drop_vars(dim)
     return group
 
 

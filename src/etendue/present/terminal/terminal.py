@@ -15,12 +15,13 @@ from rich.console import Console
 from rich.markup import escape as without_markup
 from rich.table import Table
 
+from etendue.archive.records.inputs import as_recorded
 from etendue.contract.stage import parameters_of
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
 from etendue.present.terminal.answer_texts import plus_minus
 from etendue.present.terminal.cells import Column, cells
-from etendue.present.terminal.designs import design_lines
+from etendue.present.terminal.designs import design_lines, row_settings
 from etendue.present.terminal.looking import next_commands
 from etendue.present.terminal.tables import floored, headlines, stage_rows
 from etendue.telling import human_bytes, human_seconds, printable
@@ -271,8 +272,11 @@ def replay(plan: Plan, ref: CellRef) -> str:
             and key not in ("wanted", "keep")
             and key.removeprefix(f"{plan.pipeline.table.name}.") not in swept
         ):
-            words += ["--set", f"{key}={value}"]
+            words += ["--set", f"{key}={as_recorded(value, {}) if isinstance(value, Mapping) else value}"]
     for axis in plan.axes:
+        if axis.rows:
+            words += row_settings(plan, axis, ref)
+            continue
         value = labels.get(axis.dim, axis.values[0])
         stage, _, parameter = axis.key.partition(".")
         if parameter != "use":
