@@ -27,6 +27,10 @@ def design_lines(document: Document) -> list[str]:
         less = own["discrepancy_without_levels"]
         beside = f"; {less:.3g} without levels" if less != own["discrepancy"] else ""
         texts.append(f"spread    discrepancy {own['discrepancy']:.3g}{beside}")
+    points = own["points"]
+    if own["method"] in ("sobol", "saltelli") and points & (points - 1):
+        low = 1 << (points.bit_length() - 1)
+        texts.append(f"          {points} points are no power of two: {low} or {2 * low} fill space more evenly")
     return texts
 
 
