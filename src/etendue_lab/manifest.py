@@ -35,6 +35,13 @@ def etendue_commands() -> Document:
             ("losses", "information:losses", "FILE", "report each stage's share of lost contrast, SNR and colour"),
             ("optimise", "search:optimise", "FILE", "search for the settings that make a metric best"),
             ("pairs", "search:pairs", "FILE --photographs FOLDER", "make pictures of random cameras with their truth"),
+            (
+                "sensitivity",
+                "designs:sensitivity",
+                "ARCHIVE METRIC...",
+                "report which factors of a design matter for metrics",
+            ),
+            ("yield", "designs:yield_", "ARCHIVE --require 'METRIC >= 60'", "report which share of units passes"),
             ("stability", "stability:stability", "[STAGE]", "test every stage at numerically hard inputs"),
         )
     }
@@ -63,8 +70,23 @@ def etendue_plots() -> Document:
             "doc": "the factor that limits resolution, over two axes",
             "uses": ("x", "y", "panels", "at"),
             "index": True,
-        }
+        },
+        "convergence": {
+            "place": "etendue_lab.designs.drawing:converging",
+            "doc": "the indices of a design over the number of points, with intervals",
+            "uses": ("at",),
+        },
+        "yield": {
+            "place": "etendue_lab.designs.drawing:yield_curve",
+            "doc": "the share of the samples of a design that reach a limit, over the limit",
+            "uses": ("at",),
+        },
     }
+
+
+@hookimpl
+def etendue_sections() -> Document:
+    return {"designs": {"place": "etendue_lab.designs.report:section", "title": "Samples of a design"}}
 
 
 @hookimpl

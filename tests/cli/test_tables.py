@@ -28,10 +28,14 @@ from etendue_lab.calibrate.study import calibrated
 from etendue_lab.compare import ranking
 from etendue_lab.compare.compared import ComparedRow
 from etendue_lab.compare.study import Comparison
+from etendue_lab.designs.samples import Samples
+from etendue_lab.designs.sensitivity import sensitivity
+from etendue_lab.designs.yields import required, yields
 from etendue_lab.emva.frames import measured
 from etendue_lab.search.asked import Asked, Goal, Limit, Metric, Range
 from etendue_lab.search.study import Found, Trial
 from etendue_lab.stability.rows import LawCase, counts, document, groups, single
+from tests.designs.given import samples
 from tests.run.small import plan_of, run
 from tests.studies.desk import measurement
 
@@ -125,6 +129,21 @@ def a_calibration() -> tuple[tuple[Any, ...], Any]:
     return (document,), document
 
 
+def of_a_design() -> Samples:
+    spreads = {"a": {"normal": [10, 2]}, "b": {"normal": [5, 1]}}
+    return samples(lambda a, b: {"sum": a + b}, "saltelli", 16, 0, spreads)
+
+
+def what_matters() -> tuple[tuple[Any, ...], Any]:
+    found = sensitivity(of_a_design(), ["sum"])
+    return (found,), found
+
+
+def a_yield() -> tuple[tuple[Any, ...], Any]:
+    found = yields(of_a_design(), required(["sum >= 13"]))
+    return (found,), found
+
+
 MERGED = frozenset({"curve", "rest", "last"})
 CASES = {
     "plan": Case(f"{ENGINE}.terminal:print_plan", (of("stages"),), written("plan")),
@@ -199,6 +218,10 @@ CASES = {
             lambda found: [*found["chart"]["patches"], {}, {}],  # mean and max
         ),
         written("measure"),
+    ),
+    "sensitivity": Case(f"{LAB}.designs.terminal:print_sensitivity", (of("metrics", 0, "factors"),), what_matters),
+    "yield": Case(
+        f"{LAB}.designs.terminal:print_yields", (of("places", 0, "fails"), of("places", 0, "tighter")), a_yield
     ),
     "quality": Case(f"{LAB}.quality.terminal:print_quality", (of("rows"),), written("quality")),
     "optimise": Case(f"{LAB}.search.terminal:print_search", (of("best"),), a_search),

@@ -16,6 +16,7 @@ STEPS = [
     "tutorials/archive.md",
     "tutorials/lecture.md",
     "own_data.md",
+    "designs.md",
     "not_a_camera.md",
 ]
 

@@ -62,36 +62,36 @@ def test_it_imports_what_is_public_alone():
 def test_its_command_stands_in_help_without_being_imported(etendue, site):
     listed = etendue("--help")
     assert listed.returncode == 0
-    assert "sensitivity FILE NAME=V,V" in listed.stdout and "which figure moves most" in listed.stdout
+    assert "slopes FILE NAME=V,V" in listed.stdout and "which figure moves most" in listed.stdout
     source = "import sys\nfrom etendue.cli.program import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
     source += "assert not {'etendue_study.command', 'etendue_study.study', 'numpy', 'xarray'} & set(sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", source], env={**os.environ, "PYTHONPATH": str(site)}, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    own = etendue("sensitivity", "--help")
+    own = etendue("slopes", "--help")
     assert own.returncode == 0 and "How far every figure of a pipeline moves" in own.stdout
 
 
 def test_its_command_does_what_it_says(etendue):
     """The beam of twice the frequency is half as wide, or nearly."""
-    done = etendue("sensitivity", BEAM, "tone=1000,2000", "--json")
+    done = etendue("slopes", BEAM, "tone=1000,2000", "--json")
     assert done.returncode == 0, done.stderr
     changes = json.loads(done.stdout)
     assert -0.55 < changes["figures.beam_width"] < -0.45
     assert changes["beam.white_noise_gain"] == 0
     assert [abs(change) for change in changes.values()] == sorted(map(abs, changes.values()), reverse=True)
-    assert "figures.beam_width" in etendue("sensitivity", BEAM, "tone=1000,2000").stdout
+    assert "figures.beam_width" in etendue("slopes", BEAM, "tone=1000,2000").stdout
 
 
 def test_what_is_wrong_with_a_request_is_said_in_a_line(etendue):
     for words, said in (("tone", "has no two values"), ("tne=1,2", "did you mean 'tone'")):
-        done = etendue("sensitivity", BEAM, words)
+        done = etendue("slopes", BEAM, words)
         assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and said in done.stderr
 
 
 def test_its_method_is_one_of_pipelines(site):
-    source = f"import etendue\nfound = etendue.Pipeline.read({str(BEAM)!r}).sensitivity(microphones=[8, 16])\n"
+    source = f"import etendue\nfound = etendue.Pipeline.read({str(BEAM)!r}).slopes(microphones=[8, 16])\n"
     source += "assert abs(found['beam.white_noise_gain'] - 0.5) < 1e-6, found"
     done = subprocess.run(
         [sys.executable, "-c", source], env={**os.environ, "PYTHONPATH": str(site)}, capture_output=True, text=True

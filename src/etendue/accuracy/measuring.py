@@ -246,8 +246,9 @@ class Measurement:
         axes = [plan.axis(dim) for dim in plan.node(stage).axes]
         found: dict[CellRef, DocumentView] = {}
         for place in self.places:
-            ref = (stage, tuple(axis.values.index(place[axis.dim]) for axis in axes))
-            found.setdefault(ref, {axis.key: place[axis.dim] for axis in axes})
+            at = plan.everywhere({axis.dim: axis.values.index(place[axis.dim]) for axis in plan.axes})
+            ref = (stage, tuple(at[axis.dim] for axis in axes))
+            found.setdefault(ref, {axis.key: axis.values[at[axis.dim]] for axis in axes})
         return list(found.items())
 
     def errors(

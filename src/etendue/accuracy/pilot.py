@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from etendue.pipeline.derived import with_rows
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.model import Axis, CellRef, Plan
 from etendue.types.documents import AxisValue, AxisValues
@@ -79,9 +80,13 @@ def chosen_places(axes: Sequence[Axis], most: int = MOST) -> tuple[dict[str, Axi
 
 def narrowed(pipeline: PipelineFile, axes: Sequence[Axis], chosen: Sequence[dict[str, AxisValue]]) -> PipelineFile:
     """Return the pipeline with its sweep reduced to the values at some places, in the order of the file."""
-    sweep = {key: written for key, written in pipeline.sweep.items() if key in {axis.key for axis in axes}}
+    known = {one.key for axis in axes for one in (axis, *axis.factors)}
+    sweep = {key: written for key, written in pipeline.sweep.items() if key in known}
     for axis in axes:
         needed = {place[axis.dim] for place in chosen}
+        if axis.rows:
+            pipeline = with_rows(pipeline, axis.dim, [value for value in axis.values if value in needed])
+            continue
         numbers = [i for i, value in enumerate(axis.values) if value in needed]
         written = sweep[axis.key]
         sweep[axis.key] = (
@@ -102,8 +107,9 @@ def stated_elsewhere(plan: Plan, measured: MeasuredErrors, places: Sequence[Axis
     found: dict[str, float | None] = {}
     for stage, name in plan.wanted:
         key = name if name in measured.errors else f"{stage}.{name}"
-        axes = [plan.axis(dim) for dim in plan.node(stage).axes]
-        seen = {(stage, tuple(axis.values.index(place[axis.dim]) for axis in axes)) for place in places}
+        dims = plan.node(stage).axes
+        at = [plan.everywhere({a.dim: a.values.index(place[a.dim]) for a in plan.axes}) for place in places]
+        seen = {(stage, tuple(one[dim] for dim in dims)) for one in at}
         others = [bounds[cell.ref] for cell in plan.of(stage) if cell.ref not in seen]
         worst = measured.errors[key].rms if key in measured.errors else None
         if worst is None or not others:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etendue.builder.methods import Extended
-from etendue.builder.shown import plan_page, table_page
+from etendue.builder.shown import Planned, table_page
 from etendue.builder.simulating import at_choices_of, opened, with_errors
 from etendue.builder.stages import Placed, maker, plain
 from etendue.calls import called_methods
@@ -29,18 +29,17 @@ from etendue.pipeline import toml
 from etendue.pipeline.file import PipelineFile as Written
 from etendue.pipeline.file import PipelineSource, parse_pipeline, read_pipeline
 from etendue.pipeline.overrides import TOP, axis_name
-from etendue.plan.planner import make_plan, summary
+from etendue.pipeline.zipped import put_together
+from etendue.plan.planner import make_plan
 from etendue.present.terminal.progress import TerminalProgress
-from etendue.run.peak_memory import peak_memory, workers_of
 from etendue.run.schedulers import check_scheduler
 from etendue.session import Options, execute
 from etendue.types.documents import Document, DocumentView
 
 if TYPE_CHECKING:
-    from etendue.plan.model import Plan
     from etendue.session import Outcome
 
-APART = {"stages", "sweep", "about"}  # keys of a pipeline file that have methods of their own
+APART = {"stages", "sweep", "design", "about"}  # keys of a pipeline file that have methods of their own
 
 
 def span(first: Any, last: Any, steps: int, spacing: str = "linear") -> Document:
@@ -53,31 +52,6 @@ def span(first: Any, last: Any, steps: int, spacing: str = "linear") -> Document
     {'from': '1 um', 'to': '3 um', 'steps': 5, 'spacing': 'linear'}
     """
     return {"from": first, "to": last, "steps": steps, "spacing": spacing}
-
-
-@dataclass(frozen=True)
-class Planned:
-    """What would run: stages, cells, bytes, time, and what is left out and why."""
-
-    plan: Plan
-
-    @property
-    def cells(self) -> int:
-        return len(self.plan.cells)
-
-    def document(self) -> Document:
-        """Return what ``etendue plan --json`` prints."""
-        return summary(self.plan, peak_memory(self.plan, workers_of("threads", 0)).bytes)
-
-    def __repr__(self) -> str:
-        own = self.document()
-        return (
-            f"<plan of {own['name']}: {len(own['stages'])} stages, {own['cells']} cells, about {own['seconds']:.2g} "
-            f"s of thread time>"
-        )
-
-    def _repr_html_(self) -> str:
-        return plan_page(self.document())
 
 
 @called_methods
@@ -106,6 +80,7 @@ class Pipeline(Extended, PipelineSource):
     words: DocumentView = field(default_factory=dict)
     quantities: DocumentView = field(default_factory=dict)
     axes: DocumentView = field(default_factory=dict)
+    drawn: DocumentView = field(default_factory=dict)  # the design
     told: DocumentView = field(default_factory=dict)
     table: str = SHARED  # the name of the table of shared quantities
     folder: Path = Path(".")
@@ -117,7 +92,7 @@ class Pipeline(Extended, PipelineSource):
             raise RequestError(faults)
         object.__setattr__(self, "stages", tuple(stages))
         object.__setattr__(self, "words", {"name": name, **{key: plain(value) for key, value in words.items()}})
-        for one in ("quantities", "axes", "told"):
+        for one in ("quantities", "axes", "drawn", "told"):
             object.__setattr__(self, one, {})
         object.__setattr__(self, "table", next(iter(tables())))
         object.__setattr__(self, "folder", Path.cwd())
@@ -140,7 +115,8 @@ class Pipeline(Extended, PipelineSource):
             words={"name": written.name, **words},
             quantities=document.get(written.table.name, {}),
             table=written.table.name,
-            axes=dict(written.sweep),
+            axes=put_together(written.sweep, written.zipped),
+            drawn=document.get("design", {}),
             told=document.get("about", {}),
             folder=Path(path).parent.absolute(),
         )
@@ -203,6 +179,27 @@ class Pipeline(Extended, PipelineSource):
             found[axis_name(name.replace("__", "."), self.document())] = plain(whole)
         return self._with(axes={**self.axes, **found})
 
+    def design(self, method: str = "sobol", points: int = 256, seed: int = 0, **factors: Any) -> Pipeline:
+        """Return the pipeline with a design over factors: ``QUANTITY={"from": 1, "to": 8, "levels": 16}``,
+        ``STAGE__PARAMETER={"normal": [3, 0.3]}``, a list of choices. ``file`` and ``correlation`` are those of a file.
+
+        Examples
+        --------
+        >>> import etendue
+        >>> made = etendue.Pipeline.read("pipelines/smallest.toml").sweep()
+        >>> made = made.design(points=8, sharpen__strength={"from": 0, "to": 0.4})
+        >>> made.drawn["factors"]
+        {'sharpen.strength': {'from': 0, 'to': 0.4}}
+        """
+        words: Document = {
+            word: plain(factors.pop(word)) for word in ("file", "correlation", "rows") if word in factors
+        }
+        named = {axis_name(name.replace("__", "."), self.document()): plain(one) for name, one in factors.items()}
+        own: Document = {"method": method, "points": points, "seed": seed, "factors": named, **words}
+        empty = ("points",) * (method == "list") + ("factors",) * (not named)
+        left = {name: values for name, values in self.axes.items() if name not in named}
+        return self._with(drawn={word: one for word, one in own.items() if word not in empty}, axes=left)
+
     def want(self, *variables: str) -> Pipeline:
         """Return the pipeline with the variables to compute: ``rgb_display``, or ``stage.variable``. Stages that they
         do not need do not run.
@@ -250,7 +247,7 @@ class Pipeline(Extended, PipelineSource):
 
     def document(self) -> Document:
         """Return the content of a pipeline file."""
-        parts = {self.table: self.quantities, "sweep": self.axes, "about": self.told}
+        parts = {self.table: self.quantities, "sweep": self.axes, "design": self.drawn, "about": self.told}
         own = {name: dict(table) for name, table in parts.items() if table}
         return {**self.words, **own, "stages": [one.table() for one in self.stages]}
 

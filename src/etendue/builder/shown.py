@@ -7,14 +7,20 @@ Out: HTML without scripts; texts are escaped.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from etendue.plan.planner import summary
 from etendue.present.terminal.cells import Column
 from etendue.present.terminal.html_tables import rows_of
 from etendue.present.terminal.terminal import expected_seconds, plan_columns
+from etendue.run.peak_memory import peak_memory, workers_of
 from etendue.telling import human_bytes
 from etendue.types.documents import Document
+
+if TYPE_CHECKING:
+    from etendue.plan.model import Plan
 
 
 def table_page(title: str, columns: Sequence[Column], rows: Iterable[Any], notes: Sequence[str] = ()) -> str:
@@ -34,3 +40,28 @@ def plan_page(document: Document) -> str:
     )
     notes = [whole, *(f"note: {escape(text)}" for text in document["warnings"])]
     return table_page(f"plan of {document['name']}", columns, document["stages"], notes)
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What would run: stages, cells, bytes, time, and what is left out and why."""
+
+    plan: Plan
+
+    @property
+    def cells(self) -> int:
+        return len(self.plan.cells)
+
+    def document(self) -> Document:
+        """Return what ``etendue plan --json`` prints."""
+        return summary(self.plan, peak_memory(self.plan, workers_of("threads", 0)).bytes)
+
+    def __repr__(self) -> str:
+        own = self.document()
+        return (
+            f"<plan of {own['name']}: {len(own['stages'])} stages, {own['cells']} cells, about {own['seconds']:.2g} "
+            f"s of thread time>"
+        )
+
+    def _repr_html_(self) -> str:
+        return plan_page(self.document())

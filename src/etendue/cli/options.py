@@ -71,6 +71,7 @@ class _Folder(click.ParamType):  # type: ignore[type-arg]
 PLACE, FOLDER, HELD = _Place(), _Folder(), _Held()
 Adds = Callable[[Any], Any]
 REPEAT = "; may be repeated."
+WORDS = ("method", "points", "seed", "file", "rows", "correlation")  # of a design; other names are factors
 SETTING = "Override a value: QUANTITY=4 or STAGE.PARAMETER=0.3" + REPEAT
 FILE = click.argument("file", type=click.Path(path_type=Path))
 NAME = click.argument("name", required=False)
@@ -80,6 +81,14 @@ SWEEPS = click.option(
     multiple=True,
     metavar="AXIS=V,V,..",
     help="Sweep an axis: QUANTITY=1,2,4, STAGE.PARAMETER=0,1 or STAGE.use=a,b" + REPEAT,
+)
+DESIGNS = click.option(
+    "--design",
+    "designs",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help='Sample parameters: method=sobol, points=256, seed=1, or a factor such as "gain={ from = 1, to = 8 }"'
+    + REPEAT,
 )
 WANT = click.option(
     "--want", multiple=True, metavar="VARIABLE", help="Compute only this variable (or stage.variable)" + REPEAT
@@ -132,6 +141,7 @@ class Given:
     file: Path
     settings: tuple[str, ...] = ()
     sweeps: tuple[str, ...] = ()
+    designs: tuple[str, ...] = ()
     want: tuple[str, ...] = ()
     tolerance: str | None = None
     nothing_left_out: bool = False
@@ -196,7 +206,7 @@ gather, gather_way = _gathered(Given, "given"), _gathered(Way, "way")
 
 def pipeline_options(function: Callable[..., None]) -> Any:
     """Add all options that describe a pipeline."""
-    for option in (gather, JSON, NO_STAND_INS, NOTHING_LEFT_OUT, TOLERANCE, WANT, SWEEPS, settings(), FILE):
+    for option in (gather, JSON, NO_STAND_INS, NOTHING_LEFT_OUT, TOLERANCE, WANT, DESIGNS, SWEEPS, settings(), FILE):
         function = option(function)
     return function
 
@@ -253,7 +263,7 @@ def overrides(given: Given) -> Document:
     """
     found: Document = {}
     faults = []
-    for option, texts in (("--set", given.settings), ("--sweep", given.sweeps)):
+    for option, texts in (("--set", given.settings), ("--sweep", given.sweeps), ("--design", given.designs)):
         for text in texts:
             key, equals, value = text.partition("=")
             if not equals or not key.strip():
@@ -263,7 +273,10 @@ def overrides(given: Given) -> Document:
                 found[key.strip()] = number(value)
             else:
                 written = value.strip().startswith(("[", "{"))  # as it would stand in the file
-                found[f"sweep.{key.strip()}"] = number(value) if written else [number(v) for v in value.split(",")]
+                words = option == "--design" and key.strip() in WORDS
+                place = "design." if words else "design.factors." if option == "--design" else "sweep."
+                listed = not (written or words)
+                found[f"{place}{key.strip()}"] = [number(v) for v in value.split(",")] if listed else number(value)
     if faults:
         raise RequestError(faults)
     if given.want:

@@ -6,11 +6,12 @@ Out: another pipeline of the same file.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from etendue.pipeline.file import PipelineFile, StageEntry
 from etendue.pipeline.presets import preset_at
+from etendue.pipeline.zipped import SAMPLE
 from etendue.types.documents import DocumentView
 
 
@@ -18,6 +19,25 @@ def given(entry: StageEntry, values: DocumentView, but: Collection[str] = ()) ->
     """Return a stage with these values added to its own, without those named in ``but``."""
     own = {name: value for name, value in entry.values.items() if name not in but}
     return replace(entry, values={**own, **values})
+
+
+def unswept(pipeline: PipelineFile) -> PipelineFile:
+    """Return the pipeline without its sweep and design."""
+    return replace(pipeline, sweep={}, zipped={}, design={}, rows={})
+
+
+def with_rows(pipeline: PipelineFile, dim: str, rows: Sequence[int]) -> PipelineFile:
+    """Return the pipeline with only these rows of a dim that several axes share."""
+    if dim != SAMPLE:
+        return replace(pipeline, rows={**pipeline.rows, dim: tuple(rows)})
+    design = {**pipeline.design, "rows": list(rows)}
+    saltelli = design.get("method") == "saltelli"
+    per_point = 2 + sum(one.dim == SAMPLE for one in pipeline.zipped.values()) if saltelli else 1
+    whole = list(rows) == list(range(len(rows))) and len(rows) % per_point == 0
+    if whole and design.get("method") not in ("lhs", "list"):  # the first rows of a longer design are a shorter one
+        del design["rows"]
+        design["points"] = len(rows) // per_point
+    return replace(pipeline, rows={**pipeline.rows, dim: tuple(rows)}, design=design)
 
 
 def each(pipeline: PipelineFile, change: Callable[[StageEntry], StageEntry]) -> PipelineFile:

@@ -28,6 +28,7 @@ from etendue.pipeline.about import About, read_about
 from etendue.pipeline.form import Words
 from etendue.pipeline.overrides import TOP, apply_overrides, axes_of, axis_name, by_one_name
 from etendue.pipeline.presets import preset_at
+from etendue.pipeline.zipped import Zip, put_together, taken_apart
 from etendue.types.documents import Document, DocumentView
 
 PRECISIONS, NORMS = ("auto", "float32", "float64"), ("rms", "max")
@@ -62,7 +63,10 @@ class PipelineFile(PipelineSource):
     table: Table = field(default_factory=Table)  # the table of the file that holds them
     named: Mapping[str, str] = field(default_factory=dict)  # presets by the key that names them
     presets: Mapping[str, DocumentView] = field(default_factory=dict)  # their values by key; ``shared`` overrides them
-    sweep: DocumentView = field(default_factory=dict)
+    sweep: DocumentView = field(default_factory=dict)  # by axis its distinct values
+    zipped: Mapping[str, Zip] = field(default_factory=dict)  # the axes that share a dim
+    design: DocumentView = field(default_factory=dict)
+    rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)  # of shared dims; all where nothing is said
     wanted: tuple[str, ...] | None = None
     keep: tuple[str, ...] | None = None  # None: all that is computed; LOOKS: pictures and metrics
     seed: int = 0
@@ -104,7 +108,7 @@ class PipelineFile(PipelineSource):
 
     def document(self) -> Document:
         """Return the document of a file that reads as this pipeline."""
-        lists, tables = ("wanted", "keep", "requires"), ("stages", "sweep", "about")
+        lists, tables = ("wanted", "keep", "requires"), ("stages", "sweep", "design", "about")
         words = {word: getattr(self, word) for word in TOP if word not in (*lists, *tables)}
         names = {word: list(getattr(self, word)) for word in lists if getattr(self, word) is not None}
         shared = {**self.named, **self.shared}
@@ -114,7 +118,8 @@ class PipelineFile(PipelineSource):
             **words,
             **names,
             self.table.name: shared,
-            "sweep": dict(self.sweep),
+            "sweep": put_together(self.sweep, self.zipped),
+            **({"design": dict(self.design)} if self.design else {}),
             "about": self.about.document(),
             "stages": stages,
         }
@@ -294,7 +299,7 @@ def from_document(document: DocumentView, file: str = "", folder: Path = Path(".
         faults.append(Fault("norm", f"{norm!r} is not a norm{nearest(norm, NORMS)}; must be rms or max"))
     shared = words.table(table.name)
     words.table("sweep")  # reports a fault if it is not a table
-    sweep = axes_of(document, faults)
+    sweep, zipped = taken_apart(axes_of(document, faults), faults)
     named, presets = _presets(table, shared, sweep, folder, faults)
     stages, whole = _stages(document.get("stages"), faults)
     return PipelineFile(
@@ -305,6 +310,8 @@ def from_document(document: DocumentView, file: str = "", folder: Path = Path(".
         named=named,
         presets=presets,
         sweep=sweep,
+        zipped=zipped,
+        design=words.table("design"),
         wanted=words.names("wanted"),
         keep=words.names("keep"),
         seed=seed,

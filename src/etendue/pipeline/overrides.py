@@ -11,6 +11,7 @@ from __future__ import annotations
 from etendue.contract.values import quantities
 from etendue.contract.values.tables import table_in, tables
 from etendue.errors import Fault, RequestError, nearest
+from etendue.pipeline.zipped import is_axis
 from etendue.types.documents import Document, DocumentView
 
 TOP = (
@@ -25,6 +26,7 @@ TOP = (
     "keep",
     "stages",
     "sweep",
+    "design",
     "variant",
     "description",
     "requires",
@@ -51,6 +53,8 @@ def by_one_name(overrides: DocumentView, document: DocumentView) -> Document:
     for key, value in overrides.items():
         if key.startswith("sweep."):
             key = f"sweep.{axis_name(key.removeprefix('sweep.'), document)}"
+        elif key.startswith("design."):
+            pass
         elif "." not in key and key not in TOP and key in _quantities(document):
             key = table_in(document).place(key)
         elif "." in key and (head := key.partition(".")[0]) in tables() and head not in _stages(document):
@@ -64,7 +68,7 @@ def flat(sweep: DocumentView) -> Document:
     """Return a sweep with one key per axis: TOML reads ``STAGE.use`` without quotes as a table in a table."""
     found: Document = {}
     for key, value in sweep.items():
-        if isinstance(value, dict) and value and not set(value) & {"from", "to", "steps", "spacing"}:
+        if isinstance(value, dict) and value and not is_axis(value):
             found.update({f"{key}.{name}": one for name, one in value.items()})
         else:
             found[key] = value
@@ -102,21 +106,19 @@ def apply_overrides(document: Document, overrides: DocumentView, file: str = "")
     for key, value in by_one_name(overrides, document).items():
         head, _, tail = key.partition(".")
         named = _stages(document)
-        if head in (*tables(), "sweep", "about") and tail:
+        if head in (*tables(), "sweep", "design", "about") and tail:
             if not isinstance(document.setdefault(head, {}), dict):
                 continue  # a fault of form, reported later
             document[head][tail] = value
             places.append(key)
-            if head in tables() and isinstance(document.get("sweep"), dict):
-                document["sweep"].pop(tail, None)
+            _only_here(document, head, tail)
         elif tail and head in named:
             number, table = named[head]
             if tail == "use":
                 table.setdefault("name", head)  # a swapped stage keeps its name
             table[tail] = value
             places.append(f"stages[{number}].{tail}")
-            if isinstance(document.get("sweep"), dict):
-                document["sweep"].pop(key, None)
+            _only_here(document, head, key)
         elif not tail and head in (*TOP, *tables()):
             document[head] = value
             places.append(key)
@@ -125,6 +127,15 @@ def apply_overrides(document: Document, overrides: DocumentView, file: str = "")
     if faults:
         raise RequestError(faults, file)
     return places
+
+
+def _only_here(document: Document, head: str, key: str) -> None:
+    """Remove what is now a value, an axis or a factor from where it was another of these."""
+    design = document.get("design")
+    places = {"sweep": document.get("sweep"), "design": design.get("factors") if isinstance(design, dict) else None}
+    for name, table in places.items():
+        if isinstance(table, dict) and name != head and head != "about":
+            table.pop(axis_name(key.removeprefix("factors."), document), None)
 
 
 def _meant(document: DocumentView, head: str, tail: str) -> str:

@@ -34,11 +34,58 @@ SPACED = {
         "to": {"type": ["number", "string"]},
         "steps": {"type": "integer", "minimum": 1},
         "spacing": {"enum": ["linear", "log"]},
+        "dim": {"type": "string"},
     },
     "additionalProperties": False,
     "required": ["from", "to", "steps"],
 }
-OF_A_STAGE = {"anyOf": [{"type": "array"}, SPACED]}  # axes in a table of their stage
+ZIPPED = {
+    "type": "object",
+    "properties": {"values": {"type": "array", "minItems": 1}, "dim": {"type": "string"}},
+    "additionalProperties": False,
+    "required": ["values", "dim"],
+    "description": "values that change together with those of every other axis of the same dim",
+}
+_NUMBER = {"type": ["number", "string"]}
+FACTOR = {
+    "anyOf": [
+        {"type": "array", "minItems": 1, "description": "choices in equal shares"},
+        {
+            "type": "object",
+            "properties": {
+                "from": _NUMBER,
+                "to": _NUMBER,
+                "spacing": {"enum": ["linear", "log"]},
+                **{
+                    shape: {"type": "array", "items": _NUMBER, "minItems": count, "maxItems": count}
+                    for shape, count in (("normal", 2), ("uniform", 2), ("triangular", 3))
+                },
+                "at_least": _NUMBER,
+                "at_most": _NUMBER,
+                "levels": {"type": "integer", "minimum": 1},
+            },
+            "additionalProperties": False,
+        },
+    ]
+}
+DESIGN = {
+    "type": "object",
+    "description": "samples over several parameters at once, along the dim 'sample'",
+    "properties": {
+        "method": {"enum": ["sobol", "halton", "random", "lhs", "saltelli", "list"], "default": "sobol"},
+        "points": {"type": "integer", "minimum": 1},
+        "seed": {"type": "integer", "minimum": 0, "default": 0},
+        "file": {"type": "string", "description": "a CSV of samples, for method 'list'"},
+        "rows": {"type": "array", "items": {"type": "integer", "minimum": 0}, "description": "only these samples"},
+        "correlation": {"type": "array", "items": {"type": "array", "minItems": 3, "maxItems": 3}},
+        "factors": {
+            "type": "object",
+            "additionalProperties": {"anyOf": [*FACTOR["anyOf"], {"type": "object", "additionalProperties": FACTOR}]},
+        },
+    },
+    "additionalProperties": False,
+}
+OF_A_STAGE = {"anyOf": [{"type": "array"}, SPACED, ZIPPED]}  # axes in a table of their stage
 
 
 def schema(registry: Registry) -> Document:
@@ -102,9 +149,10 @@ def schema(registry: Registry) -> Document:
                     **{name: _axis(name, types.get(name)) for name in quantities.names()},
                 },
                 "additionalProperties": {
-                    "anyOf": [_list({}), SPACED, {"type": "object", "additionalProperties": OF_A_STAGE}]
+                    "anyOf": [_list({}), SPACED, ZIPPED, {"type": "object", "additionalProperties": OF_A_STAGE}]
                 },
             },
+            "design": DESIGN,
             "stages": {"type": "array", "minItems": 1, "items": _stages(registry.names(), kinds)},
         },
         "additionalProperties": False,
@@ -204,7 +252,7 @@ def _list(item: DocumentView) -> Document:
 def _axis(name: str, kind: Any) -> Document:
     declared = quantities.declared(name)
     values = _list(_form(declared, MISSING, kind)) | {"minItems": 1, "uniqueItems": True}
-    return {"anyOf": [values, SPACED], "description": declared.long_name or declared.doc}
+    return {"anyOf": [values, SPACED, ZIPPED], "description": declared.long_name or declared.doc}
 
 
 def _shared(table: Table, given: DocumentView) -> Document:

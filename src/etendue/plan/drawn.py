@@ -27,8 +27,9 @@ def drawn_of(plan: Plan, cell: Cell, name: str) -> Drawn | None:
 def _quantity(plan: Plan, cell: Cell, name: str) -> Any:
     """Return the value of a shared quantity for a cell; None if it is swept along an axis that does not reach it."""
     axes = plan.node(cell.node).axes
-    # An axis of the quantity itself overrides an axis of presets.
-    for axis in sorted(plan.axes, key=lambda axis: axis.key != name):
+    own = [plan.axis(dim) for dim in axes]
+    others = [axis for axis in plan.axes if axis.dim not in axes]
+    for axis in sorted([*own, *others], key=lambda axis: axis.key != name):  # its own axis overrides that of presets
         if axis.key == name or name in axis.gives:
             return axis.value(name, cell.index[axes.index(axis.dim)]) if axis.dim in axes else None
     return plan.shared.get(name)

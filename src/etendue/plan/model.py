@@ -45,12 +45,21 @@ class Axis:
     dim: str
     values: tuple[Any, ...]  # floats, ints or texts; labels if the axis swaps a stage
     units: str = ""
-    # values by parameter, for an axis that sets several at once
-    gives: Mapping[str, tuple[Any, ...]] = field(default_factory=dict, hash=False)
+    gives: Mapping[str, tuple[Any, ...]] = field(
+        default_factory=dict, hash=False
+    )  # values by parameter, for an axis that sets several at once
+    factors: tuple[Axis, ...] = ()  # axes whose values change together along this one
+    rows: tuple[tuple[int, ...], ...] = ()  # by position: the position on each of them
+    of: str = ""  # the axis of which this one has the distinct combinations of some factors; '' for one of its own
+    places: tuple[int, ...] = ()  # by position on that axis: the position here
 
     def value(self, name: str, position: int) -> Any:
         """Return the value of a parameter at a position."""
         return self.gives[name][position] if name in self.gives else self.values[position]
+
+    def column(self, factor: int) -> tuple[Any, ...]:
+        """Return the value of one of its factors at every position."""
+        return tuple([self.factors[factor].values[row[factor]] for row in self.rows])
 
 
 @dataclass(frozen=True)
@@ -316,15 +325,25 @@ class Plan:
     copied: frozenset[StageVariable] = frozenset()
     # nodes that are not run, because others look only at their stages, for example at a transfer function
     seen_only: frozenset[str] = frozenset()
+    derived: tuple[Axis, ...] = ()  # of the distinct combinations of some factors: their positions follow from others
 
     def node(self, name: str) -> Node:
         return self._named[name]
 
     def axis(self, dim: str) -> Axis:
-        for axis in self.axes:
+        for axis in self.positioned:
             if axis.dim == dim:
                 return axis
         raise KeyError(dim)
+
+    @property
+    def positioned(self) -> tuple[Axis, ...]:
+        """All axes on which a cell has a position."""
+        return (*self.axes, *self.derived)
+
+    def everywhere(self, at: Mapping[str, int]) -> dict[str, int]:
+        """Return positions on all axes from those on the axes that stand for themselves."""
+        return {**at, **{one.dim: one.places[at[one.of]] for one in self.derived if one.of in at}}
 
     def of(self, name: str) -> list[Cell]:
         """Return the cells of a node, in order."""
@@ -332,7 +351,7 @@ class Plan:
 
     @cached_property
     def numbers(self) -> Numbers:
-        return Numbers(self.nodes, {axis.dim: len(axis.values) for axis in self.axes})
+        return Numbers(self.nodes, {axis.dim: len(axis.values) for axis in self.positioned})
 
     @cached_property
     def same_as(self) -> Mapping[StageVariable, str]:

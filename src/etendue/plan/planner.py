@@ -19,6 +19,8 @@ from etendue.errors import Fault, PluginError, RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan import cost, omissions, stage_calls
 from etendue.plan.agreement import met_twice, taken_differently
+from etendue.plan.designs.drawing import with_design
+from etendue.plan.designs.summary import axes_said, design_said
 from etendue.plan.expansion.cells import Told, expand
 from etendue.plan.expansion.fields import notes_on_the_scene
 from etendue.plan.model import Cell, CellRef, Node, Plan
@@ -110,7 +112,7 @@ def plan_as(pipeline: PipelineFile, registry: Registry, choice: Choice, told: To
     # the facts of a cell).
     # Swapped stages come before automatic values, because these are chosen by the stages that are finally used.
     pipeline, swapped = fitted_to_overrides(pipeline, registry)
-    pipeline, chosen = settled(pipeline, registry)
+    pipeline, chosen = settled(with_design(pipeline, registry), registry)
     try:
         graph = build_graph(pipeline, registry)
         cells, precision, looked = expand(graph, pipeline, choice, told)
@@ -119,13 +121,14 @@ def plan_as(pipeline: PipelineFile, registry: Registry, choice: Choice, told: To
     # Stages that others only look at are not run, so they have no arrays to keep.
     kept = frozenset(one for one in resolve_keep(graph.nodes, graph.keep) if one[0] not in graph.seen_only)
     try:
-        sampled = notes_on_the_scene(graph.nodes, cells, {axis.dim: axis for axis in graph.axes})
+        sampled = notes_on_the_scene(graph.nodes, cells, graph.positioned)
         warnings = (*_warnings(graph.nodes, cells, pipeline.tolerance), *sampled)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), pipeline.file) from None
     return Plan(
         pipeline=pipeline,
         axes=graph.axes,
+        derived=graph.derived,
         nodes=graph.nodes,
         cells=cells,
         wanted=graph.wanted,
@@ -254,7 +257,8 @@ def summary(plan: Plan, peak_memory: int | None = None) -> Document:
         "tolerance": plan.pipeline.tolerance if plan.leaves_out else None,
         "norm": plan.pipeline.norm,
         "scene_seconds": plan.looked,
-        "axes": [{"name": a.key, "values": list(a.values), "units": a.units or None} for a in plan.axes],
+        "axes": axes_said(plan),
+        "design": design_said(plan),
         "warnings": list(plan.warnings),
     }
 

@@ -14,8 +14,9 @@ from etendue.contract.registry import installed_stages
 from etendue.contract.stage import looks_at_stages
 from etendue.contract.values.tables import preset_keys
 from etendue.errors import RequestError
+from etendue.pipeline.derived import with_rows
 from etendue.plan import planner
-from etendue.plan.model import CellRef, Plan
+from etendue.plan.model import Axis, CellRef, Plan
 from etendue.types.documents import AxisValue, DocumentView
 
 
@@ -97,9 +98,12 @@ def _over(
     plan: Plan, extra: Mapping[str, list[AxisValue]], stored: Mapping[str, Mapping[str, list[AxisValue]]]
 ) -> Plan | None:
     """Return the plan with further axis values, in stored order; None if it is invalid."""
-    sweep = dict(plan.pipeline.sweep)
+    pipeline, sweep = plan.pipeline, dict(plan.pipeline.sweep)
     for axis in plan.axes:
         if axis.key not in extra:
+            continue
+        if axis.rows:
+            pipeline = with_rows(pipeline, axis.dim, _rows(axis, extra[axis.key], stored))
             continue
         if is_of_names(axis.key):
             sweep[axis.key] = [*sweep[axis.key], *extra[axis.key]]
@@ -109,9 +113,16 @@ def _over(
             own = {*axis.values, *extra[axis.key]}
             sweep[axis.key] = [*(v for v in order if v in own), *(v for v in axis.values if v not in known)]
     try:
-        return planner.make_plan(replace(plan.pipeline, sweep=sweep), installed_stages(), plan.leaves_out)
+        return planner.make_plan(replace(pipeline, sweep=sweep), installed_stages(), plan.leaves_out)
     except RequestError:
         return None
+
+
+def _rows(axis: Axis, extra: Sequence[AxisValue], stored: Mapping[str, Mapping[str, list[AxisValue]]]) -> list[int]:
+    """Return the rows of a design in stored order, then those that are new."""
+    there = [row for axes in stored.values() for row in axes.get(axis.dim, ()) if isinstance(row, int)]
+    wanted = {*axis.values, *extra}
+    return list(dict.fromkeys([*(row for row in there if row in wanted), *axis.values]))
 
 
 def is_of_names(key: str) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from etendue.contract.arrays.variables import Declaration, variable
-from etendue.plan.model import CellRef, Plan, StageVariable
+from etendue.plan.model import Axis, CellRef, Plan, StageVariable
 from etendue.types.documents import AxisValues
 
 
@@ -13,15 +13,15 @@ def shown_cells(plan: Plan) -> dict[str, CellRef]:
     """Return one cell of each stage for the pictures: at the pipeline's own values of swept quantities, else at the
     middle of the axis.
     """
-    middle = {}
-    for axis in plan.axes:
-        base = plan.pipeline.shared.get(axis.key)
-        value = plan.shared.get(axis.key)
-        middle[axis.dim] = (
-            axis.values.index(value) if base is not None and value in axis.values else len(axis.values) // 2
-        )
+    middle = plan.everywhere({axis.dim: middle_of(plan, axis) for axis in plan.axes})
     computed = (node for node in plan.nodes if node.name not in plan.seen_only)
     return {node.name: (node.name, tuple(middle[dim] for dim in node.axes)) for node in computed}
+
+
+def middle_of(plan: Plan, axis: Axis) -> int:
+    """Return the position of the pipeline's own value on an axis, else the middle."""
+    base, value = plan.pipeline.shared.get(axis.key), plan.shared.get(axis.key)
+    return axis.values.index(value) if base is not None and value in axis.values else len(axis.values) // 2
 
 
 def shown_place(plan: Plan) -> AxisValues:
@@ -29,6 +29,7 @@ def shown_place(plan: Plan) -> AxisValues:
     shown = {axis.dim: 0 for axis in plan.axes}
     for name, index in shown_cells(plan).values():
         shown |= dict(zip(plan.node(name).axes, index, strict=True))
+    shown |= {one.of: middle_of(plan, plan.axis(one.of)) for one in plan.derived}
     return {axis.dim: axis.values[shown[axis.dim]] for axis in plan.axes}
 
 

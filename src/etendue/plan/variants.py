@@ -38,13 +38,24 @@ def variant(
         If the stages refuse the values.
     """
     nodes = tuple(_with_values(node, values.get(node.name, {})) for node in plan.nodes)
-    graph = Graph(nodes, tuple(_moved(axis, values) for axis in plan.axes), dict(plan.shared), plan.wanted, None, ())
+    axes, derived, factors = (
+        tuple(_moved(axis, values) for axis in own)
+        for own in (plan.axes, plan.derived, [one for axis in plan.axes for one in axis.factors])
+    )
+    shared, wanted = dict(plan.shared), plan.wanted
+    graph = Graph(nodes, axes, shared, wanted, None, (), derived=derived, factors=factors)
     pipeline = plan.pipeline
     precision, decided = ("float64", {}) if exact else (plan.precision, plan.cells)
     choice = Choice(pipeline.tolerance, False, precision, pipeline.norm, plan.expected, decided=decided, keys=False)
     cells, chosen, _ = expand(graph, pipeline, choice)
     return replace(
-        plan, axes=graph.axes, nodes=nodes, cells=cells, precision=chosen, leaves_out=not exact and plan.leaves_out
+        plan,
+        axes=axes,
+        derived=derived,
+        nodes=nodes,
+        cells=cells,
+        precision=chosen,
+        leaves_out=not exact and plan.leaves_out,
     )
 
 
@@ -66,12 +77,16 @@ def _moved(axis: Axis, values: Mapping[str, DocumentView]) -> Axis:
 
 def at_point(plan: Plan, place: AxisValues, wanted: tuple[StageVariable, ...]) -> Plan:
     """Return the plan of ``wanted`` at one point, with means instead of draws and rounding."""
-    at = {axis.dim: axis.values.index(place[axis.dim]) for axis in plan.axes}
+    at = plan.everywhere({axis.dim: axis.values.index(place[axis.dim]) for axis in plan.axes})
+    factors = dict[str, int]()
+    for axis in (axis for axis in plan.axes if axis.rows):
+        factors |= dict(zip((one.dim for one in axis.factors), axis.rows[at[axis.dim]], strict=True))
     cells = [_at_origin(plan.cells[node.name, tuple(at[dim] for dim in node.axes)]) for node in plan.nodes]
     return replace(
         plan,
         axes=tuple(_narrowed(axis, at[axis.dim]) for axis in plan.axes),
-        nodes=tuple(_chosen(node, at) for node in plan.nodes),
+        derived=tuple(_narrowed(axis, at[axis.dim]) for axis in plan.derived),
+        nodes=tuple(_chosen(node, at | factors) for node in plan.nodes),
         cells={cell.ref: cell for cell in cells},
         wanted=wanted,
         kept=frozenset(),
@@ -89,14 +104,15 @@ def with_draw(plan: Plan, number: int) -> Plan:
 
 def _narrowed(axis: Axis, number: int) -> Axis:
     gives = {name: (values[number],) for name, values in axis.gives.items()}
-    return replace(axis, values=(axis.values[number],), gives=gives)
+    rows = axis.rows[number : number + 1]
+    return replace(axis, values=(axis.values[number],), gives=gives, rows=rows, places=(0,) if axis.of else ())
 
 
 def _chosen(node: Node, at: Mapping[str, int]) -> Node:
-    """Return a node reduced to the one alternative that is used."""
-    number = at[node.use_axis] if node.use_axis else 0
+    """Return a node with the one alternative that it uses."""
     if len(node.alternatives) == 1:
         return node
+    number = at[node.use_axis] if node.use_axis else 0
     return replace(node, alternatives=(node.alternatives[number],), inputs=(node.inputs[number],))
 
 

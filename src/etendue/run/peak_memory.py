@@ -131,6 +131,8 @@ def _chosen(plan: Plan, most: int) -> dict[str, set[int]]:
         own, room = found[axis.dim], max(most // count, 1)
         own |= set(itertools.islice((i for i in range(len(axis.values)) if i not in own), room - 1))
         count *= len(own)
+    for one in plan.derived:
+        found[one.dim] = {largest.get(one.dim, 0), *(one.places[i] for i in found[one.of])}
     return found
 
 

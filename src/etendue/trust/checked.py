@@ -236,7 +236,7 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
 
 def _of_axes(stored: Stored, again: Again, known: Mapping[str, set[str]]) -> Iterator[Deviation]:
     """Compare the axis values in the journal with ``known``, the values that runs have asked for."""
-    keys = {axis.dim: axis.key for axis in again.plan.axes}
+    keys = {axis.dim: axis.key for axis in again.plan.positioned}
     for dim, values in (pair for axes in stored.journal.axes.values() for pair in axes.items()):
         for value in sorted(set(map(str, values)) - known.get(keys.get(dim, dim), set())):
             yield Deviation("journal.jsonl", f"axes {dim}", value, "a value that a run has asked for")

@@ -205,7 +205,7 @@ def record_again(
         made["text"] = "a text that gives the resolved pipeline, with the overrides"
     elif asked.pipeline.presets_swept:  # the preset outside the sweep is not in the resolved text, and has no effect
         made["preset"] = preset_said(given.pipeline)
-    return made, {a.key: set(map(str, a.values)) for a in asked.axes}
+    return made, {a.key: set(map(str, a.values)) for a in asked.positioned}
 
 
 def _as_named(made: Any, recorded: Any) -> Any:

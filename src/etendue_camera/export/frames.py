@@ -21,7 +21,7 @@ from etendue.archive.read.reading import metadata_of
 from etendue.archive.read.stored import Stored
 from etendue.archive.read.verified_store import VouchedStore
 from etendue.archive.records.provenance import latest_record
-from etendue.archive.structure.layout import STATUS
+from etendue.archive.structure.layout import ROW, STATUS
 from etendue.archive.structure.naming import cell_label
 from etendue.errors import ArchiveError, Fault, RequestError, nearest
 from etendue.present.plots.drawing.strip import white_of
@@ -246,6 +246,10 @@ def _finished_cell(data: xarray.Dataset, known: DocumentView) -> Document | None
     """Return the labels of the only finished cell at known labels; None if there are several, none, or it is
     unfinished."""
     axes = _cell_axes(data)
+    for rows in (data[f"{dim}{ROW}"] for dim in axes if dim not in known and f"{dim}{ROW}" in data):
+        own = str(rows.dims[0])  # of a design: its rows have combinations of factors in common
+        if own in known:
+            known = {**known, str(rows.name).removesuffix(ROW): rows.sel({own: known[own]}).item()}
     labels = {dim: known[dim] for dim in axes if dim in known}
     open_ = [dim for dim in axes if dim not in labels and data.sizes[dim] > 1]
     if open_ or any(value not in _values(data, dim) for dim, value in labels.items()):

@@ -13,14 +13,15 @@ from decimal import Decimal
 from typing import Any
 
 from etendue.contract.capabilities import Probe
-from etendue.contract.registry import Registry
+from etendue.contract.registry import Registry, installed_stages
 from etendue.contract.stage import reads_of
 from etendue.contract.values import quantities as camera
 from etendue.contract.values.tables import preset_keys
 from etendue.errors import Fault, PluginError, RequestError, nearest
-from etendue.pipeline.derived import at_value, wanting
+from etendue.pipeline.derived import at_value, unswept, wanting
 from etendue.pipeline.file import PipelineFile
 from etendue.pipeline.overrides import axis_name
+from etendue.plan.designs.drawing import with_design
 from etendue.plan.model import Node
 from etendue.plan.wiring.alternatives import unlike
 from etendue.types.documents import AxisValue, Document
@@ -191,6 +192,7 @@ def without_sweep(pipeline: PipelineFile) -> tuple[PipelineFile, Document]:
     the table of the stage), otherwise the first value of the sweep.
     """
     at: dict[str, AxisValue] = {}
+    pipeline = with_design(pipeline, installed_stages())  # of a design, the first row
     words = pipeline.table.words()
     # The value of a sensor axis determines those of other axes.
     for key in sorted(pipeline.sweep, key=lambda key: key not in words):
@@ -202,7 +204,7 @@ def without_sweep(pipeline: PipelineFile) -> tuple[PipelineFile, Document]:
         at[key] = str(value.get("label", value.get(key, ""))) if named else value
         if own is None or key in words:
             pipeline = at_value(pipeline, key, value)
-    return wanting(replace(pipeline, sweep={})), at
+    return wanting(unswept(pipeline)), at
 
 
 def _first(written: Any) -> Any:

@@ -7,7 +7,6 @@ Out: the document of ``losses.study`` for that camera, from the pipeline that th
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 
@@ -15,8 +14,9 @@ from etendue.archive.records.rerun import recorded
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of
 from etendue.errors import EtendueError
-from etendue.pipeline.derived import at_value
+from etendue.pipeline.derived import at_value, unswept
 from etendue.pipeline.file import PipelineFile
+from etendue.plan.designs.drawing import with_design
 from etendue.result_files import finite
 from etendue.types.documents import AxisValues, Document
 from etendue_lab.compare.axis import SENSOR
@@ -57,16 +57,23 @@ def camera_at(folder: Path, at: AxisValues) -> PipelineFile:
         The recorded pipeline cannot be read here.
     """
     run = recorded(folder)
-    pipeline, axes = run.pipeline(), run.record["axes"]
+    pipeline, axes = with_design(run.pipeline(), installed_stages()), run.record["axes"]
     for key in sorted(pipeline.sweep, key=lambda key: key != SENSOR and not key.endswith(".use")):
-        # choices of stages and presets first, because others refer to them
-        written, values = (pipeline.sweep[key], list(axes.get(key, ())))
+        written, values = (
+            pipeline.sweep[key],
+            list(axes.get(key, ())),
+        )  # choices of stages and presets first, because others refer to them
+        if one := pipeline.zipped.get(key):
+            row = at.get(one.dim, (axes.get(one.dim) or [0])[0])
+            if _taken(pipeline, key):
+                pipeline = at_value(pipeline, key, written[one.at[int(str(row))]])
+            continue
         value = at.get(key.removesuffix(".use").replace(".", "_"), values[0] if values else None)
         listed = isinstance(written, list) and value in values and len(written) == len(values)
         item = written[values.index(value)] if listed else Decimal(str(value)) if isinstance(value, float) else value
         if _taken(pipeline, key):
             pipeline = at_value(pipeline, key, item)
-    return replace(pipeline, sweep={})
+    return unswept(pipeline)
 
 
 def _taken(pipeline: PipelineFile, key: str) -> bool:

@@ -24,7 +24,7 @@ from etendue.contract.capabilities import Noisy, is_random, is_source
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, writes_of
 from etendue.errors import RequestError
-from etendue.pipeline.derived import each, given
+from etendue.pipeline.derived import each, given, unswept
 from etendue.pipeline.file import PipelineFile, StageEntry
 from etendue.plan.model import CellRef, Node, Plan
 from etendue.types.arrays import Array
@@ -56,7 +56,7 @@ def in_front_of_grey(
             return replace(given(entry, {"reflectance": reflectance}, set(entry.values) - allowed), use=use)
         return _sound(entry, registry)
 
-    return replace(each(pipeline, changed), sweep={})
+    return unswept(each(pipeline, changed))
 
 
 def _sound(entry: StageEntry, registry: Registry) -> StageEntry:

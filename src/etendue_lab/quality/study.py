@@ -21,6 +21,7 @@ from etendue.contract.registry import Registry
 from etendue.errors import RequestError
 from etendue.pipeline.derived import wanting
 from etendue.pipeline.file import PipelineFile
+from etendue.plan.designs.drawing import with_design
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.present.terminal.tables import floored
@@ -119,6 +120,7 @@ def quality(
     make_plan(pipeline, registry, leave_out)  # the planner reports every fault of the file
     if both := sorted(set(without) & set(keep)):
         raise RequestError(f"--without {both[0]} and --keep {both[0]}: give only one of them")
+    pipeline = replace(with_design(pipeline, registry), design={})  # its samples, also for a camera with fewer stages
     ideal = ideal_of(pipeline, registry, without, keep)
     camera_plan = _plan_of(pipeline, registry, leave_out, (*PICTURES, *SCALARS))
     plans = camera_plan, _plan_of(ideal.pipeline, registry, leave_out, PICTURES)
@@ -229,7 +231,8 @@ def _places(plan: Plan) -> Iterator[dict[str, int]]:
 
 
 def _ref(outcome: Outcome, name: str, place: Mapping[str, int]) -> Any:
-    return name, tuple(place[dim] for dim in outcome.plan.node(name).axes)
+    at = outcome.plan.everywhere(place)
+    return name, tuple(at[dim] for dim in outcome.plan.node(name).axes)
 
 
 def _why_not(outcome: Outcome, place: Mapping[str, int]) -> str:
@@ -279,9 +282,11 @@ def _display_matrix(plan: Plan, place: Mapping[str, int]) -> Any:
     if _writer(plan, "rgb_linear") is None:
         return None
     writers = [node for node in reversed(plan.nodes) if "rgb_linear" in node.writes]
-    stages = (plan.cells[node.name, tuple(place[dim] for dim in node.axes)].stage for node in writers)
-    # some stages only decode
-    return next((stage.to_xyz() for stage in stages if isinstance(stage, Displaying)), RGB_TO_XYZ_SRGB)
+    at = plan.everywhere(place)
+    stages = (plan.cells[node.name, tuple(at[dim] for dim in node.axes)].stage for node in writers)
+    return next(
+        (stage.to_xyz() for stage in stages if isinstance(stage, Displaying)), RGB_TO_XYZ_SRGB
+    )  # some stages only decode
 
 
 def _notes(result: IdealComparison, plan: Plan, registry: Registry) -> list[str]:

@@ -55,7 +55,7 @@ class Point:
         pipeline = replace(plan.pipeline, leave_out=plan.leaves_out and plan.pipeline.leave_out)
         self.pipeline = wanting(narrowed(pipeline, plan.axes, [dict(place)]), wanted)
         self.base = at_point(plan, place, wanted)  # plan with everything as in the run, but without noise
-        self.at = at = {axis.dim: axis.values.index(place[axis.dim]) for axis in plan.axes}
+        self.at = at = plan.everywhere({axis.dim: axis.values.index(place[axis.dim]) for axis in plan.axes})
         here = {node.name: plan.cells[node.name, tuple(at[dim] for dim in node.axes)].stage for node in plan.nodes}
         self.stages = {name: stage for name, stage in here.items() if isinstance(stage, Discretised)}
         self.silent = [name for name, one in here.items() if isinstance(one, Source) and name not in self.stages]

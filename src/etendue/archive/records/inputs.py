@@ -24,6 +24,8 @@ from etendue.errors import ArchiveError
 from etendue.pipeline import toml
 from etendue.pipeline.file import PipelineFile
 from etendue.pipeline.presets import COPY, preset_at
+from etendue.pipeline.zipped import put_together
+from etendue.plan.designs.asked import factors_of
 from etendue.plan.identity.keys import file_digest
 from etendue.plan.model import Plan
 from etendue.plan.wiring.parameters import resolve_file
@@ -155,8 +157,27 @@ def resolve_pipeline(plan: Plan) -> Resolved:
         for entry in pipeline.stages
     ]
     if pipeline.sweep:
-        document["sweep"] = {key: found.axis(key, values) for key, values in pipeline.sweep.items()}
+        swept = {key: found.axis(key, values) for key, values in pipeline.sweep.items()}
+        document["sweep"] = put_together(swept, pipeline.zipped)
+    if pipeline.design:
+        document["design"] = _design(pipeline, found)
     return Resolved(toml.dumps(document), found.inputs, found.written)
+
+
+def _design(pipeline: PipelineFile, found: _Resolver) -> Document:
+    """Return the design with its files named by content."""
+    factors = {
+        key: found.axis(key, written) if isinstance(written, list | tuple) else written
+        for key, written in factors_of(pipeline.design, pipeline).items()
+    }
+    own = {key: value for key, value in pipeline.design.items() if not key.startswith("factors.")}
+    own |= {"factors": factors} if factors else {}
+    if isinstance(name := own.get("file"), str):
+        path = str(resolve_file(name, pipeline.folder))
+        own["file"] = f"../inputs/{file_digest(path)}.csv"
+        found.inputs[Path(own["file"]).name] = path
+        found.written[name] = own["file"]
+    return own
 
 
 def as_recorded(value: Any, written: Mapping[str, str]) -> str:
@@ -229,13 +250,13 @@ def _parts(folder: Path) -> list[str]:
     return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
 
 
-def sweep_of(record: DocumentView, folder: Path) -> DocumentView:
-    """Return the sweep of an earlier run from its record, with files as copies in the archive; empty if it cannot be
-    read.
+def sweep_of(record: DocumentView, folder: Path, table: str = "sweep") -> DocumentView:
+    """Return the sweep, or another table, of an earlier run from its record, with files as copies in the archive; empty
+    if it cannot be read.
     """
     text = record.get("resolved")
     try:
-        found = tomllib.loads(text, parse_float=Decimal).get("sweep", {}) if isinstance(text, str) else {}
+        found = tomllib.loads(text, parse_float=Decimal).get(table, {}) if isinstance(text, str) else {}
     except (ValueError, RecursionError):
         return {}
     return _in_place(found, folder) if isinstance(found, dict) and not _names_others(found) else {}

@@ -171,7 +171,7 @@ def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: DocumentView
         "preset": preset_said(plan.pipeline),
         "stated": stated_values(plan.pipeline),
         "shared": {k: _plain(v) for k, v in plan.shared.items()},
-        "axes": {a.key: _plain(a.values) for a in plan.axes},
+        "axes": {a.key: _plain(a.values) for a in plan.positioned},
         "order": [node.name for node in plan.nodes],
         "stages": {node.name: list(node.axes) for node in plan.nodes},
         "nodes": node_records(plan),

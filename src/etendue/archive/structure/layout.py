@@ -18,7 +18,7 @@ from etendue.contract.arrays.grid import Bands, Coordinate, Labels, Line
 from etendue.contract.arrays.variables import NOT_IN_IT, variable
 from etendue.contract.values import quantities
 from etendue.plan.marks import not_in_it
-from etendue.plan.model import Cell, CellRef, Node, Plan
+from etendue.plan.model import Axis, Cell, CellRef, Node, Plan
 from etendue.types.documents import Document
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed")
@@ -30,6 +30,7 @@ STATUS_ATTRIBUTES = {
 }
 SAME_AS = "same_as"  # attribute of a group: the arrays that hold the values of its variables that are left out
 BOUNDS = "_bounds"  # suffix to the name of a dim of bands, for their edges
+ROW = "_row"  # suffix to the name of a dim of combinations, for that of every row
 
 
 @dataclass
@@ -148,8 +149,9 @@ def _fill(
     """Add the variables and coordinates of all cells of a group; ``cells`` must cover all its grids."""
     for dim in group.axes:
         axis = plan.axis(dim)
-        attrs = {"long_name": quantities.long_name(axis.key), "units": axis.units or "1", "parameter": axis.key}
-        group.coordinates[dim] = CoordinateLayout((dim,), group.axes[dim], attrs)
+        group.coordinates[dim] = CoordinateLayout((dim,), group.axes[dim], _said_of(axis))
+        if axis.rows:
+            _add_factors(plan, group, axis)
     for name in kept:
         declaration = node.writes[name]
         grid = cells[0].grids[name]
@@ -175,6 +177,27 @@ def _fill(
         group.variables[name] = VariableLayout(
             name, node.axes, dims, grid.shape(dims), dtype, attrs, variable(name).beside
         )
+
+
+def _said_of(axis: Axis) -> Document:
+    if axis.rows:
+        name = f"combination of factors along {axis.of}" if axis.of else axis.dim
+        return {"long_name": name, "units": "1", "parameter": axis.key}
+    return {"long_name": quantities.long_name(axis.key), "units": axis.units or "1", "parameter": axis.key}
+
+
+def _add_factors(plan: Plan, group: GroupLayout, axis: Axis) -> None:
+    """Add a coordinate for every factor along an axis of rows; for one of combinations, the one of every row."""
+    there = dict(zip(axis.values, axis.rows, strict=True))
+    for number, factor in enumerate(axis.factors):
+        values = [factor.values[there[value][number]] for value in group.axes[axis.dim]]
+        group.coordinates[factor.dim] = CoordinateLayout((axis.dim,), values, _said_of(factor))
+    if axis.of:
+        rows = [(row, axis.values[at]) for row, at in zip(plan.axis(axis.of).values, axis.places, strict=True)]
+        own = [(row, value) for row, value in rows if value in set(group.axes[axis.dim])]
+        attrs = {"long_name": f"{axis.dim} of every {axis.of}: select with .sel", "units": "1"}
+        group.coordinates[axis.of] = CoordinateLayout((axis.of,), [row for row, _ in own], _said_of(plan.axis(axis.of)))
+        group.coordinates[f"{axis.dim}{ROW}"] = CoordinateLayout((axis.of,), [value for _, value in own], attrs)
 
 
 def _flags(name: str, cell: Cell) -> Document:

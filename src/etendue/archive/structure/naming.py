@@ -32,7 +32,7 @@ class Names(Mapping[CellRef, str]):
     """The ``cell_name`` of every cell of a plan."""
 
     def __init__(self, plan: Plan) -> None:
-        pieces = {axis.dim: [_piece(axis.dim, value) for value in axis.values] for axis in plan.axes}
+        pieces = {axis.dim: [_piece(axis.dim, value) for value in axis.values] for axis in plan.positioned}
         self.plan, self.pieces = plan, {node.name: [pieces[dim] for dim in node.axes] for node in plan.nodes}
 
     def __getitem__(self, ref: CellRef) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from etendue.archive.journaling.entries import Entries, Entry
 from etendue.archive.records.inputs import sweep_of
@@ -17,6 +18,7 @@ from etendue.archive.write.store import ArchiveWriter
 from etendue.errors import ArchiveError
 from etendue.plan.model import CellRef, Node, Plan
 from etendue.plan.resume import is_of_names, with_stored_values
+from etendue.types.documents import DocumentView
 
 
 def with_stored(asked: Plan, store: ArchiveWriter, prune: bool) -> tuple[Plan, list[str], int]:
@@ -28,6 +30,7 @@ def with_stored(asked: Plan, store: ArchiveWriter, prune: bool) -> tuple[Plan, l
     ArchiveError
         It was made with other stages or axes; or finished results would be lost without ``prune``.
     """
+    refuse_regrown(asked, store.record, str(store.folder))
     swapped = any(is_of_names(axis.key) for axis in asked.axes)
     sweeps = [sweep_of(record, store.folder) for record in records(store.folder)] if swapped else []
     plan = with_stored_values(asked, store.journal.axes, sweeps)
@@ -41,6 +44,23 @@ def with_stored(asked: Plan, store: ArchiveWriter, prune: bool) -> tuple[Plan, l
     if lost.cells:
         lost.refuse(str(store.folder))
     return plan, stay, 0
+
+
+def refuse_regrown(asked: Plan, record: DocumentView | None, folder: str) -> None:
+    """Refuse a Latin hypercube of another number of points: none of its rows is one of those stored.
+
+    Raises
+    ------
+    ArchiveError
+        It is one, and the archive holds another.
+    """
+    own, sweep = asked.pipeline.design, sweep_of(record, Path(folder), "design") if record else {}
+    if own.get("method") == "lhs" == sweep.get("method") and own.get("points") != sweep.get("points"):
+        raise ArchiveError(
+            f"{folder} holds a Latin hypercube of {sweep.get('points')} points, and one of {own.get('points')} has "
+            f"other values in every row: it cannot be extended. Use another archive with --archive DIR; designs with "
+            f"method 'sobol', 'halton', 'random', 'saltelli' or 'list' can be extended"
+        )
 
 
 def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:

@@ -16,7 +16,15 @@ import pandas
 import xarray
 from xarray.indexes import PandasIndex
 
-from etendue.archive.structure.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, coordinates_of, layout_of
+from etendue.archive.structure.layout import (
+    BOUNDS,
+    ROW,
+    STATUS,
+    STATUS_ATTRIBUTES,
+    GroupLayout,
+    coordinates_of,
+    layout_of,
+)
 from etendue.contract.ports import CellReport, ContactSheet, Passing
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work
@@ -146,7 +154,7 @@ class MemoryKeeper(Passing):
         found: dict[str, _Column] = {  # a variable named like its own axis replaces the axis values, as in the store
             name: (c.dims, np.asarray(c.values), c.attrs) for name, c in layout.coordinates.items() if name not in data
         }
-        for name in [name for name in found if str(name).endswith(BOUNDS)]:
+        for name in [name for name in found if str(name).endswith((BOUNDS, ROW))]:
             data[name] = found.pop(name)
         beside = {name for variable in layout.variables.values() for name in coordinates_of(layout, variable)}
         found |= {name: data.pop(name) for name in beside}

@@ -22,6 +22,7 @@ from etendue.archive.structure.cutting import Blocks, Whereabouts, cut
 from etendue.archive.structure.groups import ArchivedLayout
 from etendue.archive.structure.layout import (
     BOUNDS,
+    ROW,
     STATUS,
     STATUS_ATTRIBUTES,
     GroupLayout,
@@ -133,6 +134,8 @@ class Laid:
                     sorted(values, reverse=True),
                 ):
                     attrs["order"] = "as the sweep grew; sort with .sortby"
+            elif len(coordinate.dims) == 1 and coordinate.dims[0] in merged:
+                values = self._grown_along(path, layout, coordinate.dims[0], values)
             elif coordinate.dims[:-1] and coordinate.dims[0] in merged:
                 values = self._grown_positions(path, coordinate.dims[:-1], np.asarray(values, dtype=float))
             if name not in layout.variables:
@@ -145,8 +148,14 @@ class Laid:
         """Return the attribute by which xarray knows coordinates that no array of a group names."""
         if not group.same_as or group.variables:
             return {}
-        beside = [n for n, c in group.coordinates.items() if c.dims != (n,) and not n.endswith(BOUNDS)]
+        beside = [n for n, c in group.coordinates.items() if c.dims != (n,) and not n.endswith((BOUNDS, ROW))]
         return {"coordinates": " ".join(sorted(beside))} if beside else {}
+
+    def _grown_along(self, path: str, layout: GroupLayout, dim: str, values: list[Any]) -> list[Any]:
+        """Return values along a grown axis: those of the plan; NaN, or an empty text, for rows it does not have."""
+        known = dict(zip(layout.axes[dim], values, strict=True))
+        missing = "" if any(isinstance(value, str) for value in values) else float("nan")
+        return [known.get(value, missing) for value in self.axes[path][dim]]
 
     def _grown_positions(self, path: str, axes: tuple[str, ...], own: Any) -> Any:
         """Return positions along grown axes: those of the plan, and NaN elsewhere."""
@@ -163,7 +172,7 @@ class Laid:
         beside = [
             n
             for n, c in layout.coordinates.items()
-            if c.dims != (n,) and not n.endswith(BOUNDS) and set(c.dims) <= set(dims)
+            if c.dims != (n,) and not n.endswith((BOUNDS, ROW)) and set(c.dims) <= set(dims)
         ]
         beside += layouts.coordinates_of(layout, variable)
         attrs = variable.attrs | ({"coordinates": " ".join(sorted(beside))} if beside else {})

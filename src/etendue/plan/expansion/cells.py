@@ -22,6 +22,7 @@ from etendue.contract.values.late_bound import LateValue
 from etendue.errors import Fault, MachineError, PluginError, RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan import stage_calls
+from etendue.plan.designs.bundles import position_maps
 from etendue.plan.expansion import scenes
 from etendue.plan.expansion.deciding import Decider, Decisions, segment_input
 from etendue.plan.expansion.earlier import nearest_of
@@ -40,8 +41,8 @@ BYTES_OF_A_CELL = 1300  # bytes of memory per cell of a plan, measured by benchm
 
 
 Told = Callable[[int, int], None]  # called with the cells planned so far and the total
-# Maps the position of a cell to the position of a cell that it reads.
-PositionMap = Callable[[tuple[int, ...]], tuple[int, ...]]
+Maps = Mapping[tuple[str, str], tuple[int, ...]]  # positions on one axis by those on another
+PositionMap = Callable[[tuple[int, ...]], tuple[int, ...]]  # maps the position of a cell to that of a cell it reads
 
 
 def expand(
@@ -64,12 +65,15 @@ class _Expansion:
         self.pipeline = pipeline
         self.choice = choice
         self.nodes = {node.name: node for node in graph.nodes}
-        self.axes = {axis.dim: axis for axis in graph.axes}
+        self.axes = {**{axis.dim: axis for axis in graph.factors}, **graph.positioned}
+        self.maps = position_maps(graph.positioned)
         self.cells: dict[CellRef, Cell] = {}
         self.stages: dict[tuple[str, tuple[Hashable, ...]], Stage] = {}
         self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
         numbered = [(node, number) for node in graph.nodes for number in range(len(node.alternatives))]
-        self.readings = {(node.name, number): reading_of(node, number, self.nodes) for node, number in numbered}
+        self.readings = {
+            (node.name, number): reading_of(node, number, self.nodes, self.maps) for node, number in numbered
+        }
         self.forms: dict[Hashable, CellGrids] = {}
         # Decisions by stage and form, shared by cells whose inputs have no known facts: nothing else can differ there.
         self.decisions: Once[Decisions] = Once()
@@ -169,12 +173,10 @@ class _Expansion:
             if not node.is_source:
                 continue
             for position in range(len(node.alternatives)):
-                index = {dim: 0 for dim in self.axes}
-                if node.use_axis:
-                    index[node.use_axis] = position
-                dims = list(dict.fromkeys(dim for dim, _ in node.direct))
-                for combination in itertools.product(*(range(len(self.axes[dim].values)) for dim in dims)):
-                    index.update(zip(dims, combination, strict=True))
+                for place in itertools.product(*(range(len(self.axes[dim].values)) for dim in node.axes)):
+                    index = self.by_dim(node, place)
+                    if node.use_axis and index[node.use_axis] != position:
+                        continue
                     facts, _ = self.describe(node, self.stage_at(node, position, index))
                     if facts.contrast is None or 2e-7 * facts.contrast > self.choice.tolerance:
                         return "float64"
@@ -211,7 +213,7 @@ class _Expansion:
         if self.earlier is not None and (known := self.earlier.take(node.name, index)) is not None:
             self.cells[known.ref] = known
             return
-        cells, by_dim = self.cells, dict(zip(node.axes, index, strict=True))
+        cells, by_dim = self.cells, self.by_dim(node, index)
         number = by_dim[node.use_axis] if node.use_axis else 0
         one, reading = node.alternatives[number], self.readings[node.name, number]
         inputs = tuple(
@@ -262,6 +264,15 @@ class _Expansion:
             mapped=draft.form.mapped,
         )
         self.cells[cell.ref] = cell
+
+    def by_dim(self, node: Node, index: tuple[int, ...]) -> dict[str, int]:
+        """Return the positions of a cell on its axes, and on the factors that these stand for."""
+        found = dict(zip(node.axes, index, strict=True))
+        for dim, position in zip(node.axes, index, strict=True):
+            axis = self.axes[dim]
+            if axis.rows:
+                found.update(zip((factor.dim for factor in axis.factors), axis.rows[position], strict=True))
+        return found
 
     def unfit(self, node: Node, by_dim: Mapping[str, int], error: Exception) -> Fault:
         """Return the fault of a stage, at the first combination where it occurs."""
@@ -327,28 +338,37 @@ class Reading(NamedTuple):
     alike: bool  # whether the decisions about a cell follow from its stage and the grids and facts of its inputs
 
 
-def reading_of(node: Node, number: int, nodes: Mapping[str, Node]) -> Reading:
+def reading_of(node: Node, number: int, nodes: Mapping[str, Node], maps: Maps) -> Reading:
     """Return what an alternative of a node reads and looks at, and where."""
     kind = node.alternatives[number].kind
     ports = reads_of(kind)
     seen = [one for one in node.looks_at if one[0] in ports and looks(ports[one[0]]) == one[1]]
     return Reading(
-        tuple((port, source, variable, places(node, nodes[source])) for port, source, variable in node.inputs[number]),
-        tuple((port, tuple((name, places(node, nodes[name])) for name in names)) for port, _, names in seen),
+        tuple(
+            (port, source, variable, places(node, nodes[source], maps))
+            for port, source, variable in node.inputs[number]
+        ),
+        tuple((port, tuple((name, places(node, nodes[name], maps)) for name in names)) for port, _, names in seen),
         frozenset(ports),
         frozenset(quantities_of(kind)),
         not (node.is_source or node.segment or issubclass(kind, Noisy)),
     )
 
 
-def places(node: Node, source: Node) -> PositionMap:
+def places(node: Node, source: Node, maps: Maps) -> PositionMap:
     """Return the map from a position of ``node`` to one of ``source``; dims that ``node`` lacks are at their first
-    value, which is right because a node lacks only dims that do not change what it reads.
+    value, which is right because a node lacks only dims that do not change what it reads. Rows of a design have the
+    combination of factors that they are part of.
     """
     where = {dim: place for place, dim in enumerate(node.axes)}
     if source.axes == node.axes:
         return lambda index: index
-    if len(source.axes) > 1 and all(dim in where for dim in source.axes):
-        return itemgetter(*(where[dim] for dim in source.axes))
-    found = [where.get(dim, -1) for dim in source.axes]
-    return lambda index: tuple([index[place] if place >= 0 else 0 for place in found])
+    found: list[tuple[int, tuple[int, ...] | None]] = []
+    for dim in source.axes:
+        via = next((own for own in node.axes if (own, dim) in maps), "") if dim not in where else ""
+        found.append((where[via], maps[via, dim]) if via else (where.get(dim, -1), None))
+    if len(found) > 1 and all(place >= 0 and rows is None for place, rows in found):
+        return itemgetter(*(place for place, _ in found))
+    return lambda index: tuple(
+        [0 if place < 0 else index[place] if rows is None else rows[index[place]] for place, rows in found]
+    )

@@ -102,6 +102,7 @@ HELD = (
     "etendue.pipeline.form",
     "etendue.pipeline.overrides",
     "etendue.pipeline.presets",
+    "etendue.pipeline.zipped",
     "etendue.plan.cost",
     "etendue.plan.identity.keys",
     "etendue.plan.identity.once",

@@ -16,6 +16,8 @@ from etendue.contract.values.names import LOOKS, OWN, beside
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.pipeline.file import PipelineFile
 from etendue.plan import stage_calls
+from etendue.plan.designs.bundles import bundled
+from etendue.plan.designs.drawing import with_design
 from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.wiring.alternatives import Entries, alternatives_of
 from etendue.plan.wiring.automatic import settled
@@ -40,13 +42,20 @@ class Graph:
     wanted: tuple[tuple[str, str], ...]
     keep: tuple[str, ...] | None
     warnings: tuple[str, ...]
-    seen_only: frozenset[str] = frozenset()  # nodes whose stages other nodes look at, but whose values no node needs
+    seen_only: frozenset[str] = frozenset()  # nodes whose stages alone are looked at: nobody needs their values
+    derived: tuple[Axis, ...] = ()  # axes whose positions follow from others'
+    factors: tuple[Axis, ...] = ()  # those that an axis of rows stands for
+
+    @property
+    def positioned(self) -> dict[str, Axis]:
+        """All axes on which a cell has a position, by dim."""
+        return {axis.dim: axis for axis in (*self.axes, *self.derived)}
 
 
 def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
     """Check the whole pipeline; raise ``RequestError`` with every fault."""
     pipeline, _ = fitted_to_overrides(pipeline, registry)
-    pipeline, _ = settled(pipeline, registry)
+    pipeline, _ = settled(with_design(pipeline, registry), registry)
     request = Request(pipeline, registry)
     needed = lacking(pipeline, registry)
     if needed:  # stages of a missing distribution are unknown, and all further faults would only be consequences
@@ -76,11 +85,24 @@ def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
         for axis in axes:
             if axis.dim not in reached:
                 request.warnings.append(f"sweep.{axis.key} is not swept: nothing that is wanted depends on it")
-        axes = [axis for axis in axes if axis.dim in reached]
+        axes = [axis for axis in axes if axis.dim in reached or axis.key in pipeline.zipped]
     if request.faults:
         raise RequestError(request.faults, pipeline.file)
-    warnings = tuple(request.warnings)
-    return Graph(tuple(nodes), tuple(axes), shared.values, wanted, pipeline.keep, warnings, _seen_only(nodes, wanted))
+    found = bundled(nodes, axes, pipeline)
+    _check_axis_names(request, found.nodes, [*found.axes, *found.derived])
+    if request.faults:
+        raise RequestError(request.faults, pipeline.file)
+    return Graph(
+        tuple(found.nodes),
+        tuple(found.axes),
+        shared.values,
+        wanted,
+        pipeline.keep,
+        tuple(request.warnings),
+        _seen_only(nodes, wanted),
+        tuple(found.derived),
+        tuple(found.factors),
+    )
 
 
 def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> frozenset[tuple[str, str]]:

@@ -62,6 +62,7 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: D
                 "label": a.label,
                 "units": a.units,
                 "text": a.text,
+                "factors": list(a.factors) or None,
                 "values": list(a.values),
                 "prefix": prefixes().get(a.key, ""),
             }
@@ -128,12 +129,13 @@ def start_of(opened: Opened) -> dict[str, int]:
 def _losses_command(opened: Opened, start: Mapping[str, int]) -> str:
     """Return the command that computes each stage's share of the losses, at the cell where the page starts.
 
-    '' if there is no pipeline file, or if stages or presets are swept: a name along such an axis stands for a table of
-    the sweep, which no option can set.
+    '' if there is no pipeline file, or if stages, presets or rows of a design are swept: a name along such an axis
+    stands for several values, which no option can set.
     """
     last = sorted((opened.folder / "runs").glob("*.toml"))
     if not last or any(
-        len(axis.values) > 1 and (axis.key in preset_keys() or axis.key.endswith(".use")) for axis in opened.axes
+        len(axis.values) > 1 and (axis.key in preset_keys() or axis.key.endswith(".use") or axis.factors)
+        for axis in opened.axes
     ):
         return ""
     words = ["etendue", "losses", f"{opened.folder.resolve().name}/runs/{last[-1].name}"]

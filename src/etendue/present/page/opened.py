@@ -9,7 +9,7 @@ Out: ``Opened``. Arrays are read from where the journal locates them, and checke
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,9 @@ from etendue.archive.sharding.unfolding import check_group
 from etendue.archive.structure.layout import BOUNDS
 from etendue.archive.structure.naming import cell_label
 from etendue.errors import ArchiveError
+from etendue.present.plots.holdings import by_row, rows_of
+from etendue.present.plots.labels import places_text
+from etendue.present.plots.rows import rounded
 from etendue.types.documents import AxisValue, Document
 
 PLANE = ("y", "x")
@@ -49,6 +52,8 @@ class ArchivedAxis:
     def places(self) -> Mapping[AxisValue, int]:
         return {value: place for place, value in enumerate(self.values)}
 
+    factors: tuple[str, ...] = ()  # by value: what changes along it, in words
+
     @property
     def text(self) -> bool:
         return any(isinstance(value, str) for value in self.values)
@@ -62,6 +67,18 @@ class ShownGroup:
     path: str
     axes: Mapping[str, list[AxisValue]]  # values by dim, as stored
     data: xarray.Dataset
+    # by dim of rows that have combinations of factors in common: the dim of those as stored, and that of each row
+    combined: Mapping[str, tuple[str, Mapping[AxisValue, AxisValue]]] = field(default_factory=dict)
+
+    def cell(self, labels: Mapping[str, AxisValue]) -> str:
+        """Return the name of a cell in the journal."""
+        own = {
+            self.combined[dim][0] if dim in self.combined else dim: (
+                self.combined[dim][1][value] if dim in self.combined else value
+            )
+            for dim, value in labels.items()
+        }
+        return cell_label(self.stage, own)
 
     @property
     def variables(self) -> dict[str, tuple[str, ...]]:
@@ -146,7 +163,7 @@ class Opened:
                 )
             opened[path] = data
         for path, data in with_left_out(opened).items():
-            found[path.split("/")[0]].append(ShownGroup(path.split("/")[0], path, self.stored.journal.axes[path], data))
+            found[path.split("/")[0]].append(_in_rows(path, self.stored.journal.axes[path], data))
         return found
 
     @cached_property
@@ -159,6 +176,7 @@ class Opened:
                 values.setdefault(dim, {}).update(dict.fromkeys(own))
                 attrs = group.data[dim].attrs if dim in group.data.coords else {}
                 shown[dim] = tuple(str(attrs.get(name, dim)) for name in ("parameter", "long_name", "units"))  # type: ignore[assignment]
+        factors = {dim: words for dim in values if (words := self._factors(dim))}
         found = []
         for dim, known in values.items():
             key, label, units = shown.get(dim, (dim, dim, "1"))
@@ -169,8 +187,21 @@ class Opened:
             else:
                 ordered = sorted(known)
             if ordered:
-                found.append(ArchivedAxis(dim, key, label, "" if units == "1" else units, tuple(ordered)))
+                said = tuple(factors[dim].get(value, "") for value in ordered) if dim in factors else ()
+                found.append(ArchivedAxis(dim, key, label, "" if units == "1" else units, tuple(ordered), said))
         return tuple(found)
+
+    def _factors(self, dim: str) -> dict[AxisValue, str]:
+        """Return in words what changes along a dim of rows, by row; nothing for an axis that stands for itself."""
+        found: dict[AxisValue, dict[str, AxisValue]] = {}
+        units: dict[str, str] = {}
+        for group in (one for groups in self.groups.values() for one in groups if dim in one.axes):
+            for name, own in group.data.coords.items():
+                if own.dims == (dim,) and name != dim and "parameter" in own.attrs:
+                    units[str(name)] = str(own.attrs.get("units", "1"))
+                    for row, value in zip(group.data[dim].to_numpy().tolist(), own.to_numpy().tolist(), strict=True):
+                        found.setdefault(row, {})[str(name)] = rounded(value)
+        return {row: places_text(values, units) for row, values in found.items()}
 
     def axis(self, dim: str) -> ArchivedAxis:
         return next(axis for axis in self.axes if axis.dim == dim)
@@ -188,7 +219,7 @@ class Opened:
         places = [[self.axis(dim).places[value] for value in group.axes[dim]] for dim in dims]
         shape = tuple(len(own) for own in places)
         for index in np.ndindex(*shape):
-            name = cell_label(group.stage, {dim: group.axes[dim][i] for dim, i in zip(dims, index, strict=True)})
+            name = group.cell({dim: group.axes[dim][i] for dim, i in zip(dims, index, strict=True)})
             yield tuple(own[i] for own, i in zip(places, index, strict=True)), name
 
     def find(self, stage: str, at: Mapping[str, int]) -> tuple[ShownGroup, str] | None:
@@ -201,7 +232,7 @@ class Opened:
                     break
                 labels[dim] = own[own.index(value)]  # as it was written: 4 and 4.0 compare equal
             else:
-                name = cell_label(stage, labels)
+                name = group.cell(labels)
                 if name in self.entries:
                     return group, name
         return None
@@ -234,3 +265,19 @@ class Opened:
             if not self.running:  # if running, a run may be moving it into place
                 self.damaged.add(f"{variable} of {name}")
             raise
+
+
+def _in_rows(path: str, axes: Mapping[str, list[AxisValue]], data: xarray.Dataset) -> ShownGroup:
+    """Return a group over the rows of a design, also where rows have combinations of factors in common."""
+    stage = path.split("/")[0]
+    combined: dict[str, tuple[str, Mapping[AxisValue, AxisValue]]] = {}
+    own: dict[str, list[AxisValue]] = {}
+    for dim, values in axes.items():
+        rows = rows_of(data, dim)
+        if rows is None:
+            own[dim] = values
+            continue
+        name = str(rows.dims[0])
+        own[name] = data[name].to_numpy().tolist()
+        combined[name] = (dim, dict(zip(own[name], rows.to_numpy().tolist(), strict=True)))
+    return ShownGroup(stage, path, own, by_row(data) if combined else data, combined)

@@ -12,6 +12,7 @@ from etendue.present.plots.drawing.budget import budget
 from etendue.present.plots.drawing.curves import curves
 from etendue.present.plots.drawing.maps import factor_map, figure_map
 from etendue.present.plots.drawing.pareto import pareto
+from etendue.present.plots.drawing.samples import parallel, scatter
 from etendue.present.plots.drawing.strip import show, strip
 from etendue.present.plots.holdings import HeldVariable, Holdings
 from etendue.present.plots.labels import places_text
@@ -80,6 +81,14 @@ def strip_of(holdings: Holdings, asked: PlotRequest) -> Plot:
 def picture_of(holdings: Holdings, asked: PlotRequest) -> Plot:
     stage, _, variable = asked.first.rpartition(".")
     return show(holdings, variable, stage, asked.at)
+
+
+def parallel_of(holdings: Holdings, asked: PlotRequest) -> Plot:
+    return parallel(holdings, asked.figures, asked.at, asked.middle)
+
+
+def scatter_of(holdings: Holdings, asked: PlotRequest) -> Plot:
+    return scatter(holdings, asked.figures, asked.at, asked.middle)
 
 
 def budget_of(holdings: Holdings, asked: PlotRequest) -> Plot:

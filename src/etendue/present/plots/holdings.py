@@ -15,7 +15,7 @@ import numpy as np
 import xarray
 
 from etendue.archive.read.left_out import tree_with_left_out
-from etendue.archive.structure.layout import BOUNDS
+from etendue.archive.structure.layout import BOUNDS, ROW
 from etendue.contract.arrays.variables import Variable, without
 from etendue.contract.arrays.variables import variable as known
 from etendue.contract.values.names import TABLES
@@ -197,16 +197,34 @@ class HeldVariable:
         return array, _loaded(chosen["status"], self).transpose(*axes).values
 
 
+def rows_of(group: xarray.Dataset, dim: str) -> xarray.DataArray | None:
+    """Return the entry along a dim of combinations that every row of a design has; None for any other dim."""
+    rows = group.get(f"{dim}{ROW}")
+    if rows is None or rows.ndim != 1 or dim not in group.coords or rows.dims[0] not in group.coords:
+        return None
+    return rows if set(rows.values.tolist()) <= set(group[dim].values.tolist()) else None
+
+
+def by_row(group: xarray.Dataset) -> xarray.Dataset:
+    """Return a group with its values in every row of a design, in place of combinations that rows have in common."""
+    for dim in [str(dim) for dim in group.dims]:
+        rows = rows_of(group, dim)
+        if rows is not None:
+            group = group.drop_vars(f"{dim}{ROW}").sel({dim: rows.reset_coords(drop=True)}).drop_vars(dim)
+    return group
+
+
 class Holdings:
     """Everything in a tree that can be plotted."""
 
     def __init__(self, tree: xarray.DataTree | xarray.Dataset, archive: str = ANY) -> None:
         self.archive = archive
+        self.source = str(tree.encoding.get("source", ""))  # where an archive has its arrays; '' in memory
         tree = xarray.DataTree(tree) if isinstance(tree, xarray.Dataset) else tree_with_left_out(tree)
         self.tree = tree
         self.held: dict[tuple[str, str], HeldVariable] = {}
         self.whites: dict[tuple[Any, ...], float | None] = {}  # what is bright in a picture, by its name and place
-        stages = _stages(tree)
+        stages = [(stage, [by_row(group) for group in groups]) for stage, groups in _stages(tree)]
         self.order = self._order(group for _, groups in stages for group in groups)
         for stage, groups in stages:
             for name in groups[0].data_vars:

@@ -21,6 +21,7 @@ from etendue.present.plots.holdings import HeldVariable, Holdings
 from etendue.present.plots.labels import unit_text, value_text
 from etendue.present.plots.places import dim_of
 from etendue.present.plots.plot import Plot
+from etendue.present.plots.rows import rows_dim
 from etendue.types.documents import Document
 
 _HERE = "etendue.present.plots.asked"
@@ -62,6 +63,10 @@ OWN = {
         ("at",),
     ),
     "show": Kind(f"{_HERE}:picture_of", 1, "one picture of one cell", ("at",)),
+    "parallel": Kind(
+        f"{_HERE}:parallel_of", 8, "the samples of a design as lines over all factors and some metrics", ("at",)
+    ),
+    "scatter": Kind(f"{_HERE}:scatter_of", 8, "every two factors and metrics of the samples of a design", ("at",)),
     "budget": Kind(f"{_HERE}:budget_of", 0, "run time, stated error and omissions by stage", ("blame",)),
 }
 WORDS = ("x", "y", "lines", "panels", "better")  # fields of `Asked` that not every kind uses
@@ -146,6 +151,8 @@ def kind_of(holdings: Holdings, kind: str, figures: Sequence[str] = ()) -> tuple
     if kind:
         return _of_variable(holdings, kind, len(figures)), (kind, *figures)
     varying = [one for one in holdings.of_kind("figure") if any(len(one.values_of(dim)) > 1 for dim in one.axes)]
+    if varying and rows_dim(holdings) and set(holdings.axes) == {rows_dim(holdings)}:
+        return "parallel", ()
     if varying:
         return "map", ()
     if holdings.of_kind("picture") or holdings.table("frames") is not None:

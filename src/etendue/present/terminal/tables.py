@@ -75,7 +75,7 @@ def ledger(plan: Plan, reports: Reports) -> Document:
 
     put("stage", "stage", lambda c: c.node)
     put("use", "implementation", lambda c: c.use)
-    for axis in plan.axes:
+    for axis in plan.positioned:
         # prefixed at_, because here an axis value is a column, not a dimension as in the other groups
         arrays[f"at_{axis.dim}"] = (("cell",), _at(plan, axis), {"long_name": axis.key, "units": axis.units or "1"})
     _put(arrays, "status", "status of the cell", lambda: [STATUSES[one] or "not_computed" for one in reports.status])

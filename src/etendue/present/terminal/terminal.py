@@ -15,11 +15,13 @@ from rich.console import Console
 from rich.markup import escape as without_markup
 from rich.table import Table
 
+from etendue.archive.records.inputs import as_recorded
 from etendue.contract.stage import parameters_of
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
 from etendue.present.terminal.answer_texts import plus_minus
 from etendue.present.terminal.cells import Column, cells
+from etendue.present.terminal.designs import design_lines, row_settings
 from etendue.present.terminal.looking import next_commands
 from etendue.present.terminal.tables import floored, headlines, stage_rows
 from etendue.telling import human_bytes, human_seconds, printable
@@ -183,7 +185,8 @@ def _without_time(stage: Document) -> str:
 def print_plan(document: Document) -> None:
     """Print the plan as a table, and what is left out and why."""
     console = _out()
-    short = short_axes(axis["name"] for axis in document["axes"])
+    short = short_axes(axis["name"] for axis in document["axes"] if not axis.get("of"))
+    short = {axis["name"]: short.get(axis["name"], axis["name"]) for axis in document["axes"]}
     columns = plan_columns(lambda axes: _product(short[key] for key in axes))
     title = f"plan of {escape(document['name'])}"
     console.print(_table(title, *columns, rows=document["stages"], wrap=("axes",)))
@@ -191,6 +194,8 @@ def print_plan(document: Document) -> None:
         console.print(escape(text))
     for axis in document["axes"]:
         console.print(f"axis      {escape(_axis(axis, short[axis['name']]))}")
+    for text in design_lines(document):
+        console.print(escape(text))
     for text in _uses(document["stages"]):
         console.print(f"stage     {text}")
     for text in _bound(document["stages"]):
@@ -269,8 +274,11 @@ def replay(plan: Plan, ref: CellRef) -> str:
             and key not in ("wanted", "keep")
             and key.removeprefix(f"{plan.pipeline.table.name}.") not in swept
         ):
-            words += ["--set", f"{key}={value}"]
+            words += ["--set", f"{key}={as_recorded(value, {}) if isinstance(value, Mapping) else value}"]
     for axis in plan.axes:
+        if axis.rows:
+            words += row_settings(plan, axis, ref)
+            continue
         value = labels.get(axis.dim, axis.values[0])
         stage, _, parameter = axis.key.partition(".")
         if parameter != "use":

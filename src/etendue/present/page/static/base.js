@@ -95,6 +95,7 @@ function digitsOf(axis) {
 function axisValue(axis, index) {
   const value = axis.values[index];
   if (axis.text) return String(value);
+  if (axis.factors) return `${value} (${axis.factors[index]})`;
   if (axis.prefix) return `${axis.prefix}${say(value, 3)}`;
   return axis.units === 's' ? seconds(value, digitsOf(axis)) : withUnit(value, axis.units, digitsOf(axis));
 }

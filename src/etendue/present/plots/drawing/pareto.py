@@ -8,7 +8,7 @@ Out: a ``Plot``, its front labelled by axis values.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray
@@ -21,6 +21,7 @@ from etendue.present.plots.holdings import HeldVariable, Holdings
 from etendue.present.plots.labels import number_text, places_text, unit_text
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.present.plots.rows import factors_of, rounded
 from etendue.types.arrays import Array
 from etendue.types.documents import AxisValue, AxisValues
 
@@ -99,7 +100,8 @@ def pareto(
         raise RequestError(f"no cell has both {held[0].name} and {held[1].name}")
     words = [f"{held[1].title} against {held[0].title}", *said]
     title = f"{holdings.pipeline}: {', '.join(words)}" if holdings.pipeline else ", ".join(words)
-    figure = _draw(held, sense, values, best, index, dims, title)
+    drawn = _Drawn(holdings, held, sense, dims)
+    figure = _draw(drawn, values, best, index, title)
     alike = held[0].variable == held[1].variable
     columns = [*order, *(one.name if alike else one.variable for one in held), "front"]
     rows = [
@@ -165,15 +167,17 @@ def _at(held: HeldVariable, place: AxisValues) -> xarray.DataArray:
     return values.sel({dim: value for dim, value in own.items() if dim in values.dims}).reset_coords(drop=True)
 
 
-def _draw(
-    held: Sequence[HeldVariable],
-    sense: Sequence[str],
-    values: Array,
-    best: Array,
-    index: Array,
-    dims: Sequence[PlotDim],
-    title: str,
-) -> Any:
+class _Drawn(NamedTuple):
+    """What the points of a front are."""
+
+    holdings: Holdings
+    held: Sequence[HeldVariable]
+    sense: Sequence[str]
+    dims: Sequence[PlotDim]
+
+
+def _draw(drawn: _Drawn, values: Array, best: Array, index: Array, title: str) -> Any:
+    holdings, held, sense, dims = drawn
     from matplotlib import colormaps
     from matplotlib.lines import Line2D
 
@@ -182,7 +186,7 @@ def _draw(
     named = on if len(on) <= MOST_NAMED else on[np.unique(np.linspace(0, len(on) - 1, MOST_NAMED).round().astype(int))]
     figure = new_figure(9.0, max(4.6, 1.4 + 0.19 * len(named)))
     axes = figure.add_subplot()
-    varying = [number for number, dim in enumerate(dims) if len(dim.values) > 1]
+    varying = [n for n, dim in enumerate(dims) if len(dim.values) > 1 and not factors_of(holdings, dim.name)]
     hue, shape = (*varying, None, None)[:2]
     if shape is not None and len(dims[shape].values) > len(MARKERS):
         shape = None
@@ -193,7 +197,7 @@ def _draw(
     for mark in range(1 if shape is None else len(dims[shape].values)):
         own = marks == mark
         tint = [colours[i] for i in index[own, hue]] if hue is not None else colours[0]
-        axes.scatter(*values[own].T, c=tint, marker=MARKERS[mark], s=26, linewidths=0, alpha=0.75, zorder=2)
+        axes.scatter(*values[own].T, color=tint, marker=MARKERS[mark], s=26, linewidths=0, alpha=0.75, zorder=2)
     axes.step(
         values[on, 0],
         values[on, 1],
@@ -203,7 +207,7 @@ def _draw(
         where="pre" if sense[0] == HIGHER else "post",
     )
     axes.scatter(*values[on].T, facecolors="none", edgecolors="black", s=70, linewidths=1.1, zorder=3)
-    lines = _name_points(axes, values, named, index, dims)
+    lines = _name_points(axes, values, named, index, drawn)
     more = f"\n({len(on) - len(named)} more)" if len(on) > len(named) else ""
     head = f"Pareto front, {len(on)} of {int(np.isfinite(values).all(axis=1).sum())} cells"
     handles = [Line2D([], [], linestyle="none", label=line) for line in [head, *lines]]
@@ -235,13 +239,18 @@ def _draw(
     return figure
 
 
-def _name_points(axes: Axes, values: Array, named: Array, index: Array, dims: Sequence[PlotDim]) -> list[str]:
+def _name_points(axes: Axes, values: Array, named: Array, index: Array, drawn: _Drawn) -> list[str]:
     """Number some points, and return a line for each: its axis values and both metrics."""
-    lines = []
+    lines, dims = [], drawn.dims
+    factors = {dim.name: found for dim in dims if (found := factors_of(drawn.holdings, dim.name))}
+    units = {dim.name: dim.units for dim in dims} | {f.name: f.units for own in factors.values() for f in own}
     for number, place in enumerate(named, 1):
         axes.annotate(str(number), values[place], (5, 5), textcoords="offset points", fontsize=7.5, zorder=4)
         where = {dim.name: dim.values[i] for dim, i in zip(dims, index[place], strict=True)}
-        text = places_text(where, {dim.name: dim.units for dim in dims}) or "the only cell"
+        for dim, own in factors.items():
+            row = where.pop(dim)
+            where |= {factor.name: rounded(factor.values.get(row)) for factor in own}
+        text = places_text(where, units) or "the only cell"
         lines.append(f"{number:2d}  {text}:  {number_text(values[place, 0])}, {number_text(values[place, 1])}")
     return lines
 

@@ -1,4 +1,4 @@
-"""The command ``sensitivity``."""
+"""The command ``slopes``."""
 
 import click
 
@@ -6,18 +6,18 @@ from etendue.cli import options
 from etendue.cli.saying import command, say, show
 
 
-@command("sensitivity")
+@command("slopes")
 @options.FILE
 @click.argument("moved", metavar="NAME=V,V")
 @options.JSON
-def sensitivity(file, moved, as_json):
+def slopes(file, moved, as_json):
     """How far every figure of a pipeline moves when a quantity has the second of two values in place of the first.
 
     Exit codes: 0 done, 2 the request is wrong.
     """
     from etendue import Pipeline
     from etendue.api import RequestError
-    from etendue_study.study import sensitivity as found
+    from etendue_study.study import slopes as found
 
     name, _, values = moved.partition("=")
     ends = values.split(",")

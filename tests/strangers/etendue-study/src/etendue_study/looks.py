@@ -11,4 +11,4 @@ def etendue_plots():
 
 @hookimpl
 def etendue_sections():
-    return {"sensitivity": {"place": "etendue_study.drawn:section", "title": "What moves most"}}
+    return {"slopes": {"place": "etendue_study.drawn:section", "title": "What moves most"}}

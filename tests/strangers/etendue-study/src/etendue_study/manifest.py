@@ -6,9 +6,9 @@ from etendue.api import hookimpl
 @hookimpl
 def etendue_commands():
     doc = "which figure moves most when a quantity moves"
-    return {"sensitivity": {"place": "etendue_study.command:sensitivity", "usage": "FILE NAME=V,V", "doc": doc}}
+    return {"slopes": {"place": "etendue_study.command:slopes", "usage": "FILE NAME=V,V", "doc": doc}}
 
 
 @hookimpl
 def etendue_methods():
-    return {"Pipeline.sensitivity": "etendue_study.study:sensitivity"}
+    return {"Pipeline.slopes": "etendue_study.study:slopes"}

@@ -7,7 +7,7 @@ Out: changes by figure, the largest first.
 import etendue
 
 
-def sensitivity(pipeline, **moved):
+def slopes(pipeline, **moved):
     """{"stage.figure": relative change} of a pipeline, when one quantity has the second of two values in place of
     the first.
     """

@@ -1,0 +1,1 @@
+"""Designs: lists of samples over several parameters, drawn from distributions."""

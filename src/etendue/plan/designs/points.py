@@ -1,0 +1,77 @@
+"""Points of a design in the unit cube, one column per factor, drawn with ``scipy.stats.qmc``.
+
+In:  method, number of points and factors, seed, correlations.
+Out: shares of the probability of each factor, by row. The first rows of a longer design are those of a shorter one,
+     except for a Latin hypercube.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from functools import lru_cache
+
+from etendue.types.arrays import Array
+
+METHODS = ("sobol", "halton", "random", "lhs", "saltelli", "list")
+EXTENDED = tuple(method for method in METHODS if method != "lhs")
+TINY = 2.0**-33  # a share of 0 has no quantile
+
+
+def rows_of(method: str, points: int, factors: int) -> int:
+    """Return how many rows a design of so many points has: of Saltelli's, all of one base point together."""
+    return points * (factors + 2) if method == "saltelli" else points
+
+
+@lru_cache(8)
+def unit_points(method: str, points: int, factors: int, seed: int, correlated: tuple[tuple[float, ...], ...]) -> Array:
+    """Return the shares; ``correlated``: the matrix of correlations, () for none."""
+    import numpy as np
+
+    if method == "saltelli":
+        both = _drawn("sobol", points, 2 * factors, seed)
+        first, second = both[:, :factors], both[:, factors:]
+        mixed = np.repeat(first[:, None], factors, axis=1)
+        mixed[:, range(factors), range(factors)] = second
+        found = np.concatenate([first[:, None], second[:, None], mixed], axis=1).reshape(-1, factors)
+    else:
+        found = _drawn(method, points, factors, seed)
+    found = np.clip(found, TINY, 1 - TINY)
+    if correlated:
+        from scipy.special import ndtr, ndtri
+
+        found = ndtr(ndtri(found) @ np.linalg.cholesky(np.array(correlated)).T)
+    found.setflags(write=False)
+    return np.asarray(found)
+
+
+def positive(matrix: Sequence[Sequence[float]]) -> bool:
+    """Return whether factors can have such correlations all at once."""
+    import numpy as np
+
+    return float(np.linalg.eigvalsh(np.array(matrix)).min()) > 1e-9
+
+
+def _drawn(method: str, points: int, factors: int, seed: int) -> Array:
+    import numpy as np
+    from scipy.stats import qmc
+
+    generator = np.random.default_rng(seed)
+    if method == "random":
+        return generator.random((points, factors))
+    engines = {"sobol": qmc.Sobol, "halton": qmc.Halton, "lhs": qmc.LatinHypercube}
+    with warnings.catch_warnings():  # that the number is no power of 2 is told in the plan
+        warnings.simplefilter("ignore", UserWarning)
+        return np.asarray(engines[method](factors, scramble=True, seed=generator).random(points))
+
+
+def discrepancy(shares: Array, levels: Sequence[int]) -> tuple[float, float]:
+    """Return the centred discrepancy of points, and that of the same points at so many levels per factor (0: all)."""
+    import numpy as np
+    from scipy.stats import qmc
+
+    placed = shares.copy()
+    for column, count in enumerate(levels):
+        if count:
+            placed[:, column] = (np.floor(shares[:, column] * count) + 0.5) / count
+    return float(qmc.discrepancy(shares)), float(qmc.discrepancy(placed))

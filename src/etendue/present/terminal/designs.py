@@ -1,0 +1,57 @@
+"""The lines that a plan says of its design, and how a command asks for one row of it.
+
+In:  the document of ``etendue plan --json``; a plan and one of its cells.
+Out: lines of text; the options that ask for the row of a cell alone.
+"""
+
+from __future__ import annotations
+
+from etendue.pipeline.zipped import SAMPLE
+from etendue.plan.model import Axis, CellRef, Plan
+from etendue.types.documents import Document, DocumentView
+
+
+def design_lines(document: Document) -> list[str]:
+    """Return what is drawn, what its levels save, and what they cost; nothing for a plan without design."""
+    own = document.get("design")
+    if not own:
+        return []
+    rows = f"{own['rows']} rows" if own["rows"] != own["points"] else f"{own['points']} points"
+    texts = [f"design    {own['method']}, {rows}, seed {own['seed']}"]
+    texts += [f"factor    {name}: {_said(one)}" for name, one in own["factors"].items()]
+    if own["cells_unshared"] > own["cells"]:
+        share = own["cells"] / own["cells_unshared"]
+        apart = f"{own['cells_unshared']} if no two rows had a value in common"
+        texts.append(f"shared    {own['cells']} cells; {apart} ({share:.0%})")
+    if own["discrepancy"] is not None:
+        less = own["discrepancy_without_levels"]
+        beside = f"; {less:.3g} without levels" if less != own["discrepancy"] else ""
+        texts.append(f"spread    discrepancy {own['discrepancy']:.3g}{beside}")
+    points = own["points"]
+    if own["method"] in ("sobol", "saltelli") and points & (points - 1):
+        low = 1 << (points.bit_length() - 1)
+        texts.append(f"          {points} points are no power of two: {low} or {2 * low} fill space more evenly")
+    return texts
+
+
+def _said(one: DocumentView) -> str:
+    units = f" {one['units']}" if one["units"] not in (None, "1") else ""
+    ends = f", {one['from']:.4g} .. {one['to']:.4g}{units}" if one["from"] is not None else ""
+    levels = f", {one['levels']} levels" if one["levels"] else ""
+    return f"{one['distribution']}{levels}, {one['distinct']} values{ends}"
+
+
+def row_settings(plan: Plan, axis: Axis, ref: CellRef) -> list[str]:
+    """Return the options that leave of an axis of rows only one that has a cell."""
+    at = dict(zip(plan.node(ref[0]).axes, ref[1], strict=True))
+    position = at.get(axis.dim, 0)
+    for part in plan.derived:
+        if part.of == axis.dim and part.dim in at:
+            position = part.places.index(at[part.dim])
+    if axis.dim == SAMPLE:
+        return ["--set", f"design.rows=[{axis.values[position]}]"]
+    found = []
+    for number, factor in enumerate(axis.factors):
+        place = factor.key if "." in factor.key else plan.pipeline.table.place(factor.key)
+        found += ["--set", f"{place}={axis.column(number)[position]}"]
+    return found

@@ -1,0 +1,1 @@
+"""Studies of designs: which factor matters, and how many units pass."""
