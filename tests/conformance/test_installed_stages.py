@@ -260,20 +260,10 @@ RANGES = {law for law in vars(RangeLaws) if law.startswith("test_")}
 
 @pytest.mark.parametrize("name", installed_stages().names())
 class TestInstalled(StageConformance):
-    """Without the laws of ranges, which walk through every parameter: ``TestRanges``."""
+    """Without the laws of ranges, which walk through every parameter: the command tests them on every installed stage
+    (``tests/studies/test_stability.py``)."""
 
     vars().update(dict.fromkeys(RANGES))
-
-    @pytest.fixture(autouse=True)
-    def _instance(self, name):
-        kind = installed_stages().load(name)
-        self.stage = kind(**ordinary(kind))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", installed_stages().names())
-class TestRanges(StageConformance):
-    vars().update(dict.fromkeys(law for law in dir(StageConformance) if law.startswith("test_") and law not in RANGES))
 
     @pytest.fixture(autouse=True)
     def _instance(self, name):
