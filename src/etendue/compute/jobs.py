@@ -121,8 +121,7 @@ class Jobs(Mapping[CellRef, Job]):
 
     def _note_passed(self, ref: CellRef, cell: Cell, computed: bool, read: tuple[str, ...], transform: bool) -> None:
         """Record what a cell that is left out passes on from its input: arrays that other cells need, and the transform
-        of its segment.
-        """
+        of its segment."""
         node = self.nodes[ref[0]]
         wanted = self._wanted(cell, node, computed, read)
         if computed and any(node.writes[v].optional for v in wanted):  # only the stage itself computes these
@@ -157,16 +156,14 @@ class Jobs(Mapping[CellRef, Job]):
 
     def _source(self, cell: Cell, variable: str, computed: bool) -> CellRef:
         """Return the cell whose array a left-out cell passes on: its input or, if the cell is finished, the cell whose
-        array is stored.
-        """
+        array is stored."""
         source = source_of(cell, variable) if computed else self.plan.stored(cell.ref, variable)
         assert source is not None
         return source
 
     def _note_inputs(self, cell: Cell, joined: bool, direct: Direct | None) -> None:
         """Record the variables that a cell reads through its ports; ``joined``: it continues from the transform of the
-        stage before.
-        """
+        stage before."""
         for place, (_, source, variable) in enumerate(cell.inputs):
             if direct is not None and place == 0:
                 self._reads(*direct[0])
@@ -274,8 +271,7 @@ class Jobs(Mapping[CellRef, Job]):
     def _passing(self, cell: Cell, inputs: Found, passes: tuple[str, ...], computed: bool, begins: bool) -> Found:
         """Return the inputs of the job of a left-out cell: the arrays that it passes on or, if there are none, the
         input cell, so that its failure is known. ``begins``: it passes on the input of a segment, whose transform
-        others need.
-        """
+        others need."""
         first = [one for one in inputs if source_of(cell, one[2]) == one[1] and one[2] in cell.grids]
         light = first[:1] if begins else []
         if not computed:
@@ -311,8 +307,7 @@ class Jobs(Mapping[CellRef, Job]):
 
     def _grids(self, cell: Cell) -> tuple[Mapping[str, Grid], Mapping[str, Grid]]:
         """Return the grids of a cell; the objects of the previous cell if they are equal, because comparing identical
-        objects later is fast.
-        """
+        objects later is fast."""
         known = self.grids.get(cell.node)
         if known is None or known[0] is not cell.grids or known[1] is not cell.input_grids:
             grids, input_grids = cell.grids, cell.input_grids
@@ -324,8 +319,7 @@ class Jobs(Mapping[CellRef, Job]):
 
     def _looking(self, cell: Cell) -> Looking:
         """Return the stages, cells and grids that a cell looks at; the object of the previous cell if it looks at the
-        same ones.
-        """
+        same ones."""
         known = self.looked.get(cell.node)
         if known is None or known[0] != cell.looks_at:
             known = self.looked[cell.node] = cell.looks_at, _looking(self.plan, self.nodes, cell)

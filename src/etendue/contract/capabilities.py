@@ -67,8 +67,7 @@ class Transfer(Stage):
     def transfer(self, *given: Any, **named: Any) -> Array:
         """Return the transfer function at separable frequencies ``(fy, fx, centres of the bands)``, in cycles/um, and
         centres in the unit that the dim of the bands declares as ``asked_in``. If ``prepare`` returns something, it is
-        passed as ``prepared``.
-        """
+        passed as ``prepared``."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -105,8 +104,7 @@ class ChannelTransfer(Stage):
     def channel_transfer(self, fy: Array, fx: Array, light: Array, prepared: Any) -> Array:
         """(collecting channel, channel of the filter, m, n): the transfer at fy (m,), fx (n,), cycles/um.
 
-        ``light``: (band,), of a white surface, in any scale.
-        """
+        ``light``: (band,), of a white surface, in any scale."""
 
     def moves_charge(self) -> bool:
         """Return whether it does anything with these parameters."""
@@ -143,8 +141,7 @@ class Haloed(Stage):
     def joined(self, parts: Mapping[str, Sequence[Array]], sizes: Sequence[int]) -> Mapping[str, Array]:
         """Return the outputs that have no rows, from the results of all strips; ``sizes``: the number of values of the
         first variable in each strip. By default these outputs must be equal in all strips; a stage without a halo may
-        override this.
-        """
+        override this."""
         apart = [name for name, values in parts.items() if any(not _equal(values[0], value) for value in values[1:])]
         if apart:
             raise ValueError(f"{type(self).__name__} returns another {', '.join(apart)} for some rows; define joined()")
@@ -171,8 +168,7 @@ class Sampled(Stage):
     @abstractmethod
     def mean(self, *given: Any, **named: Any) -> Mapping[str, Array]:
         """Return what ``run`` returns on average, before rounding: the same variables, as floats. It may have the same
-        arguments as ``run``, except random numbers.
-        """
+        arguments as ``run``, except random numbers."""
 
 
 class Noisy(Stage):
@@ -201,9 +197,7 @@ class Datasheet(Stage):
 
 @dataclasses.dataclass(frozen=True)
 class Sheet:
-    """The value that a port ``"*.datasheet"`` gets for a stage: its role and its numbers; no numbers if it has no
-    datasheet.
-    """
+    """The value that a port ``"*.datasheet"`` gets for a stage: its role and the numbers of its datasheet, if any."""
 
     role: str
     figures: Mapping[str, float]

@@ -22,7 +22,7 @@ def overrides_of(parameters: Mapping[str, Any], want: str | Iterable[str] | None
     overrides: Document = {}
     for name, value in parameters.items():
         key = name.replace("__", ".")
-        if hasattr(value, "tolist"):
+        if type(value).__module__ == "numpy":
             value = value.tolist()
         if key in TOP:
             overrides[key] = value

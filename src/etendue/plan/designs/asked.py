@@ -79,12 +79,7 @@ def asked_of(pipeline: PipelineFile, faults: list[Fault]) -> Asked | None:
     elif "file" in design:
         faults.append(Fault("design.file", f"only method 'list' reads a file; this is {method!r}"))
     points = _whole(design, "points", len(next(iter(factors.values()), ())) if method == "list" else 0, 1, faults)
-    written = design.get("rows", ())
-    rows = tuple(written) if isinstance(written, list | tuple) else (-1,)
-    if not all(isinstance(row, int) and not isinstance(row, bool) and 0 <= row < LONGEST for row in rows):
-        faults.append(Fault("design.rows", f"expected numbers of rows, from 0 to {LONGEST - 1}"))
-    elif len(set(rows)) < len(rows):
-        faults.append(Fault("design.rows", "expected distinct rows"))
+    rows = _rows(design, faults)
     if not factors and len(faults) == before:
         faults.append(Fault("design.factors", "expected at least one factor, such as f = { from = 1, to = 2 }"))
     for key in factors.keys() & pipeline.sweep.keys() - {k for k, one in pipeline.zipped.items() if one.dim == SAMPLE}:
@@ -99,11 +94,29 @@ def asked_of(pipeline: PipelineFile, faults: list[Fault]) -> Asked | None:
     )
     if len(faults) > before:
         return None
-    if found.count > LONGEST or (method in ("lhs", "list") and rows and max(rows) >= found.count):
-        text = f"{found.count} rows" if found.count > LONGEST else f"row {max(rows)} of {found.count}"
+    if text := _too_many(found):
         faults.append(Fault("design.points", f"{text}: expected at most {min(LONGEST, found.count)}"))
         return None
     return found
+
+
+def _rows(design: DocumentView, faults: list[Fault]) -> tuple[int, ...]:
+    """Return the rows to compute, as written; () for all."""
+    written = design.get("rows", ())
+    rows = tuple(written) if isinstance(written, list | tuple) else (-1,)
+    if not all(isinstance(row, int) and not isinstance(row, bool) and 0 <= row < LONGEST for row in rows):
+        faults.append(Fault("design.rows", f"expected numbers of rows, from 0 to {LONGEST - 1}"))
+    elif len(set(rows)) < len(rows):
+        faults.append(Fault("design.rows", "expected distinct rows"))
+    return rows
+
+
+def _too_many(asked: Asked) -> str:
+    """Return what is beyond the end of a design; '' if nothing is."""
+    if asked.count > LONGEST:
+        return f"{asked.count} rows"
+    last = max(asked.rows, default=-1)
+    return f"row {last} of {asked.count}" if asked.method in ("lhs", "list") and last >= asked.count else ""
 
 
 def factors_of(design: DocumentView, pipeline: PipelineFile) -> Document:

@@ -180,16 +180,17 @@ class Opened:
         found = []
         for dim, known in values.items():
             key, label, units = shown.get(dim, (dim, dim, "1"))
-            # names in the order of the sweep, followed by those of earlier runs
-            if any(isinstance(v, str) for v in known):
-                given = dict.fromkeys(self.record["axes"].get(key, ()))
-                ordered = [*(v for v in given if v in known), *(v for v in known if v not in given)]
-            else:
-                ordered = sorted(known)
-            if ordered:
+            if ordered := self._ordered(known, key):
                 said = tuple(factors[dim].get(value, "") for value in ordered) if dim in factors else ()
                 found.append(ArchivedAxis(dim, key, label, "" if units == "1" else units, tuple(ordered), said))
         return tuple(found)
+
+    def _ordered(self, known: Mapping[Any, None], key: str) -> list[AxisValue]:
+        """Return numbers in rising order; names in the order of the sweep, followed by those of earlier runs."""
+        if not any(isinstance(value, str) for value in known):
+            return sorted(known)
+        given = dict.fromkeys(self.record["axes"].get(key, ()))
+        return list(dict.fromkeys([*(value for value in given if value in known), *known]))
 
     def _factors(self, dim: str) -> dict[AxisValue, str]:
         """Return in words what changes along a dim of rows, by row; nothing for an axis that stands for itself."""

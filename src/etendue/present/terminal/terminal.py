@@ -17,11 +17,11 @@ from rich.table import Table
 
 from etendue.archive.records.inputs import as_recorded
 from etendue.contract.stage import parameters_of
+from etendue.plan.designs.told import design_lines, row_settings
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
 from etendue.present.terminal.answer_texts import plus_minus
 from etendue.present.terminal.cells import Column, cells
-from etendue.present.terminal.designs import design_lines, row_settings
 from etendue.present.terminal.looking import next_commands
 from etendue.present.terminal.tables import floored, headlines, stage_rows
 from etendue.telling import human_bytes, human_seconds, printable

@@ -57,7 +57,7 @@ def columns_of(
     if not held:
         raise RequestError(f"no metric depends on {dim}; to list all: etendue plot {holdings.archive} --list")
     place = resolved(held, at)
-    rows = sorted({row for one in held for row in one.values_of(dim)} if all(dim in one.axes for one in held) else [])
+    rows = _rows_of(held, dim)
     found = [_metric(one, dim, rows, place, middle) for one in held]
     there = np.isfinite(np.stack([column.values for column in found])).all(axis=0)
     if not there.any():
@@ -65,9 +65,15 @@ def columns_of(
     factors = [_factor(own.name, own.units, [own.values.get(row) for row in rows]) for own in factors_of(holdings, dim)]
     columns = [Column(one.name, one.title, one.values[there], one.names, one.metric) for one in (*factors, *found)]
     kept = [row for row, is_there in zip(rows, there, strict=True) if is_there]
-    fixed = {name: value for name, value in place.items()}
     units = {name: one.units_of(name) for one in held for name in (*one.axes, *one.dims)}
-    return columns, kept, places_text(fixed, units) if fixed else ""
+    return columns, kept, places_text(dict(place), units) if place else ""
+
+
+def _rows_of(held: Sequence[HeldVariable], dim: str) -> list[Any]:
+    """Return the rows that any of some variables has; none if one of them does not depend on rows."""
+    if not all(dim in one.axes for one in held):
+        return []
+    return sorted({row for one in held for row in one.values_of(dim)})
 
 
 def _usual(holdings: Holdings, dim: str) -> list[HeldVariable]:
