@@ -387,6 +387,7 @@ print(resident() / early)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+@pytest.mark.long
 def test_memory_does_not_grow_with_evaluations():
     """Within 1.1 times of what it is after 100, of which a tenth is more than the bound on results."""
     done = subprocess.run([sys.executable, "-c", ROUNDS], cwd=ROOT, env=environment(), capture_output=True, text=True)

@@ -173,7 +173,9 @@ def test_bounds_of_all_stages_on_the_way_to_a_cell_are_added_up():
     plan = SimpleNamespace(
         cells={ref: SimpleNamespace(ref=ref, bound=bound, inputs=inputs) for ref, (bound, inputs) in cells.items()},
         wanted=[("pixel", "photon_rate")],
+        axes=(axis,),
         axis=lambda dim: axis,
+        everywhere=lambda at: at,
         node=lambda name: SimpleNamespace(axes=("f_number",)),
         of=lambda name: [cell for ref, cell in plan.cells.items() if ref[0] == name],
     )
