@@ -423,6 +423,9 @@ def curve(
 
 
 def memory_main(given: argparse.Namespace) -> int:
+    from etendue.evaluation.remembering import MEMORY
+
+    MEMORY.clear(0)  # what a loop keeps on purpose, up to 256 MiB, would hide a leak
     print(f"{'runs':>6} {'MB':>8}")
     began = time.process_time()
     for number, megabytes in curve(given.runs, given.size):

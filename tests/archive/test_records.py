@@ -110,8 +110,8 @@ def plan_from(path, words):
         path,
         tuple(options["--set"]),
         tuple(options["--sweep"]),
-        tuple(options["--want"]),
-        next(iter(options["--tolerance"]), None),
+        want=tuple(options["--want"]),
+        tolerance=next(iter(options["--tolerance"]), None),
     )
     return make_plan(given.pipeline(), installed_stages(), not options["--nothing-left-out"])
 
