@@ -16,9 +16,7 @@ from typing import NamedTuple
 
 from etendue.accuracy.answers.comparing import (
     COARSE,
-    COARSENED,
     FEW_BANDS,
-    FIRST_ORDER,
     Parts,
     Texts,
     Way,
@@ -32,8 +30,11 @@ from etendue.accuracy.answers.evaluations import PLANNED, Evaluations, TooDear, 
 from etendue.accuracy.answers.refinement import NEARER, Factors
 from etendue.plan.model import Plan, StageVariable
 
-GRIDS = ("spacing", "bins")  # first order or higher: the error is at most what one coarsening changes
-OPPOSED = 4 / 3  # factor for steps measured together, which may partly cancel
+GRIDS = ("spacing", "bins")
+# Factors from the change by one step to its error. Where convergence is of first order or higher, the error is at most
+# the change by a coarsening; bins converge with second order, edges and points in the scene less regularly.
+STEPS: Mapping[str, float] = {"bins": 1.0, "spacing": 2.5}
+OTHER_STEPS = 3.0
 SMALL = 0.1  # seconds of the point as planned below which making tables costs more than computing light
 BASES: tuple[Factors, ...] = ({**FEW_BANDS, **COARSE}, FEW_BANDS, COARSE, {})
 
@@ -43,11 +44,14 @@ class Chain(NamedTuple):
 
     names: tuple[str, ...]  # of these things
     which: tuple[Which, ...]  # one more
-    factor: float  # from what a step changes to its error
 
     def label(self, affected: Mapping[str, list[StageVariable]], one: StageVariable) -> str:
         """Return the names of the steps that can change a variable."""
         return " and ".join(sorted(name for name in self.names if one in affected[name]))
+
+    def factor(self, label: str) -> float:
+        """Return the factor from the change by all steps of a label to their error."""
+        return max(STEPS.get(name, OTHER_STEPS) for name in label.split(" and "))
 
 
 class Together:
@@ -97,7 +101,7 @@ class Together:
             apart: Parts = {one: {} for one in self.parts}
             lacking: Texts = {one: {} for one in self.parts}
             for name, pair in zip(chain.names, itertools.pairwise(made), strict=True):
-                compare(apart, lacking, [*pair], name, self.affected[name], chain.factor)
+                compare(apart, lacking, [*pair], name, self.affected[name], chain.factor(name))
             for one, own in apart.items():
                 label = chain.label(self.affected, one)
                 if label in self.parts[one] and not lacking[one]:
@@ -112,9 +116,9 @@ class Together:
             if chosen and self.evaluations.plan(coarse) is not None:
                 steps = [({name: -2 for name in chosen[at:]}, "") for at in range(1, len(chosen))]
                 self._fix(name for name in own if name not in chosen)
-                return Chain(tuple(chosen), ((coarse, ""), *steps, PLANNED), COARSENED)
+                return Chain(tuple(chosen), ((coarse, ""), *steps, PLANNED))
         self._fix(own)
-        return Chain((), (), COARSENED)
+        return Chain((), ())
 
     def _fix(self, names: Iterable[str]) -> None:
         self.fixed.update(dict.fromkeys(names, self.evaluations.point.why_no_other()))
@@ -144,14 +148,13 @@ class Together:
                 parts[OMISSIONS] = Part(0.0, 0.0)
         else:
             found, steps = [*found, OMISSIONS], [*steps, (chosen, NEARER)]
-        return Chain(tuple(found), tuple(steps), COARSENED * FIRST_ORDER)
+        return Chain(tuple(found), tuple(steps))
 
     def _ends(self, chain: Chain) -> None:
         """Compare the ends of a chain."""
-        opposed = OPPOSED if len(chain.names) > 1 else 1.0
         wanted = [one for one in self.parts if chain.label(self.affected, one)]
         unmet: Texts = {one: {} for one in self.parts}
-        way = Way((chain.which[0], chain.which[-1]), chain.factor * opposed)
+        way = Way((chain.which[0], chain.which[-1]))
         pair, seconds = attempt(self.evaluations, unmet, "", wanted, [way])
         self.dear += seconds
         for one in wanted:
@@ -159,7 +162,7 @@ class Together:
             if unmet[one]:
                 self.missing[one][label] = unmet[one][""]
             elif pair is not None and pair.made:
-                compare(self.parts, self.missing, pair.made, label, [one], pair.factor)
+                compare(self.parts, self.missing, pair.made, label, [one], chain.factor(label))
         if len(chain.names) > 1 and not any(unmet.values()):
             self.measured.append(chain)
 
