@@ -124,6 +124,22 @@ def test_cheaper_ways_cover_it_too(scene: dict[str, Any], apart: bool, monkeypat
         assert errors[name].rms >= true.rms - 1e-7, (name, errors[name].rms, true.rms)
 
 
+@pytest.mark.parametrize(
+    ("name", "scene"),
+    [("spacing", {"use": "points", "pitch": 16.0}), ("bins", {"bin_width": 100.0})],
+    ids=["close points", "three bands"],
+)
+def test_what_cannot_be_coarser_is_refined_and_not_called_fixed(
+    name: str, scene: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Points closer than their blur on a coarser grid are refused; three bands are as few as there are."""
+    own = stated(pipeline(**scene)).errors["photon_rate"]
+    monkeypatch.setattr(pilots, "THRIFT", 1e12)
+    short = stated(pipeline(**scene), 1e6).errors["photon_rate"]
+    assert name not in short.fixed
+    assert short.parts[name].rms == pytest.approx(own.parts[name].rms)
+
+
 SWEPT = {
     "f_number": [2.0, 4.0, 8.0],
     "integration_time": ["5 ms", "10 ms"],

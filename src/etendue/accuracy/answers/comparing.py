@@ -44,6 +44,16 @@ class Compared(NamedTuple):
     factor: float
 
 
+def is_refinable(evaluations: Evaluations, name: str) -> bool:
+    """Return whether the stages accept a finer discretisation with everything else as planned. This takes one plan;
+    without it, a refusal would be found only after six plans. Return True if no time is left for the plan.
+    """
+    try:
+        return evaluations.plan({name: 2}) is not None
+    except TooDear:
+        return True
+
+
 def not_affected(parts: Parts, affected: Collection[StageVariable], name: str) -> None:
     """Add an error of 0 to the variables that a discretisation cannot change."""
     for one, own in parts.items():

@@ -23,6 +23,7 @@ from etendue.accuracy.answers.comparing import (
     attempt,
     compare,
     computed_alike,
+    is_refinable,
     not_affected,
 )
 from etendue.accuracy.answers.error import OMISSIONS
@@ -48,6 +49,7 @@ def measure_omissions(evaluations: Evaluations, parts: Parts, missing: Texts) ->
 def measure_each(
     plan: Plan,
     evaluations: Evaluations,
+    names: list[str],
     parts: Parts,
     missing: Texts,
     fixed: dict[str, str],
@@ -57,8 +59,8 @@ def measure_each(
     that exceeded the budget.
     """
     point, dear = evaluations.point, 0.0
-    order = [*SAFETY, *point.names()]
-    for name in sorted(point.names(), key=order.index):
+    order = [*SAFETY, *names]
+    for name in sorted(names, key=order.index):
         affected = point.affected(plan, name)
         not_affected(parts, affected, name)
         rest = [one for one in affected if not _take(parts, missing, one, name, known)]
@@ -66,25 +68,15 @@ def measure_each(
             continue
         pair: Compared | None = None
         seconds = 0.0
-        for base in _bases(name) if _accepted(evaluations, name) else ():
+        for base in _bases(name) if is_refinable(evaluations, name) else ():
             if pair is None:
                 pair, seconds = attempt(evaluations, missing, name, rest, _refined(name, base))
         dear += seconds
         if pair is None:
-            fixed[name] = point.why_no_other("finer")
+            fixed[name] = point.why_no_finer()
         elif pair.made:
             compare(parts, missing, pair.made, name, rest, pair.factor)
     return dear
-
-
-def _accepted(evaluations: Evaluations, name: str) -> bool:
-    """Return whether the stages accept a finer discretisation with everything else as planned. This takes one plan;
-    without it, a refusal would be found only after six plans. Return True if no time is left for the plan.
-    """
-    try:
-        return evaluations.plan({name: 2}) is not None
-    except TooDear:
-        return True
 
 
 def _take(parts: Parts, missing: Texts, one: StageVariable, name: str, known: KnownParts) -> bool:

@@ -79,9 +79,9 @@ def _at_point(plan: Plan, evaluations: Evaluations, known: KnownParts) -> tuple[
     together = Together(plan, evaluations, parts, missing, fixed) if scarce else None
     if together:
         together.measure()
-        dear = together.dear
+        dear = together.dear + measure_each(plan, evaluations, together.apart, parts, missing, fixed, known)
     else:
-        dear = measure_each(plan, evaluations, parts, missing, fixed, known)
+        dear = measure_each(plan, evaluations, point.names(), parts, missing, fixed, known)
         dear += measure_omissions(evaluations, parts, missing)
     noise, more = _noise(evaluations, parts, missing)
     if together:

@@ -83,8 +83,8 @@ class Point:
         stages = {stage for stage, own, why in self._discretisations() if own == name and not why}
         return [one for one in self.wanted if stages & in_front(plan, [one[0]])]
 
-    def why_no_other(self, other: str = "other") -> str:
-        return f"the stages accept no {other} one{f' ({self.refusal})' if self.refusal else ''}"
+    def why_no_finer(self) -> str:
+        return f"the stages accept no finer one{f' ({self.refusal})' if self.refusal else ''}"
 
     def why_no_reference(self) -> str:
         return f"the reference is refused{f' ({self.refusal})' if self.refusal else ''}"

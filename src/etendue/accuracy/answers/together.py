@@ -23,6 +23,7 @@ from etendue.accuracy.answers.comparing import (
     attempt,
     compare,
     computed_alike,
+    is_refinable,
     not_affected,
 )
 from etendue.accuracy.answers.error import OMISSIONS, Part
@@ -62,7 +63,7 @@ class Together:
     plan : of the whole pipeline
     evaluations : of the point
     parts, missing : by variable, to which parts and texts are added
-    fixed : to which the discretisations are added that the stages do not let change
+    fixed : to which the discretisations are added that cannot be refined
     """
 
     def __init__(
@@ -73,9 +74,10 @@ class Together:
         self.affected = {name: point.affected(plan, name) for name in point.names()} | {OMISSIONS: [*point.wanted]}
         self.dear = 0.0  # seconds of what was too costly
         self.measured: list[Chain] = []
+        self.apart: list[str] = []  # discretisations that can be refined, but not as a step of a chain
 
     def measure(self) -> None:
-        """Add the parts that fit into the budget."""
+        """Add the parts of both chains that fit into the budget. Those in ``apart`` are left to the caller."""
         names = self.evaluations.point.names()
         try:
             grids = self._grids(names)
@@ -115,13 +117,18 @@ class Together:
             coarse = dict.fromkeys(chosen, -2)
             if chosen and self.evaluations.plan(coarse) is not None:
                 steps = [({name: -2 for name in chosen[at:]}, "") for at in range(1, len(chosen))]
-                self._fix(name for name in own if name not in chosen)
+                self._set_apart(name for name in own if name not in chosen)
                 return Chain(tuple(chosen), ((coarse, ""), *steps, PLANNED))
-        self._fix(own)
+        self._set_apart(own)
         return Chain((), ())
 
-    def _fix(self, names: Iterable[str]) -> None:
-        self.fixed.update(dict.fromkeys(names, self.evaluations.point.why_no_other()))
+    def _set_apart(self, names: Iterable[str]) -> None:
+        """Note discretisations that cannot be coarsened: they may be refined all the same, or be fixed."""
+        for name in names:
+            if is_refinable(self.evaluations, name):
+                self.apart.append(name)
+            else:
+                self.fixed[name] = self.evaluations.point.why_no_finer()
 
     def _rest(self, names: list[str], grids: Chain) -> Chain:
         """Return the chain to a wider margin and to knobs one step finer, nothing left out: from few bands or, where
@@ -129,7 +136,7 @@ class Together:
         """
         evaluations = self.evaluations
         coarse = [grids.which[0][0]] if grids.which and evaluations.planned_seconds < SMALL else []
-        bases = (one for one in (*coarse, *BASES) if not self.fixed.keys() & one.keys())
+        bases = (one for one in (*coarse, *BASES) if not one.keys() & {*self.fixed, *self.apart})
         base = next(one for one in bases if evaluations.plan(one) is not None)
         found, chosen = list[str](), base
         for name in (name for name in names if name not in GRIDS):
@@ -137,7 +144,7 @@ class Together:
                 found.append(name)
                 chosen = {**chosen, name: 2}
             else:
-                self._fix([name])
+                self._set_apart([name])
         steps: list[Which] = [({**base, **{name: 2 for name in found[:at]}}, "") for at in range(len(found) + 1)]
         own, nearer = evaluations.plan(chosen), evaluations.plan(chosen, NEARER)
         if nearer is None:
