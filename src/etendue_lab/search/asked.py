@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.builder.pipeline import number as number_of
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
 from etendue.contract.values.parameter import Parameter
@@ -197,7 +198,7 @@ class _Reader:
 
     def value(self, place: str, text: str, declared: tuple[Parameter, Any]) -> float | None:
         try:
-            return float(resolve(_number(text), declared[0], declared[1], self.pipeline.folder))
+            return float(resolve(number_of(text), declared[0], declared[1], self.pipeline.folder))
         except Unfit as error:
             self.faults.append(Fault(place, str(error)))
             return None
@@ -214,7 +215,7 @@ class _Reader:
             if bound is not None:
                 self.narrow(place, name, found[2] == "<=", bound, ranges)
             return None
-        metric, number = self.metric(place, found[1]), _number(found[3])
+        metric, number = self.metric(place, found[1]), number_of(found[3])
         if not isinstance(number, int | float):
             self.faults.append(Fault(place, f"expected a number in the metric's unit, got {found[3]!r}"))
             return None
@@ -282,13 +283,3 @@ def read_ranges(pipeline: PipelineFile, registry: Registry, over: Iterable[str])
     if reader.faults:
         raise RequestError(reader.faults, pipeline.file)
     return tuple(one for one in ranges if one is not None)
-
-
-def _number(text: str) -> Any:
-    try:
-        return int(text)
-    except ValueError:
-        try:
-            return float(text)
-        except ValueError:
-            return text
