@@ -86,10 +86,10 @@ def candidates(parameter: Parameter, form: Any, now: Any, number: int, place: in
         return [bool(now) ^ bool((number + place) % 2)]
     if form is int:
         return [value for value in (now + 1, now - 1) if number % 2 and allowed(parameter, value)]
-    return of_numbers(parameter, form, now, number, place)
+    return numeric_candidates(parameter, form, now, number, place)
 
 
-def of_numbers(parameter: Parameter, form: Any, now: Any, number: int, place: int) -> list[Any]:
+def numeric_candidates(parameter: Parameter, form: Any, now: Any, number: int, place: int) -> list[Any]:
     """Return the values wanted of a number, or of a tuple of numbers; nothing for other forms."""
     if form is float:
         return numbers(parameter, float(now), number, place)
