@@ -102,9 +102,12 @@ class Refinement:
 
     Parameters
     ----------
-    pipeline : with a number for every open parameter open_ : open parameters by stage, each with its discretisation
-    asked : requested errors seconds : processor time that the search may take workers : of the run that follows shown :
-    returns the progress to show of a plan
+    pipeline : with a number for every open parameter
+    open_ : open parameters by stage, each with its discretisation
+    asked : requested errors
+    seconds : processor time that the search may take
+    workers : of the run that follows
+    shown : returns the progress to show of a plan
     """
 
     def __init__(

@@ -100,10 +100,13 @@ def compare(
     Parameters
     ----------
     pipeline : as read; a sweep is replaced by the values that the file gives outside it, otherwise by its first values
-    asked : the axis repeat : number of timing runs of each alternative; the fastest is kept expected : whether noise
-    and rounding are left out (expected values) options : how the run is done progress : ``plan -> Progress`` for the
-    main run, or None edges : whether MTF50 is measured, in a second run with a slanted edge ready : called once the
-    request is known to be valid, before anything is computed
+    asked : the axis
+    repeat : number of timing runs of each alternative; the fastest is kept
+    expected : whether noise and rounding are left out (expected values)
+    options : how the run is done
+    progress : ``plan -> Progress`` for the main run, or None
+    edges : whether MTF50 is measured, in a second run with a slanted edge
+    ready : called once the request is known to be valid, before anything is computed
 
     Raises
     ------

@@ -89,7 +89,9 @@ class Evaluations:
 
     Parameters
     ----------
-    point : the point to evaluate rates : seconds of its stages until : ``time.process_time()`` at which the budget ends
+    point : the point to evaluate
+    rates : seconds of its stages
+    until : ``time.process_time()`` at which the budget ends
     shown : returns the progress to show of a plan, or None
     """
 

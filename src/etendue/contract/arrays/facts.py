@@ -31,8 +31,8 @@ class Content:
     low, mean, high : smallest, mean and largest value of every band
     white : light of a white surface in this scene by band, in the unit; empty if the source states none
     norm : how a change of this light is measured: 'rms' over the frame, or at the largest pixel ('max')
-    widths : rms widths of Gaussian blurs, um, rising from 0; empty if the values after them are not known peaks : lower
-    bounds of the largest value of a band after each of these blurs; rounded down
+    widths : rms widths of Gaussian blurs, um, rising from 0; empty if the values after them are not known
+    peaks : lower bounds of the largest value of a band after each of these blurs; rounded down
     """
 
     full: float
@@ -154,10 +154,10 @@ class Facts:
     uniform : the same value at every position
     white : of light, that of a white surface by band, in the variable's unit
     low, high : bounds on the values, in the variable's unit
-    mean : lower bound of the mean of the values over the frame contrast : largest over smallest value; inf if the scene
-    contains exact black band_limit : frequency above which the scene has less than a hundredth of its contrast,
-    cycles/um rendered : of a scene, how its ideal chart was drawn: (rms width of a Gaussian, side of the cells over
-    which values
+    mean : lower bound of the mean of the values over the frame
+    contrast : largest over smallest value; inf if the scene contains exact black
+    band_limit : frequency above which the scene has less than a hundredth of its contrast, cycles/um
+    rendered : of a scene, how its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which values
         are means), um, each 0 if it does not apply
     content : of light, its content by band and frequency; the planner finds it for a scene, and passes it on through
         transfer functions

@@ -113,7 +113,8 @@ class Search(Generic[_Tried]):
     Attributes
     ----------
     tried : every trial, in the order of evaluation
-    most : largest number of trials lacking : cost of the first evaluation that exceeded the budget; None if none did
+    most : largest number of trials
+    lacking : cost of the first evaluation that exceeded the budget; None if none did
     """
 
     most = math.inf
