@@ -521,7 +521,8 @@ def test_show_of_anything_else_is_a_wrong_request(file, inside, folder):
     assert "not an archive" in err
     code, out, err = inside("show", folder, "--json")
     assert (code, err) == (2, "")
-    assert "not an archive" in strict(out)["faults"][0]["message"]
+    told = strict(out)["faults"][0]["message"]
+    assert "not an archive" in told and ("does not exist" in told) == (folder == "nowhere")
 
 
 def test_what_is_asked_for_is_kept_whatever_the_file_keeps(file, inside):

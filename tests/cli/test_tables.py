@@ -19,7 +19,7 @@ from etendue.pipeline.presets import preset_names
 from etendue.present.terminal import terminal
 from etendue.present.terminal.catalogue import quantity_document, stage_document
 from etendue.present.terminal.cells import cells
-from etendue.present.terminal.terminal import outcome_document
+from etendue.present.terminal.outcome import outcome_document
 from etendue.result_files import finite
 from etendue_camera.cameras.bodies import body
 from etendue_camera.cli import cameras
@@ -147,7 +147,7 @@ def a_yield() -> tuple[tuple[Any, ...], Any]:
 MERGED = frozenset({"curve", "rest", "last"})
 CASES = {
     "plan": Case(f"{ENGINE}.terminal:print_plan", (of("stages"),), written("plan")),
-    "run": Case(f"{ENGINE}.terminal:print_outcome", (of("stages"),), a_run),
+    "run": Case(f"{ENGINE}.outcome:print_outcome", (of("stages"),), a_run),
     "run --measure": Case(
         f"{ENGINE}.global_error:print_global_error",
         (measured_errors,),

@@ -11,7 +11,7 @@ import xarray
 
 from etendue.cli.options import Given, overrides
 from etendue.errors import ArchiveError, RequestError
-from etendue.present.terminal.terminal import replay
+from etendue.present.terminal.outcome import replay
 from etendue.session import Options
 from tests.archive.tiny import store_of
 from tests.designs.given import DESIGN, SERIAL, STAGES, plan_of, ran

@@ -281,6 +281,12 @@ def test_texts_say_what_is_missing_and_nothing_where_too_little_is_known() -> No
     parts = {"bins": {"rms": 0.02, "basis": "refined"}, "spacing": {"rms": 0.01, "basis": "refined"}}
     document: dict[str, Any] = {"rms": 0.03, "unit": "dB", "parts": parts, "open": {}}
     assert plus_minus(document, "dB") == "\u00b10.03 dB (bins 0.02, spacing 0.01)"
+    of_channels = document | {
+        "max": 0.06,
+        "parts": {"bins": {"rms": 0.02, "max": 0.05}, "spacing": {"rms": 0.01, "max": 0.01}},
+    }
+    assert plus_minus(of_channels, "dB") == "\u00b10.06 dB (bins 0.05, spacing 0.01)"
+    assert plus_minus(of_channels | {"unit": ""}, "of full scale").startswith("\u00b10.03 of full scale (bins 0.02")
     document["noise"] = 0.4
     assert plus_minus(document, "dB") == "\u00b10.03 dB (bins 0.02, spacing 0.01) \u00b10.4 (noise)"
     document |= {"open": {"margin": "costs about 40 s"}, "noise": None}
@@ -468,9 +474,8 @@ def test_what_would_make_the_answer_better_is_said() -> None:
     found = stated(pipeline())
     assert found.remedies["bins"] == "scene.bin_width = 25"
     assert found.remedies["spacing"] == "scene.spacing = 1"
-    assert any(
-        text.startswith("for smaller errors, one or more of: ") and "--set " in text for text in notes(found.document())
-    )
+    (line,) = (text for text in notes(found.document()) if text.startswith("for smaller errors: --set scene."))
+    assert line.endswith("; one or more, the first helps most)")
     assert "margin" not in stated(pipeline(use="colorchecker")).remedies
 
 

@@ -190,7 +190,7 @@ class Refinement:
             missing: dict[StageVariable, dict[str, str]] = {one: {} for one in self.names}
             try:
                 pair = refined_pair(evaluations, name) if affected else None
-                why = f"the stages accept no finer one{f' ({point.refusal})' if point.refusal else ''}"
+                why = f"one half as large is refused{f' ({point.refusal})' if point.refusal else ''}"
             except TooDear as error:
                 pair, why = None, str(error)
                 self.needed = self.needed or f"measuring {name} {why}"

@@ -77,6 +77,7 @@ def approximated(
             "knob": knob,
             "value": _shown(value),
             "reference": _shown(every[0].reference),
+            "best": parameters_of(type(cells[0].stage))[knob][0].reference,
             "bound": wanted[knob, value],
             "at_stage": max(one.bound for one in every),
             "cells": len(every),
@@ -118,13 +119,20 @@ def _saving(seconds: float | None) -> str:
 
 
 def _at_most(at_stage: float, at_wanted: float) -> str:
-    """Return a bound, at the stage and, where later stages let it grow, at what is wanted."""
-    grown = f", {at_wanted:.2g} at what is wanted" if f"{at_wanted:.2g}" != f"{at_stage:.2g}" else ""
+    """Return a bound, at the stage and, where later stages let it grow, in the results that are wanted."""
+    grown = f", {at_wanted:.2g} in the results" if f"{at_wanted:.2g}" != f"{at_stage:.2g}" else ""
     return f"at most {at_stage:.2g} of full scale at this stage{grown}"
 
 
 def _shown(value: Hashable) -> Hashable:
     return "inf" if isinstance(value, float) and math.isinf(value) else value
+
+
+def _best(knob: Document) -> str:
+    """Return the reference setting of a knob, and what it means where its declaration says so."""
+    value, _, meaning = knob.get("best", "").partition(":")  # documents of earlier versions have none
+    own = str(knob["reference"])
+    return f"{own} ({meaning.strip()})" if meaning and value == own else own
 
 
 def told(name: str, left: Document | None, knobs: list[Document] | None) -> list[str]:
@@ -144,7 +152,5 @@ def told(name: str, left: Document | None, knobs: list[Document] | None) -> list
         worst = _at_most(max(one["at_stage"] for one in own), max(one["bound"] for one in own))
         saved = _sum([one["seconds_saved"] for one in own])
         values = ", ".join(f"{one['value']} ({one['cells']})" if len(own) > 1 else f"{one['value']}" for one in own)
-        said.append(
-            f"coarser   {name}.{knob} = {values} instead of {own[0]['reference']}, the best: {worst}{_saving(saved)}"
-        )
+        said.append(f"coarser   {name}.{knob} = {values}, the best being {_best(own[0])}: {worst}{_saving(saved)}")
     return said

@@ -45,9 +45,11 @@ def state_errors(
 
     Parameters
     ----------
-    plan, reports : of the run; without reports, the predicted seconds of plans are used budget : seconds at most shown
-    : returns the progress to show of a plan places : largest number of points of a sweep known : parts that need not be
-    measured: the largest over these points
+    plan, reports : of the run; without reports, the predicted seconds of plans are used
+    budget : seconds at most
+    shown : returns the progress to show of a plan
+    places : largest number of points of a sweep
+    known : parts that need not be measured: the largest over these points
     """
     began, at, wanted = time.process_time(), shown_place(plan), answers(plan)
     rates, dear, longest = Rates(plan, reports), 0.0, 0.0
@@ -119,5 +121,5 @@ def _noise(evaluations: Evaluations, parts: Parts, missing: Texts) -> tuple[dict
             found[one] = INTERVAL * spread
             if abs(values[0] - mean) > 3 * INTERVAL * spread / math.sqrt(DRAWS) + 0.3 * abs(mean):
                 parts[one].clear()
-                missing[one]["noise-free path"] = "noise changes this metric: it has no noise-free value"
+                missing[one]["noise-free path"] = "its value depends on the noise"
     return found, seconds

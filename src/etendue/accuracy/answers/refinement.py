@@ -84,7 +84,7 @@ class Point:
         return [one for one in self.wanted if stages & in_front(plan, [one[0]])]
 
     def why_no_finer(self) -> str:
-        return f"the stages accept no finer one{f' ({self.refusal})' if self.refusal else ''}"
+        return f"one half as large is refused{f' ({self.refusal})' if self.refusal else ''}"
 
     def why_no_reference(self) -> str:
         return f"the reference is refused{f' ({self.refusal})' if self.refusal else ''}"

@@ -49,7 +49,8 @@ def describe_archive(folder: Path) -> Document:
     root = folder / "data.zarr"
     manifest, records = read_manifest(folder), record_paths(folder) if folder.is_dir() else []
     if not root.is_dir() or (not records and not manifest and not (folder / JOURNAL).is_file()):
-        raise ArchiveError(f"{folder} is not an archive of etendue (it holds no data.zarr with a run record)")
+        lacking = disk.lacks(folder, "data.zarr with a run record")
+        raise ArchiveError(f"{folder} is not an archive of etendue ({lacking})")
     listing = disk.Listing(folder)
     running = is_running(folder)
     refuse_changed(folder, running)

@@ -41,7 +41,7 @@ def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | 
     """
     began, found = time.perf_counter(), Verified(folder)
     if not any((folder / name).exists() for name in (DATA, JOURNAL, MANIFEST)) or not folder.is_dir():
-        raise ArchiveError(f"{folder} is not an archive of etendue (it holds neither {DATA} nor {JOURNAL})")
+        raise ArchiveError(f"{folder} is not an archive of etendue ({disk.lacks(folder, DATA + ' and no ' + JOURNAL)})")
     if is_running(folder):
         raise ArchiveInUse(f"{folder}: a run is writing to it; verify it after the run has ended")
     before, odd = owner_of(folder), dict[str, str]()

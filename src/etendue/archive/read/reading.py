@@ -357,6 +357,6 @@ def open_archive(folder: Path) -> StoredArchive:
         There is no archive, or it holds a link.
     """
     if not (folder / DATA).is_dir() or not (folder / NAME).is_file():
-        raise ArchiveError(f"{folder} is not an archive of etendue (it does not hold {DATA} and {NAME})")
+        raise ArchiveError(f"{folder} is not an archive of etendue ({disk.lacks(folder, DATA + ' with a ' + NAME)})")
     disk.Listing(folder)
     return StoredArchive(folder)

@@ -267,6 +267,11 @@ def append_to(root: str | Path, path: str) -> int:
 # -- listing --------------------------------------------------------------------------------------------------------
 
 
+def lacks(folder: Path, what: str) -> str:
+    """Return why a folder is no archive: it does not exist, or holds no ``what``."""
+    return f"it holds no {what}" if folder.exists() else "it does not exist"
+
+
 def link_at(root: Path, path: str) -> ArchiveError:
     """Return the error about a link inside an archive."""
     try:

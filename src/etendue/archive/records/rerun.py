@@ -93,7 +93,7 @@ def recorded(folder: Path) -> Recorded:
         The folder is not an archive, or the record of its last run is missing or damaged.
     """
     if not (folder / DATA).is_dir():
-        raise ArchiveError(f"{folder} is not an archive of etendue (it holds no {DATA})")
+        raise ArchiveError(f"{folder} is not an archive of etendue ({disk.lacks(folder, DATA)})")
     disk.Listing(folder)  # raises for links: nothing is read through one
     paths = record_paths(folder)
     if not paths:

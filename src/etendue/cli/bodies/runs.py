@@ -19,8 +19,7 @@ from etendue.archive.records.rerun import recorded
 from etendue.cli.bodies.plans import pipeline_of, planned
 from etendue.cli.options import Given, Way, from_here, installed, progress
 from etendue.cli.saying import say, show
-from etendue.present.terminal.answers import print_answers
-from etendue.present.terminal.terminal import outcome_document, print_outcome
+from etendue.present.terminal.outcome import outcome_document, print_outcome
 from etendue.run.schedulers import far
 from etendue.session import Options, Outcome, check_timeout, execute
 from etendue.telling import printable
@@ -69,8 +68,6 @@ def _tell_run(outcome: Outcome, measured: Document | None, way: Way) -> None:
         say({**outcome_document(outcome), **answers, **(measured or {})})
         return
     show(print_outcome, outcome)
-    if outcome.answers:
-        show(print_answers, outcome.answers)
     if measured:
         from etendue.present.terminal.global_error import print_global_error
 

@@ -77,7 +77,7 @@ def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
     wanted = _wanted_of(request, nodes)
     nodes = _as_asked(nodes, wanted)
     for text in pipeline.keep or ():
-        if text != LOOKS:
+        if text != LOOKS and text not in (pipeline.wanted or ()):
             _find_variable(request, text, nodes, "keep")
     if wanted and request.whole:
         nodes = _prune(nodes, wanted)

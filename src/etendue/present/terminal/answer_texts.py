@@ -75,11 +75,25 @@ def unknown_parts(error: DocumentView) -> list[str]:
     return [name for name in error["open"] if name != NOISE]
 
 
+def size(error: DocumentView) -> float:
+    """Return how far a result may be off: of numbers the largest error, of pictures and curves the rms."""
+    return number(error[_norm(error)])
+
+
+def _norm(error: DocumentView) -> str:
+    return "max" if error["unit"] and error.get("max") is not None else "rms"
+
+
+def _shares(error: DocumentView) -> list[tuple[float, str]]:
+    """Return the parts of an error that matter, largest first."""
+    norm = _norm(error)
+    own = sorted(((number(part[norm]), name) for name, part in error["parts"].items()), reverse=True)
+    return [(value, name) for value, name in own if value > MATTERS * size(error)]
+
+
 def parts_text(error: DocumentView, missing: bool = True) -> str:
     """Return the parts of an error that matter, largest first, as ``bins 0.02, spacing 0.01``, and those missing."""
-    total = number(error["rms"])
-    own = sorted(((number(part["rms"]), name) for name, part in error["parts"].items()), reverse=True)
-    known = ", ".join(f"{name} {value:.1g}" for value, name in own if value > MATTERS * total)
+    known = ", ".join(f"{name} {value:.2g}" for value, name in _shares(error))
     more = ", ".join(unknown_parts(error)) if missing else ""
     return "; ".join(text for text in (known, f"{more} not measured" if more else "") if text)
 
@@ -105,10 +119,10 @@ def plus_minus(error: DocumentView | None, unit: str = "") -> str:
     inside, own = parts_text(error), unit if unit != "1" else ""
     noise = f" \u00b1{number(error['noise']):.1g} (noise)" if error.get("noise") else ""
     if unknown_parts(error):
-        return f"{own} (error at least {number(error['rms']):.2g}: {inside}, --measure does){noise}".lstrip()
-    if not number(error["rms"]):
+        return f"{own} (error at least {size(error):.2g}: {inside}, --measure does){noise}".lstrip()
+    if not size(error):
         return f"{own} (no numerical error){noise}".lstrip()
-    shown = f"\u00b1{number(error['rms']):.2g} {own}".rstrip()
+    shown = f"\u00b1{size(error):.2g} {own}".rstrip()
     return f"{shown}{f' ({inside})' if inside else ''}{noise}"
 
 
@@ -117,49 +131,55 @@ def number(value: Any) -> float:
     return math.nan if value is None else float(value)
 
 
-def notes(document: DocumentView) -> list[str]:
+def remedies(document: DocumentView, command: str = "") -> list[str]:
+    """Return a line with the settings for smaller errors, the most effective first; none if no part of an error matters
+    that they would reduce. ``command``: what they are added to.
+    """
+    effect: dict[str, float] = {}
+    for one in document.get("errors", {}).values():
+        if says_enough(one):
+            for value, name in _shares(one):
+                effect[name] = max(effect.get(name, 0.0), value / size(one))
+    own = {name: text for name, text in document.get("remedies", {}).items() if effect.get(name)}
+    ranked = sorted(own, key=lambda name: -effect[name])
+    settings = " ".join(f"--set {one}" for name in ranked for one in own[name].replace(" = ", "=").split(", "))
+    few = f"{', '.join(ranked)}{'; one or more, the first helps most' if len(ranked) > 1 else ''}"
+    return [f"for smaller errors: {command} {settings} ({few})".replace(":  ", ": ")] if ranked else []
+
+
+def notes(document: DocumentView, remedied: bool = False) -> list[str]:
     """Return notes: the cell at which errors were measured, the errors that were not measured, and the time or the
-    options that measuring them requires.
+    options that measuring them requires. ``remedied``: what makes errors smaller is said elsewhere.
     """
     if document.get("why"):
         return [f"error of the answer not measured: {document['why']}"]
     errors, points = document["errors"].values(), document["points"]
     factor = max((number(one["scaled"]) for one in errors), default=1.0)
     where = "" if points == 1 and factor == 1 else f" at {points} point{'s' if points > 1 else ''} of the sweep"
-    spread = f"; those of the sweep are {factor:g} times as large, for the points between" if factor > 1 else ""
+    spread = f"; for its other points, errors of the whole sweep are {factor:g} times those" if factor > 1 else ""
     when = "by an earlier run" if document["remembered"] else f"in {human_seconds(number(document['seconds']))}"
-    said = (
-        [f"errors measured{where} on runs without noise, {when}{spread}"]
-        if any(says_enough(one) for one in errors)
-        else []
-    )
+    said = [f"measured{where} without noise, {when}{spread}"] if any(says_enough(one) for one in errors) else []
     fixed = {f"{name}: {why}" for one in errors for name, why in one["fixed"].items()}
-    said += [f"not refined, and so in no error here: {text}" for text in sorted(fixed)]
-    remedies = [
-        f"{' '.join(f'--set {one}' for one in text.replace(' = ', '=').split(', '))} ({name})"
-        for name, text in document.get("remedies", {}).items()
-    ]
-    if remedies and said:
-        said.append(f"for smaller errors, one or more of: {'; '.join(remedies)}")
-    return said + _missing(document)
+    said += [f"cannot be refined, and so is in none of these errors: {text}" for text in sorted(fixed)]
+    return said + (remedies(document) if said and not remedied else []) + _missing(document)
 
 
 def _missing(document: DocumentView) -> list[str]:
     """Return which parts were not measured: too costly, or for another reason."""
     costly: dict[str, None] = {}
     whose: dict[str, None] = {}
-    others: dict[str, list[str]] = {}
+    others: dict[tuple[str, str], list[str]] = {}
     for one in document["errors"].values():
         for name, why in one["open"].items():
             if "costs about" in why:
                 costly |= dict.fromkeys(name.split(" and "))
                 whose[one["variable"]] = None
             else:
-                others.setdefault(f"{name}: {why}", []).append(one["variable"])
+                others.setdefault((name, why), []).append(one["variable"])
     seconds = human_seconds(number(document["dear"]))
     of = f", of {_few(list(whose))}" if len(whose) < len(document["errors"]) else ""
     said = [f"not measured: {', '.join(costly)}{of}; --measure does, in about {seconds}"] if costly else []
-    return said + [f"not measured: {text} ({_few(names)})" for text, names in others.items()]
+    return said + [f"not measured for {_few(names)} ({part}): {why}" for (part, why), names in others.items()]
 
 
 def _few(names: list[str]) -> str:

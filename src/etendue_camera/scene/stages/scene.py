@@ -158,7 +158,7 @@ class Scene(Source, Banded, Discretised):
 
     def discretisations(self) -> dict[str, str]:
         """Return bins, spacing and margin; a chart whose size follows the frame cannot be given a margin."""
-        return {"bins": "", "spacing": "", "margin": "" if self.extends else "that of the chart, which fills the scene"}
+        return {"bins": "", "spacing": "", "margin": "" if self.extends else "the chart fills the scene"}
 
     def refined(self, name: str, factor: int) -> dict[str, Any]:
         """Return finer or coarser values; a coarser scene keeps at least four bands."""

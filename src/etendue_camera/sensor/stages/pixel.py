@@ -203,6 +203,11 @@ class Pixel(Collecting, Summed):
         centre = light.start + 0.5 * (light.size - 1) * light.step
         start = centre + (first - 0.5 * (total - 1)) * self.pixel_pitch
         low, high = start - 0.5 * self.pixel_pitch, start + (size - 0.5) * self.pixel_pitch
+        if not total:
+            raise ValueError(
+                f"no pixel of {self.pixel_pitch:g} um fits into the light from the scene, which is {length:g} um long; "
+                f"reduce pixel_pitch or widen the scene"
+            )
         if (
             size < 1
             or low < light.start - 0.5 * light.step - 1e-6
