@@ -100,7 +100,9 @@ NOTHING_LEFT_OUT = click.option(
     "--nothing-left-out", is_flag=True, help="Run every stage, even where it has no effect on the scene."
 )
 NO_STAND_INS = click.option(
-    "--no-stand-ins", is_flag=True, help="Refuse presets with typical values where no source gives one; list them."
+    "--no-stand-ins",
+    is_flag=True,
+    help="Refuse presets in which a typical value stands in for one that no source gives, and list these values.",
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout.")
 SCHEDULER = click.option(

@@ -40,6 +40,6 @@ def report() -> None:
 def view() -> None:
     """Serve the report live, with every sample of every stage, to a browser on this machine.
 
-    A run in progress is followed; an archive in an object store is shown as it was at the start. The address contains a
+    The page follows a run in progress; an archive in an object store is shown as it was at the start. The address has a
     secret: anyone on this machine who has it can look; nobody can change anything. Stop with Ctrl-C.
     """

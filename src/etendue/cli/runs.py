@@ -63,9 +63,9 @@ def _how(function: Any) -> Any:
     type=HELD,
     multiple=True,
     metavar="E|METRIC=E",
-    help="Find the loosest tolerance that keeps the wanted variables within E of the reference, relative to full "
-    "scale, or METRIC within E in its own unit (repeatable), and refine what the file leaves open ('auto') until the "
-    "answer is; run with that.",
+    help="Find the loosest tolerance that keeps every wanted variable within E of the reference, relative to full "
+    "scale, or METRIC within E in its own unit (repeatable). Refine the parameters that the file sets to 'auto' until "
+    "the result itself is within E. Then run with these values.",
 )
 @click.option(
     "--hold-seconds",
@@ -77,8 +77,8 @@ def _how(function: Any) -> Any:
 @click.option(
     "--errors/--no-errors",
     default=True,
-    help="State the error of every wanted variable, from a pilot that takes at most 10 % of the run or 0.2 s. "
-    "--measure: without that limit.",
+    help="State the error of every wanted variable, measured by test runs (the pilot) that take at most 10 % of the "
+    "run or 0.2 s, whichever is more; --measure removes this limit.",
 )
 @gather_way
 @later("etendue.cli.bodies.runs:run", interrupts.INTACT)

@@ -170,7 +170,7 @@ def read_pipeline(path: Path, overrides: DocumentView | None = None) -> Pipeline
         raise RequestError("is a directory; give the pipeline file in it", name) from None
     except FileNotFoundError:
         folder = path.parent if path.parent.is_dir() else Path(".")
-        hint = nearest(path.name, [p.name for p in folder.glob("*.toml")])
+        hint = nearest(path.name, [p.name for p in folder.glob("*.toml")]).replace("; valid:", "; pipelines beside it:")
         raise RequestError(f"no such file{hint}", name) from None
     except (OSError, UnicodeDecodeError) as error:
         raise RequestError(f"cannot be read: {error}", name) from None

@@ -26,8 +26,8 @@ def ancestry(plan: Plan, refs: Iterable[CellRef], known: Collection[CellRef] = (
 
 
 def _needed_by(plan: Plan, nodes: dict[str, Node], ref: CellRef) -> list[CellRef]:
-    """Return the cells that a cell reads, waits for and looks at. A look at transfer functions needs the stages, not
-    their results, and therefore only the cells that find values for those stages.
+    """Return the cells that a cell reads, waits for and looks at. Looking at transfer functions requires the
+    stages but not their results, and so only the cells that determine parameters of those stages.
     """
     cell = plan.cells[ref]
     refs = [source for _, source, _ in cell.inputs] + [word.ref for word in cell.open_words]

@@ -258,7 +258,9 @@ def _of_record(
 
 
 def _with_the_code_of_then(says: DocumentView, made: DocumentView) -> tuple[DocumentView, bool]:
-    """Return the recomputed record with the recorded code fields where the code has changed, and whether it has."""
+    """Return the recomputed record, with the recorded code fields in place of its own if the code has changed since,
+    and a flag that says whether it has.
+    """
     nodes, other = dict(made["nodes"]), False
     for name, then in says["nodes"].items():
         now: Any = nodes.get(name)

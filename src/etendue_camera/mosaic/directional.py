@@ -86,7 +86,7 @@ def directional(mosaic: NDArray, pattern: str, floor: float = FLOOR) -> NDArray:
 
 
 def _differences(framed: NDArray, work: NDArray, lowest: np.floating) -> NDArray:
-    """Return 16 K of a tile, valid at red and blue sites from 5 samples inside its edge."""
+    """Return 16 times the colour difference K of a tile, valid at red, blue sites 5 or more samples inside its edge."""
     mosaic, a, b, c, ratio, along_rows, along_columns = work
     stride = framed.shape[1]
     mosaic.reshape(framed.shape)[...] = framed

@@ -20,7 +20,7 @@ NEAR = 0.95  # of the saturation level: values from here on may be clipped
 
 
 def usable(frames: NDArray, level: ArrayLike, margin: int) -> NDArray[np.bool_]:
-    """Return where no channel is clipped, neither at a pixel nor around it, since demosaicing spreads clipped values.
+    """Return a mask: true where no channel is clipped at the pixel or around it, as demosaicing spreads clipped values.
 
     Parameters
     ----------

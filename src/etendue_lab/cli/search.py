@@ -39,11 +39,11 @@ def _texts(name: str, metavar: str, help: str) -> options.Adds:
 def optimise() -> None:
     """Search for the settings that make a metric best, within limits.
 
-    Every trial runs the camera at other settings and costs what changed. Finished trials are in the folder: the same
-    command after an interruption reads them and goes on, and gives the trials of an uninterrupted search; with more
-    --trials it continues. A limit on a searched setting narrows its range. Trials that the stages refuse or that fail
-    are told to the optimiser as failed, trials beyond a limit by how far they are beyond it. With several goals the
-    result is the front of trials that no other trial beats in all of them.
+    Every trial runs the camera with new settings and recomputes only what they change. Finished trials are kept in the
+    folder: after an interruption the same command continues, and ends with the same trials as an uninterrupted search;
+    a larger --trials extends a finished search. A limit on a searched setting narrows its range. A trial that a stage
+    refuses, or that fails, is reported to the optimiser as failed; a trial beyond a limit with the amount by which it
+    exceeds the limit. With several goals, the result is the front: the trials that no other trial beats in all of them.
 
     Needs optuna: pip install 'etendue[optimise]'.
 

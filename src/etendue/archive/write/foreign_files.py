@@ -63,7 +63,7 @@ def _root_attributes(folder: Path) -> Document:
 
 
 def known_axes(folder: Path, manifest: Manifest | None, record: DocumentView | None) -> Document | None:
-    """Return the stages and their axes with which the archive was created, from an intact source."""
+    """Return the stages with which the archive was created, and their axes, read from an intact source."""
     root: Any = _root_attributes(folder).get("etendue")
     axes = root.get("axes") if isinstance(root, dict) else None
     whole = isinstance(axes, dict) and all(isinstance(names, list) for names in axes.values())

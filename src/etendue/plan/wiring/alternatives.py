@@ -107,7 +107,7 @@ def _no_parameter(request: Request, use: str, name: str, shared: bool, own: list
     """Return why a stage does not accept a parameter of this name. ``shared``: it has the name as a shared quantity."""
     table = request.pipeline.table
     if shared:
-        return f"{name} is shared by several stages; set {table.place(name)} under [{table.name}]"
+        return f"{name} is shared by several stages; set it under [{table.name}], or by --set {table.place(name)}=VALUE"
     if name in quantities.names():
         hint = f"; {name} is a {table.name} quantity, set under [{table.name}]"
     else:

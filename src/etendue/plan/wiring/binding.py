@@ -189,7 +189,7 @@ def _named_writer(request: Request, entry: StageEntry, port: str, variable: str,
 def _nearest_writer(
     request: Request, entry: StageEntry, one: Alternative, port: str, variable: str, earlier: list[Node]
 ) -> Node | None:
-    """Return the last node before a stage that writes a variable it reads."""
+    """Return the last node that precedes a stage and writes a variable which that stage reads."""
     node = next((n for n in reversed(earlier) if variable in n.writes), None)
     if node is None and request.whole and port not in optional_ports(one.kind):
         writers = list(request.registry.makers(variable))[:6]

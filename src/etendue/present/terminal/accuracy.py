@@ -184,7 +184,7 @@ def diagram(document: DocumentView) -> bytes:
 
 
 def _colours(document: DocumentView) -> dict[str, str]:
-    """Return colours of knobs that have an error by themselves, then of other causes of errors."""
+    """Return a colour for each cause of errors: first the knobs that cause one on their own, then the others."""
     alone = [_key(c) for c in document["curves"] if any(p["stage_error"] for p in c["points"])]
     others = [name for p in (*document["frontier"], document["planned"]) for name in p["parts"]]
     return {name: f"C{order % 10}" for order, name in enumerate(dict.fromkeys([*alone, *others]))}

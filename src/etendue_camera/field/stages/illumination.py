@@ -38,7 +38,7 @@ def nearest(grid: Grid) -> float:
 
 
 def by_curves(irradiance: FloatArray, where: FloatArray, nodes: FloatArray, curves: FloatArray) -> FloatArray:
-    """Multiply light by a field curve: (1 or wavelength, rows) values at nodes, interpolated at (y, x) places."""
+    """Multiply light by a field curve, given at nodes as (1 or wavelength, node), interpolated at positions (y, x)."""
     if len(curves) == 1:
         return irradiance * illumination.table_at(where, nodes, curves[0]).astype(irradiance.dtype, copy=False)
     weakened = np.empty_like(irradiance)

@@ -33,8 +33,8 @@ CLIPPED, DARK_SIGMAS = 0.98, 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class White(GainChain, Collecting):
-    """Compute the linear camera signal of a perfect white diffuser on axis, over ``render_exposure``: from the
-    illuminant, noise-free.
+    """Compute the linear, noise-free camera signal of a perfect white diffuser on the axis, divided by
+    ``render_exposure``.
 
     Above pixel saturation the signal exceeds 1: ``white_saturated`` counts the channels in which the diffuser itself
     saturates.

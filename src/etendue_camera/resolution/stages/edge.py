@@ -103,7 +103,7 @@ class EdgeProbe(PictureProbe):
         "nyquist_lp_mm": "[cycles/mm]",
     }
     creates: ClassVar = {"factor": Labels(EVERY_FACTOR), "frequency": curves.FREQUENCY}
-    nanoseconds: ClassVar = 5e4
+    nanoseconds: ClassVar = 5e5
 
     centre_y: float = param(0.0, units="um", doc="y centre of the region on the image plane, if it has a size")
     centre_x: float = param(0.0, units="um", doc="x centre of the region on the image plane")

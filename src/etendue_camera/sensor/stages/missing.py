@@ -123,7 +123,7 @@ def _missing(
     terms: int,
     limit: float,
 ) -> FloatArray:
-    """Return the largest part lost from every band, over all directions, (channel, wavelength, frequency)."""
+    """Return the largest fraction that each band loses in any direction, as (channel, wavelength, frequency)."""
     own = np.array(weights)
     own = own[own.max(axis=1) > 0]
     points = scene_rings.frequencies_in(np.array(rings))
