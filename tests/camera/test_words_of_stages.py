@@ -63,7 +63,7 @@ def test_a_pedestal_is_too_low_below_four_sigma_and_the_advised_one_is_not(black
         codes = np.linspace(-12 * wide, 12 * wide, 400_001)  # Gaussian noise that rounds to a code below 0
         weight = np.exp(-0.5 * (codes / wide) ** 2)
         below = weight[np.rint(codes + black) < 0].sum() / weight.sum()
-        assert_allclose(share, below, rtol=0.01)  # printed with two digits
+        assert_allclose(share, below, rtol=0.05)  # printed with two digits
         advised = int(text.split("; ")[1].split(" DN avoid")[0])
         again = {"black_level": advised, "read_noise": 6.1, "conversion_gain": 1.0, "bits": 12}
         assert not stage("adc", **again).warn(LIGHT, {})
@@ -86,7 +86,8 @@ def test_a_metered_time_is_within_the_bounds_that_the_plan_states():
             rate = 1e4 * random.uniform(0.1, 1.0, (40, 50)) ** power
             facts = Facts(low=float(rate.min()), high=float(rate.max()), mean=float(rate.mean()))
             bounds = one.carry({"photocurrent": facts}, {})
-            assert bounds.low * (1 - 1e-12) <= one.time(rate) <= bounds.high * (1 + 1e-12)
+            seconds = one.time(rate)
+            assert bounds.low * (1 - 1e-12) <= seconds <= bounds.high * (1 + 1e-12)
     low, high = stage("meter", metering="highlight", quantile=0.9).levels(Facts(low=0.0, high=1.0, mean=0.95))
     assert_allclose((low, high), ((0.95 - 0.1) / 0.9, 1.0), rtol=1e-12)  # nine in ten at the level, the rest at 1
 

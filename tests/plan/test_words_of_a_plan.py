@@ -5,7 +5,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from etendue import telling
@@ -131,6 +131,18 @@ def test_blur_of_a_dark_scene_and_of_a_uniform_one_is_left_out_for_its_own_reaso
     assert found.bound == 0 and found.why.startswith(why)
 
 
+@pytest.mark.parametrize("norm", ["rms", "max"])
+def test_a_plan_bounds_what_it_leaves_out_in_the_norm_of_its_own(norm, monkeypatch):
+    content = Content(1.0, (0.0, 1.0), ((0.0,),), ((0.0,),), (0.0,), (0.5,), (1.0,))
+    (cell,) = plan_of(TEXT).of("diffraction")
+    asked = []
+    monkeypatch.setattr(leave_out, "through", lambda *_: "irradiance")
+    monkeypatch.setattr(leave_out, "_of_the_stage", lambda stage, facts, grid: asked.append(facts.content.norm))
+    facts, grids = {"irradiance": Facts(content=content)}, {"irradiance": SimpleNamespace(banded="")}
+    leave_out.decide(leave_out.LeaveOutRule(0.1, norm), cell.stage, facts, grids, {}, list)
+    assert asked == [norm]
+
+
 def test_noise_above_that_of_photons_in_the_dark_is_never_left_out():
     """At low light its variance is above one per count, however little that is of the brightest pixel's."""
     noise = SimpleNamespace(variance=lambda level: 50.0)
@@ -158,6 +170,9 @@ def test_a_plan_sets_no_knob_that_studies_alone_vary_and_none_finer_than_its_def
 
 
 @given(st.floats(0, 1e6))
+@example(119.7)
+@example(59.999)
+@example(0.99999)
 def test_a_duration_reads_back_to_its_last_digit_and_has_no_minute_of_sixty_seconds(seconds):
     said = telling.human_seconds(seconds)
     words = said.split()
@@ -169,6 +184,8 @@ def test_a_duration_reads_back_to_its_last_digit_and_has_no_minute_of_sixty_seco
 
 
 @given(st.floats(0, 1e14))
+@example(999_960.0)
+@example(999.7)
 def test_a_number_of_bytes_has_at_most_three_digits_before_the_point(count):
     number, unit = telling.human_bytes(count).split()
     assert float(number) < 1000
@@ -181,4 +198,5 @@ def test_the_last_line_of_a_long_error_is_kept_and_marks_of_direction_are_not():
     lines = telling.plain(text).split("\n")
     assert len(lines) == telling.MOST_LINES and lines[0] == "line 0" and lines[-1] == "line 99"
     assert lines[-2] == f"... ({100 - telling.MOST_LINES + 1} more lines)"
+    assert telling.plain("\n".join(["x" * 1000] * 100 + ["the cause"])).endswith("\nthe cause")
     assert telling.printable("a\u202eb\u2066c\x1bd\n") == "abcd\n"

@@ -107,3 +107,14 @@ def test_what_is_not_held_is_told_in_the_norm_that_was_asked_for(norm, times):
     hold = {"missed": ["v"], "norm": norm, "limits": {"v": 0.01}, "blame": {"bins": 0.5}}
     first, blame = not_held(hold, {"v": {"rms": 0.03, "max": 0.05, "how": "measured"}})
     assert times in first and blame == "caused by: bins (0.5)"
+
+
+@pytest.mark.parametrize(("count", "right"), [(-1, False), (0, True), (3, True), (4, False)])
+@pytest.mark.parametrize("what", ["planned", "todo"])
+def test_a_run_counts_no_more_cells_than_there_are_and_none_below_nothing(what, count, right):
+    plan = SimpleNamespace(nodes=[SimpleNamespace(name="pixel")], of=lambda stage: [0, 1, 2])
+    run = SimpleNamespace(**({"planned": {}, "todo": {}} | {what: {"pixel": count}}))
+    journal = SimpleNamespace(axes={}, blocks={}, arrays={}, run=run)
+    stored = SimpleNamespace(journal=journal, manifest=SimpleNamespace(metadata={}))
+    found = list(sayings._of_lines(stored, SimpleNamespace(plan=plan), {}))
+    assert [one.says for one in found] == ([] if right else [str(count)])
