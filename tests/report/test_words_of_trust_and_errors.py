@@ -1,13 +1,16 @@
 """Verdicts on recomputed archives and words about errors, from what was found alone: no archive is read."""
 
+import json
 import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from etendue.archive.checks import left_out
 from etendue.archive.read.comparing import Compared
 from etendue.archive.read.differing import between
+from etendue.archive.records.manifest import DATA
 from etendue.contract.ports import CellReport
 from etendue.present.terminal.answer_texts import notes, plus_minus
 from etendue.present.terminal.global_error import not_held
@@ -118,3 +121,21 @@ def test_a_run_counts_no_more_cells_than_there_are_and_none_below_nothing(what, 
     stored = SimpleNamespace(journal=journal, manifest=SimpleNamespace(metadata={}))
     found = list(sayings._of_lines(stored, SimpleNamespace(plan=plan), {}))
     assert [one.says for one in found] == ([] if right else [str(count)])
+
+
+@pytest.mark.parametrize(
+    ("there", "said"), [([3], ""), (None, ""), ([5], "/a/v has 3 values along y, not [5]")], ids=str
+)
+def test_what_is_left_out_has_the_shape_of_the_array_that_has_its_values(there, said, tmp_path):
+    def wrote(place, **document):
+        (tmp_path / DATA / place).mkdir(parents=True)
+        (tmp_path / DATA / place / "zarr.json").write_text(json.dumps(document))
+
+    wrote("a/v", dimension_names=["f_number", "y", "x"])
+    wrote("g/x", shape=[4])
+    if there:
+        wrote("g/y", shape=there)
+    archive = SimpleNamespace(form=lambda *_: SimpleNamespace(shape=(3, 4)))
+    stored = SimpleNamespace(folder=tmp_path, archive=archive, journal=SimpleNamespace(axes={"a": {"f_number": [2]}}))
+    one = SimpleNamespace(path="/a/v", source="a", group="g", variable="v")
+    assert left_out._other_shape(stored, one) == said
