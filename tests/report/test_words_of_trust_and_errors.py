@@ -139,3 +139,19 @@ def test_what_is_left_out_has_the_shape_of_the_array_that_has_its_values(there, 
     stored = SimpleNamespace(folder=tmp_path, archive=archive, journal=SimpleNamespace(axes={"a": {"f_number": [2]}}))
     one = SimpleNamespace(path="/a/v", source="a", group="g", variable="v")
     assert left_out._other_shape(stored, one) == said
+
+
+@pytest.mark.parametrize("why", ["", "it has another shape"])
+def test_a_cell_whose_values_no_cell_of_equal_key_has_is_named_and_another_is_not(why, monkeypatch):
+    for name, does in {
+        "_named_otherwise": lambda stored: (),
+        "fault_of": lambda *_: why,
+        "_other_shape": lambda *_: "",
+        "_cells": lambda *_: ("lost", "there"),
+    }.items():
+        monkeypatch.setattr(left_out, name, does)
+    one = SimpleNamespace(group="g", variable="v", path="/a/v", cells={0: (SimpleNamespace(name="there"), None)})
+    stored = SimpleNamespace(archive=SimpleNamespace(followed=[one]), journal=None)
+    found = list(left_out.left_out_damage(stored))
+    assert [damage.cell for damage in found if "no cell of equal key" in damage.what] == ["lost"]
+    assert len(found) == 1 + bool(why)
