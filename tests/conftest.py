@@ -28,6 +28,12 @@ if (
     Result.output = property(lambda result: result.stdout + result.stderr)
 
 
+def pytest_pycollect_makeitem(collector: pytest.Module, obj: object) -> list[pytest.Item] | None:
+    """Make no test of a class of long ones where none runs: each worker makes 8,000 of 25,000 for nothing."""
+    long = any(mark.name == "long" for mark in getattr(obj, "pytestmark", ())) if inspect.isclass(obj) else False
+    return [] if long and "not long" in collector.config.getoption("markexpr") else None
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _nothing_remembered() -> None:
     """Every call of ``simulate`` computes: laws compare runs, not a run with its own memory."""

@@ -160,15 +160,17 @@ def where(error: BaseException) -> str:
 
 def human_seconds(seconds: float) -> str:
     """Return a duration for people to read."""
-    if seconds >= 60:
-        return f"{int(seconds // 60)} min {seconds % 60:.0f} s"
-    return f"{seconds:.2f} s" if seconds >= 1 else f"{1e3 * seconds:.1f} ms"
+    if seconds >= 59.995:  # what rounds to a minute
+        minutes, rest = divmod(round(seconds), 60)
+        return f"{minutes} min {rest} s"
+    return f"{seconds:.2f} s" if seconds >= 0.99995 else f"{1e3 * seconds:.1f} ms"
 
 
 def human_bytes(count: float) -> str:
     """Return a number of bytes in a readable unit, such as 1.5 MB."""
     for unit in ("B", "kB", "MB", "GB", "TB"):
-        if count < 1000 or unit == "TB":
-            return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"
+        said = f"{count:.0f}" if unit == "B" else f"{count:.1f}"
+        if float(said) < 1000 or unit == "TB":
+            return f"{said} {unit}"
         count /= 1000
     return ""

@@ -63,7 +63,7 @@ class FilePicture:
     values: Array  # (rows, columns, 1 or 3), unsigned integers or floats
     full: float
     note: str = ""
-    table: Any = None  # (8, 8): luma quantisation steps of a JPEG, y first
+    table: FloatArray | None = None  # (8, 8): luma quantisation steps of a JPEG, y first
 
 
 def read_picture(path: str, most: int = MOST_PIXELS) -> FilePicture:
@@ -239,7 +239,7 @@ def _transparent(picture: Any) -> int:
     return int(np.count_nonzero(alpha < 255))
 
 
-def _deep_png(path: str, mode: str) -> Any:
+def _deep_png(path: str, mode: str) -> Array:
     """Return all 16 bits of a colour PNG. Pillow returns only the upper eight; decoded as little-endian, the same file
     gives the lower eight.
     """

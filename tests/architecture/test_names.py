@@ -7,8 +7,6 @@ import inspect
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, reads_of, writes_of
 from etendue.contract.values import quantities as camera
@@ -26,6 +24,11 @@ OTHER_WORDS = {
     "zone_plate": "a part of a chart",
 }
 """Words that mean something else where they stand; variables, parameters and roles are known anyhow."""
+
+
+@cache
+def parsed(path):
+    return ast.parse(path.read_text())
 
 
 @cache
@@ -78,12 +81,12 @@ def recognising(tree):
                 yield one.value, one.lineno, one in put
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_no_file_knows_a_stage_of_another_by_name(path):
-    tree = ast.parse(path.read_text())
-    names = {name for name, file in own_names().items() if file != path}
+def test_no_file_knows_a_stage_of_another_by_name():
     found = {
-        (word, line) for word, line, put in recognising(tree) if word in names and (put or word not in vocabulary())
+        (path, word, line)
+        for path in FILES
+        for word, line, put in recognising(parsed(path))
+        if own_names().get(word, path) != path and (put or word not in vocabulary())
     }
     assert not found
 
@@ -96,11 +99,10 @@ def test_the_words_that_mean_something_else_are_names_of_stages():
 NAMING = ("use", "uses")
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_no_file_looks_into_the_name_under_which_a_stage_is_installed(path):
+def test_no_file_looks_into_the_name_under_which_a_stage_is_installed():
     """``entry.use == "x"``, ``"x" in one.use``, ``use.startswith("x")``: letters of a name say nothing of a stage."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text())):
+    for path, node in ((file, node) for file in FILES for node in ast.walk(parsed(file))):
         parts = []
         if isinstance(node, ast.Compare):
             parts = [node.left, *node.comparators]
@@ -115,14 +117,17 @@ def test_no_file_looks_into_the_name_under_which_a_stage_is_installed(path):
             for p in parts
         )
         letters = any(isinstance(p, ast.Constant) and isinstance(p.value, str) and p.value for p in parts)
-        found += [node.lineno] if named and letters else []
+        found += [(path, node.lineno)] if named and letters else []
     assert not found
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_classes_of_stages_are_known_in_their_own_wing_alone(path):
+def test_classes_of_stages_are_known_in_their_own_wing_alone():
     """Outside of ``stages`` none is imported; inside, what a stage is is not asked by the class of another subject."""
-    tree, inside = ast.parse(path.read_text()), path.relative_to(PACKAGE).parts
+    assert not {path: known for path in FILES if (known := _known_elsewhere(path))}
+
+
+def _known_elsewhere(path):
+    tree, inside = parsed(path), path.relative_to(PACKAGE).parts
     imported = {
         alias.name: n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module for alias in n.names
     }
@@ -132,13 +137,12 @@ def test_classes_of_stages_are_known_in_their_own_wing_alone(path):
         if ".stages" in module and module.startswith("etendue_camera.")
     }
     if inside[0] != "etendue_camera" or "stages" not in inside:
-        assert not stages
-        return
+        return set(stages)
     others = {name for name, module in stages.items() if module.split(".")[1] != inside[1]}
     asked = [
         n.args[1] for n in ast.walk(tree) if isinstance(n, ast.Call) and _called(n) in ("isinstance", "issubclass")
     ]
-    assert not {name.id for one in asked for name in ast.walk(one) if isinstance(name, ast.Name)} & others
+    return {name.id for one in asked for name in ast.walk(one) if isinstance(name, ast.Name)} & others
 
 
 def _called(call):

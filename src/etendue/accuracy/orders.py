@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
 from etendue.plan.expansion.search import Value
+from etendue.types.arrays import FloatArray
 
 ROUNDING = 3e-15  # smaller errors are rounding in 64 bits
 LARGEST = 0.1  # larger errors do not converge yet
@@ -37,7 +37,7 @@ class Convergence:
 
 
 def convergence(
-    settings: Sequence[Any], errors: Sequence[float | None], floor: float = 0.0, reference: float | None = None
+    settings: Sequence[Value], errors: Sequence[float | None], floor: float = 0.0, reference: float | None = None
 ) -> Convergence:
     """Return the law by which errors fall from setting to setting: the one with the smaller residual in log error.
 
@@ -73,7 +73,7 @@ def convergence(
     return Convergence(fits[law][1] if law else None, law, tuple(map(float, size)), "" if law else IRREGULAR)
 
 
-def _why_not(settings: Sequence[Any], errors: Sequence[float | None], least: float) -> str:
+def _why_not(settings: Sequence[Value], errors: Sequence[float | None], least: float) -> str:
     """Return the reason why the settings give no order of convergence; '' if no setting is a size."""
     numbers = [e or 0.0 for s, e in zip(settings, errors, strict=True) if _is_size(s)]
     above = sum(e > least for e in numbers)
@@ -82,11 +82,11 @@ def _why_not(settings: Sequence[Any], errors: Sequence[float | None], least: flo
     return ROUNDED if not above and any(numbers) else FEW if above < 3 else IRREGULAR
 
 
-def _is_size(setting: Any) -> bool:
+def _is_size(setting: Value) -> bool:
     return not isinstance(setting, bool | str) and 0 < setting < math.inf
 
 
-def _falling(settings: Sequence[Any], errors: Sequence[float | None], least: float) -> list[tuple[float, float]]:
+def _falling(settings: Sequence[Value], errors: Sequence[float | None], least: float) -> list[tuple[float, float]]:
     """Return settings and errors as long as the error falls from each to the next."""
     numbers = [(s, e or 0.0) for s, e in zip(settings, errors, strict=True) if _is_size(s)]
     used = [(float(s), float(e)) for s, e in numbers if least < e < LARGEST]
@@ -96,7 +96,7 @@ def _falling(settings: Sequence[Any], errors: Sequence[float | None], least: flo
     return used
 
 
-def _beside_a_finite_reference(local: Any, step: Any, error: Any, last: float) -> Any:
+def _beside_a_finite_reference(local: FloatArray, step: FloatArray, error: FloatArray, last: float) -> FloatArray:
     """Correct local orders for a finite reference: find p with h^p - r^p falling as measured; unchanged if none
     does.
     """
@@ -125,12 +125,12 @@ def law_of(settings: Sequence[Value], errors: Sequence[float | None], finite: bo
     return convergence(settings[:counted], errors[:counted], reference=last)
 
 
-def remaining(settings: Sequence[Any], moved: float, found: Convergence) -> float:
+def remaining(settings: Sequence[Value], moved: float, found: Convergence) -> float:
     """Return the possible error of a finite reference: the change by its last refinement or, if an order is known, the
     remainder that follows from the order.
     """
     before, last = settings[-2:]
-    if found.order is None or found.order < 0.5 or isinstance(last, bool | str):
+    if found.order is None or found.order < 0.5 or isinstance(last, bool | str) or isinstance(before, bool | str):
         return moved
     if found.law == "geometric":
         return moved / math.expm1(min(found.order * abs(last - before), 700.0))

@@ -90,7 +90,7 @@ def chosen(arrays: Mapping[str, Array], variable: str, path: str) -> Cube:
     )
 
 
-def spectral(values: Array, wavelength: Any) -> Cube:
+def spectral(values: Array, wavelength: Array | None) -> Cube:
     """Move the wavelength axis to the front: the one whose length matches, the last if two match."""
     if wavelength is None or values.ndim != 3:
         return Cube(values, wavelength)

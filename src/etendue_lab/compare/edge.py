@@ -10,6 +10,7 @@ The contrast that the rendering of the edge removes is known exactly, and divide
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,6 +25,7 @@ from etendue.plan.model import Node, Plan, StageVariable
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
 from etendue.types.arrays import Array
+from etendue.types.documents import AxisValue
 from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 from etendue_camera.roles import EdgeScene, FlatScene
 from etendue_lab.compare import installed
@@ -48,7 +50,13 @@ class EdgeFigures:
 
 
 def measure(
-    branched: Branched, plan: Plan, asked: AxisRequest, values: Any, white: float, registry: Registry, options: Options
+    branched: Branched,
+    plan: Plan,
+    asked: AxisRequest,
+    values: Sequence[AxisValue],
+    white: float,
+    registry: Registry,
+    options: Options,
 ) -> EdgeFigures:
     """Run the edge and measure it; a failure becomes a note, not an exception.
 
@@ -62,7 +70,13 @@ def measure(
 
 
 def _measured(
-    branched: Branched, plan: Plan, asked: AxisRequest, values: Any, white: float, registry: Registry, options: Options
+    branched: Branched,
+    plan: Plan,
+    asked: AxisRequest,
+    values: Sequence[AxisValue],
+    white: float,
+    registry: Registry,
+    options: Options,
 ) -> EdgeFigures:
     place, reference = branched.linear.ours, branched.linear.reference
     if place[1] == "rgb_display":

@@ -31,7 +31,7 @@ from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
 from etendue.transfer.products import Product, alone, behind_filters, between, weights
-from etendue.types.arrays import Array
+from etendue.types.arrays import Array, FloatArray
 from etendue_camera.resolution import information, noise_power
 from etendue_camera.roles import Scaled
 from etendue_lab.noise.flat_field import MOSAIC, REACH, FlatField, another, followed, in_front_of_grey
@@ -118,12 +118,12 @@ class FineDetail(FlatField):
         made, _ = compute(replace(self.jobs[node.name, ()], expected=True), results)
         return 0.0 if made.failed else float(np.mean(made.arrays[CHARGE]))
 
-    def contrast(self, channel: str, fy: Array, fx: Array, without: Collection[str] = ()) -> Any:
+    def contrast(self, channel: str, fy: Array, fx: Array, without: Collection[str] = ()) -> FloatArray:
         """Return the (m, n) transfer function of a channel before the mosaic, without some of its stages."""
         bands = self.band_contrast(fy, fx, [n for n in self.lens if n not in without])
         return self.mean(channel, bands, fy, fx, [n for n in self.moved if n not in without])
 
-    def mean(self, channel: str, bands: Array, fy: Array, fx: Array, moved: Collection[str]) -> Any:
+    def mean(self, channel: str, bands: Array, fy: Array, fx: Array, moved: Collection[str]) -> FloatArray:
         """Return the (m, n) transfer function of a channel from those of its bands (wavelength, m, n), including the
         charge that some stages move between pixels.
         """
@@ -134,7 +134,8 @@ class FineDetail(FlatField):
             [between(self.moved[n], y, x, self.light, alone(self.moved[n], self.edges)) for n in moved]
             for y, x in ((np.asarray(fy) / self.pitch, np.asarray(fx) / self.pitch), (zero, zero))
         )
-        return behind_filters(bands, self.photons, made, [one[..., 0, 0] for one in still])[self.number[channel]]
+        found = behind_filters(bands, self.photons, made, [one[..., 0, 0] for one in still])[self.number[channel]]
+        return np.asarray(found)
 
     def band_contrast(self, fy: Array, fx: Array, names: Collection[str]) -> Array:
         """Return the (wavelength, m, n) transfer function of some stages together."""
@@ -202,7 +203,7 @@ class FineDetail(FlatField):
         corner = [shape[i] - (REACH + 4) for i in (-2, -1)]  # windows may be cut at the near border, not at the far one
         return np.array([[corner[0] + y, corner[1] + x] for y, x in self.order])
 
-    def signal_in(self, picture: StageVariable, fy: Array, fx: Array, dark: bool = False) -> Any:
+    def signal_in(self, picture: StageVariable, fy: Array, fx: Array, dark: bool = False) -> FloatArray:
         """Return (channel, m, n): mean of a picture times the transfer function of grey detail; ``dark``: its mean
         alone, including dark charge.
         """
@@ -214,15 +215,15 @@ class FineDetail(FlatField):
             total = total + weight * noise_power.carried_signal(
                 noise_power.spectra(responses, self.sites(responses.shape), fy, fx), places
             )
-        return total
+        return np.asarray(total)
 
-    def noise_in(self, picture: StageVariable, fy: Array, fx: Array) -> Any:
+    def noise_in(self, picture: StageVariable, fy: Array, fx: Array) -> FloatArray:
         """Return (channel, channel, m, n): cross power spectra of a picture's noise."""
         total: Any = 0.0
         for responses, variance, weight in self.answers[picture]:
             found = noise_power.spectra(responses, self.sites(responses.shape), fy, fx)
             total = total + weight * noise_power.carried_power(found, variance)
-        return total
+        return np.asarray(total)
 
     def names_of(self, picture: StageVariable) -> tuple[str, ...]:
         return tuple(str(v) for v in self.plan.cells[picture[0], ()].grids[picture[1]]["channel"].values())

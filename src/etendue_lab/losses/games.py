@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from etendue.plan.model import StageVariable
+from etendue.types.arrays import FloatArray
 from etendue_camera.resolution import noise_power
 from etendue_camera.resolution.information import nyquist_square
 from etendue_lab.information.fine_detail import SHOT, FineDetail
@@ -130,20 +131,20 @@ class SignalToNoise:
 
     def _mosaic(
         self, place: StageVariable, light: Mapping[str, float], variance: Mapping[str, float]
-    ) -> tuple[Any, float]:
+    ) -> tuple[FloatArray, float]:
         """Return noise power and signal of the demosaicer's picture or, without it, of full planes."""
         if place != self.places[0]:
             return np.full(self.square.weight.shape, variance[self.channel]), light[self.channel]
         shares, level = self._carried[place]
         return self._weighed(shares, variance), float(self._weighed(level, light))
 
-    def _weighed(self, values: Any, numbers: Mapping[str, float]) -> Any:
+    def _weighed(self, values: FloatArray, numbers: Mapping[str, float]) -> FloatArray:
         """Return the sum of values at the places of the mosaic cell, each times the number of its channel."""
         channels = [str(self.detail.mask[p]) for p in self.detail.order]
-        return sum(value * numbers[channel] for value, channel in zip(values, channels, strict=True))
+        return np.asarray(sum(value * numbers[channel] for value, channel in zip(values, channels, strict=True)))
 
     @cached_property
-    def _carried(self) -> dict[StageVariable, tuple[Any, Any]]:
+    def _carried(self) -> dict[StageVariable, tuple[FloatArray, FloatArray]]:
         """Noise transfer by picture: (place, m, n) noise power for unit variance at a position of the mosaic cell,
         (place,) signal for unit mean.
         """
@@ -163,7 +164,7 @@ class SignalToNoise:
         return found
 
     @cached_property
-    def _step(self) -> dict[StageVariable, tuple[Any, float]]:
+    def _step(self) -> dict[StageVariable, tuple[FloatArray, float]]:
         """Factors by picture after the first: noise power and signal relative to those of the previous picture."""
         variance = {c: self.detail.variances(c) for c in self.detail.channels}
         found, last = {}, None

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.arrays import FloatArray
 from etendue.types.documents import Document
 from etendue_lab.measure.photograph import ENCODED, PhotographFile, open_photograph
 
@@ -124,7 +125,7 @@ def _shown(photograph: PhotographFile) -> Any:
     """Return (rows, columns) or (rows, columns, 3), 0 to 1, as shown; a large picture is subsampled."""
     every = math.ceil(max(photograph.rows, photograph.columns) / WIDEST)
     part = photograph.values[::every, ::every] / photograph.full
-    seen = np.clip(part, 0, 1)
+    seen: FloatArray = np.clip(part, 0, 1)
     if photograph.encoding == "linear":
         seen = ENCODED["sRGB"](seen / max(float(np.percentile(seen, 99.5)), 1e-9) if photograph.is_raw else seen)
     return np.clip(seen[..., 0] if seen.shape[2] == 1 else seen, 0, 1)

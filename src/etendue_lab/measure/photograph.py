@@ -6,6 +6,7 @@ Out: planes in linear light, the file's own numbers, its scale, the sites of eac
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,13 +16,13 @@ import numpy as np
 
 from etendue import plain_files
 from etendue.errors import RequestError
-from etendue.types.arrays import Array
-from etendue.types.documents import Document
+from etendue.types.arrays import Array, FloatArray
 from etendue_camera.colour import encoding as transfer
 from etendue_camera.picture_files import check_directories, read_picture
 from etendue_camera.quality.block_coding import BLOCK, coded
 
 ENCODINGS = ("sRGB", "BT.709", "linear")
+Cut = slice | tuple[slice, ...]  # a part of a picture
 PLANES = ("red", "green", "blue")
 RAW = frozenset(
     {
@@ -46,13 +47,14 @@ RAW = frozenset(
 )
 MOST_PIXELS = 160_000_000  # Pillow opens at most 179 million
 INSTALL = "pip install 'etendue[raw]'"
-LINEARISED: Document = {
+Curve = Callable[[FloatArray], FloatArray]
+LINEARISED: dict[str, Curve] = {
     "sRGB": transfer.srgb_decode,
     "BT.709": transfer.bt709_decode,
     "linear": lambda values: values,
 }
 
-ENCODED: Document = {
+ENCODED: dict[str, Curve] = {
     "sRGB": transfer.srgb_encode,
     "BT.709": transfer.bt709_encode,
     "linear": lambda values: values,
@@ -116,7 +118,7 @@ class PhotographFile:
             raise RequestError("--channel luminance: each pixel of a raw file has one colour; give red, green or blue")
         return asked
 
-    def linear(self, channel: str, cut: Any = np.s_[:]) -> tuple[Any, Array | None]:
+    def linear(self, channel: str, cut: Cut = np.s_[:]) -> tuple[Any, Array | None]:
         """Return a part of a channel in linear light (y, x), 1 at full scale, and a mask of its pixels; None: all."""
         part = self.values[cut]
         if self.is_raw:
@@ -125,7 +127,7 @@ class PhotographFile:
             return sum(weight * self._decoded(part[..., i]) for i, weight in enumerate(self.weights)), None
         return self._decoded(part[..., max(self.names.index(channel), 0)]), None
 
-    def sites(self, channel: str, cut: Any = np.s_[:]) -> Any:
+    def sites(self, channel: str, cut: Cut = np.s_[:]) -> Any:
         """Return which pixels of a mosaic have a colour; None: all."""
         if not self.is_raw or self.names == ("grey",):
             return None
@@ -158,7 +160,7 @@ class PhotographFile:
         """Whether the file holds rounded cosine transforms of blocks."""
         return self.table is not None
 
-    def written(self, linear: Array, rng: np.random.Generator) -> Any:
+    def written(self, linear: Array, rng: np.random.Generator) -> FloatArray:
         """Return a plane in linear light after compression as in this file, with random block position and level
         offsets.
         """
@@ -169,15 +171,15 @@ class PhotographFile:
         return self._light[coded(encoded, self.table, (down, right)).astype(np.intp)]
 
     @cached_property
-    def _light(self) -> Any:
+    def _light(self) -> FloatArray:
         """Linear value of each 8-bit number."""
         return self._decoded(np.arange(256))
 
-    def planes(self, cut: Any = np.s_[:]) -> Any:
+    def planes(self, cut: Cut = np.s_[:]) -> Any:
         """Return all channels in linear light, (channel, y, x)."""
         return self._decoded(np.moveaxis(self.values[cut], -1, 0))
 
-    def clipped(self, cut: Any = np.s_[:]) -> Any:
+    def clipped(self, cut: Cut = np.s_[:]) -> Any:
         """Return (y, x): pixels with a channel at an end of its scale; in a raw file only at the upper end, since its
         noise is not clipped at the lower.
         """
@@ -185,7 +187,7 @@ class PhotographFile:
         top = (part >= self.full).any(-1)
         return top if self.is_raw else top | (part <= 0).any(-1)
 
-    def _decoded(self, values: Array) -> Any:
+    def _decoded(self, values: Array) -> FloatArray:
         return LINEARISED[self.encoding](np.asarray(values, np.float64) / self.full)
 
 

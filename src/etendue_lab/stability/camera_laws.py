@@ -19,7 +19,7 @@ import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import resources
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -32,7 +32,10 @@ from etendue.testing.bench import largest_difference
 from etendue.types.arrays import Array, FloatArray
 from etendue.types.documents import Document
 
-Run = Callable[[Document], Any]  # from a document to its tree
+if TYPE_CHECKING:
+    import xarray
+
+Run = Callable[[Document], "xarray.DataTree"]  # from a document to its tree
 
 TIMES = tuple(10.0**k for k in range(-3, 4))
 ROUNDING = 2e-5  # of full scale: float32 through transforms, matrices and encodings; a grey level of 8 bits is 4e-3
@@ -111,7 +114,7 @@ def uniform(made: Document, reflectance: float = 0.4) -> Document:
     return made
 
 
-def laws(document: Document, tree: Any, run: Run) -> Iterator[Broken]:
+def laws(document: Document, tree: xarray.DataTree, run: Run) -> Iterator[Broken]:
     """Yield every law that a camera breaks; ``tree`` is its own run."""
     yield from bounded(document, tree)
     yield from told("monotone", over_time(document), run, any_scene)
@@ -121,7 +124,9 @@ def laws(document: Document, tree: Any, run: Run) -> Iterator[Broken]:
     yield from told("linear", light(document), run, linear)
 
 
-def told(law: str, made: Document, run: Run, judge: Callable[[Document, Any], Iterator[Broken]]) -> Iterator[Broken]:
+def told(
+    law: str, made: Document, run: Run, judge: Callable[[Document, xarray.DataTree], Iterator[Broken]]
+) -> Iterator[Broken]:
     try:
         tree = run(made)
     except Refused as refused:  # the plan refused the twin, although it differs only in scene, time or light
@@ -146,7 +151,7 @@ class Failure(Exception):
         super().__init__(text)
 
 
-def array(tree: Any, stage: str, variable: str) -> Array:
+def array(tree: xarray.DataTree, stage: str, variable: str) -> Array:
     """Return an array of a tree whose stages have one shape."""
     return np.asarray(tree[stage][variable].values)
 
@@ -154,7 +159,7 @@ def array(tree: Any, stage: str, variable: str) -> Array:
 # ----------------------------------------------------------------------------------------------------- bounded
 
 
-def bounded(document: Document, tree: Any) -> Iterator[Broken]:
+def bounded(document: Document, tree: xarray.DataTree) -> Iterator[Broken]:
     registry = installed_stages()
     top = 2 ** document["camera"]["bits"] - 1
     for stage in document["stages"]:
@@ -185,7 +190,7 @@ def over_time(document: Document) -> Document:
     return made
 
 
-def any_scene(made: Document, tree: Any) -> Iterator[Broken]:
+def any_scene(made: Document, tree: xarray.DataTree) -> Iterator[Broken]:
     mosaic = array(tree, "ideal", "mosaic_linear")
     for place in made["wanted"]:
         stage, _, variable = place.partition(".")
@@ -215,7 +220,7 @@ def grey_over(document: Document, axis: str) -> Document:
     return made
 
 
-def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
+def grey_card(made: Document, tree: xarray.DataTree) -> Iterator[Broken]:
     what = "time" if "integration_time" in made["sweep"] else "light"
     mosaic, display = array(tree, "ideal", "mosaic_linear"), array(tree, ENCODED, "rgb_display")
     largest = float(np.abs(array(tree, *MATRIX.split("."))).max())
@@ -310,7 +315,7 @@ def even(document: Document) -> Document:
     return made
 
 
-def flux(made: Document, tree: Any) -> Iterator[Broken]:
+def flux(made: Document, tree: xarray.DataTree) -> Iterator[Broken]:
     first, last = (array(tree, place.partition(".")[0], "irradiance") for place in (made["wanted"] * 2)[:2])
     away = measured.ratio_of(largest_difference(last, first), full_scale(first))
     measured.told(away, FLUX)
@@ -329,7 +334,7 @@ def light(document: Document) -> Document:
     return made
 
 
-def linear(made: Document, tree: Any) -> Iterator[Broken]:
+def linear(made: Document, tree: xarray.DataTree) -> Iterator[Broken]:
     once, ten = array(tree, "cfa", "photocurrent").astype(np.float64)
     away = measured.ratio_of(largest_difference(ten, 10 * once), full_scale(ten))
     measured.told(away, LINEAR)

@@ -25,7 +25,7 @@ from etendue.plan.model import Cell, CellRef, Plan
 from etendue.present.pictures.appearance import Appearance, appearance
 from etendue.present.pictures.details import PlaneWindow, band_of, lines_of
 from etendue.present.pictures.fitting import LARGEST, Fitted, Rows, Tinted, fitted
-from etendue.types.arrays import Array
+from etendue.types.arrays import Array, FloatArray
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class _View:
             return Gathering(self, shape, Tinted(shape, self.seen.tints, self.seen.values))
         return Gathering(self, shape, Fitted(shape, self.seen.values))
 
-    def finished(self, small: Any) -> Any:
+    def finished(self, small: FloatArray) -> FloatArray:
         """Return the picture of a reduced variable."""
         return small if self.seen.tints is not None else self.seen.mixed(small)
 

@@ -7,9 +7,9 @@ Out: full well and saturation (electrons), analogue gain, DN per electron.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from etendue.api import Stage, quantity
+from etendue_camera.arrays import Floats
 from etendue_camera.electronics import amplifier, response
 
 
@@ -65,11 +65,11 @@ class GainChain(Well, Amplifier):
         """Return the charge at which the response has lost ``response_bend``: 2^bits - 1 DN, electron."""
         return float((2**self.bits - 1) / self.dn_per_electron())
 
-    def after_bend(self, charge: Any) -> Any:
+    def after_bend(self, charge: Floats) -> Floats:
         """Return charge after the response, electron."""
         return response.bent(charge, self.response_bend, self.response_order, self.bend_scale())
 
-    def before_bend(self, charge: Any) -> Any:
+    def before_bend(self, charge: Floats) -> Floats:
         """Return charge before the response, electron."""
         return response.unbent(charge, self.response_bend, self.response_order, self.bend_scale())
 

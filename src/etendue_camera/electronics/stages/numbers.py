@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from etendue_camera.sensor.stages.crosstalk import mixing_of
 from etendue_camera.sensor.stages.sensitivity import Collecting, electrons_per_irradiance
 
 # roles of stages that change noise but enter no metric of a good pixel
+Colours = tuple[FloatArray, FloatArray, tuple[float, ...]]  # electrons per irradiance, lumens, edges of the bands
 NOT_OF_A_PIXEL = (*DEFECTIVE, *PROCESSING, "merging")
 
 
@@ -172,13 +173,13 @@ class ExposureNumbers(NoiseFloor, Collecting):
     f_number: float = quantity("f_number")
     integration_time: float = quantity("integration_time")
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Colours:
         edges = tuple(coordinates["wavelength_edges"])
         lumens = LUMINOUS_EFFICACY * spectra.luminous_efficiency(edges) * np.diff(edges)
         return electrons_per_irradiance(self, edges), lumens, edges
 
     def run(
-        self, white_radiance: FloatArray, white_irradiance: FloatArray, prepared: Any, sheets: Sheets = ()
+        self, white_radiance: FloatArray, white_irradiance: FloatArray, prepared: Colours, sheets: Sheets = ()
     ) -> dict[str, Array]:
         time = self.integration_time
         electrons, lumens, edges = prepared

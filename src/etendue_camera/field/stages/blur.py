@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from etendue_camera.field import blur, warp
 from etendue_camera.field.psf_bank import PsfBank
 from etendue_camera.field.stages.illumination import ends_of, farthest
 from etendue_camera.field.stages.profile import Profiled, measured_heights
+
+Ratios = tuple[Callable[[FloatArray], FloatArray], ...]  # by band, as `warp.DistortionCurve.ratio` gives them
 
 
 @lru_cache(maxsize=8)
@@ -288,17 +290,17 @@ class Distortion(Profiled, Banded, Bounded):
         own = self.table or self.k1 or self.k2 or self.k3 or self.lateral_colour
         return not own and self.of_lens() is None
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Ratios:
         corner = math.hypot(np.abs(coordinates["y_um"]).max(), np.abs(coordinates["x_um"]).max())
         lens, bands = self.map(), coordinates["wavelength"]
         if lens.table is None and not lens.lateral_colour:  # the same for every colour
             return (lens.ratio(corner, float(bands[0]) * 1e-3),) * len(bands)
         return tuple(lens.ratio(corner, float(w) * 1e-3) for w in bands)
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: Ratios, bands: slice) -> Ratios:
         return prepared[bands]
 
-    def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray, prepared: Ratios) -> dict[str, Array]:
         if self.does_nothing():
             return {"irradiance": irradiance}
         planes = np.empty_like(irradiance)

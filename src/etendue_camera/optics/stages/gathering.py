@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -64,7 +64,7 @@ class Irradiance(Conjugates, Banded):
         model = radiometry.aplanatic_factor if self.aperture_model == "aplanatic" else radiometry.flat_disc_factor
         return float(model(self.f_number, magnification, self.pupil_magnification)) * self.transmittance
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: None, bands: slice) -> None:
         return prepared
 
     def run(self, radiance: FloatArray, white_radiance: FloatArray) -> dict[str, Array]:
@@ -113,7 +113,7 @@ class OpticalFilter(Banded, Bounded, Tinting):
     )
     edge: float = param(15.0, units="nm", above=0, doc="width of the cut-off, from 73 to 27 per cent")
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         if self.table:
             transmission = spectra.table_from_csv(self.table, tuple(coordinates["wavelength_edges"]))[1][:, 0]
             if transmission.min() < 0 or transmission.max() > 1 + 1e-9:
@@ -130,10 +130,10 @@ class OpticalFilter(Banded, Bounded, Tinting):
             self.prepare({"wavelength_edges": np.array(bands.edges), "wavelength": np.array(bands.values())})
         )
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: FloatArray, bands: slice) -> FloatArray:
         return prepared[bands]
 
-    def run(self, irradiance: FloatArray, white_irradiance: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, irradiance: FloatArray, white_irradiance: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         return {
             "irradiance": irradiance * prepared[:, None, None].astype(irradiance.dtype),
             "white_irradiance": white_irradiance * prepared,

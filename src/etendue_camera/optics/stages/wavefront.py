@@ -222,7 +222,7 @@ class Wavefront(Blur, Aberrated, Transfer):
                 return None
         return self.tables(bands)
 
-    def tables(self, bands: FloatArray) -> tuple[Any, Any, Any]:
+    def tables(self, bands: FloatArray) -> tuple[FloatArray, FloatArray | None, Array]:
         shortest = float(bands.min())
         steep = self.steepness / shortest
         if self.by_quadrature(shortest):
@@ -244,7 +244,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         found = np.stack([self.lattice(clear, path, w) for w in bands])
         return bands, None, found
 
-    def radial_path(self, square: Any) -> FloatArray:
+    def radial_path(self, square: FloatArray) -> FloatArray:
         return self.path(0.0, np.sqrt(square))
 
     def lattice(self, clear: FloatArray, path: FloatArray, wavelength: float) -> Array:
@@ -285,7 +285,7 @@ class Wavefront(Blur, Aberrated, Transfer):
                 out[band] = np.where(clear > 0.0, clear + change, 0.0)
         return out
 
-    def clear_otf(self, fy: FloatArray, fx: FloatArray) -> Callable[[Any], Any]:
+    def clear_otf(self, fy: FloatArray, fx: FloatArray) -> Callable[[FloatArray], FloatArray]:
         """Return the OTF of the aperture alone at these frequencies, as a function of |f| lambda N_w on the same
         grid."""
         if self.aperture != "polygonal":

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Line, Probe, measured, param, quantity
+from etendue.api import Grid, Line, Probe, measured, param, quantity
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.known_noise import KnownNoise, Sheets
 from etendue_camera.resolution import information
@@ -118,7 +118,9 @@ class Information(KnownNoise, Probe):
             "neq": neq,
         }
 
-    def contrasts(self, otf: Otf, colours: FloatArray, white: FloatArray | None, fy: FloatArray, fx: FloatArray) -> Any:
+    def contrasts(
+        self, otf: Otf, colours: FloatArray, white: FloatArray | None, fy: FloatArray, fx: FloatArray
+    ) -> FloatArray | list[Array]:
         """Return the contrast (channel, m, n) at frequencies in cycles/pixel."""
         fy, fx = np.asarray(fy) / self.pixel_pitch, np.asarray(fx) / self.pixel_pitch
         if otf.behind:
@@ -148,7 +150,7 @@ class Information(KnownNoise, Probe):
         letters = "".join("".join(row) for row in mask.rows)
         return np.array([letters.count(channel) / len(letters) for channel in mask.channels])
 
-    def by_channel(self, mosaic: FloatArray, grid: Any) -> FloatArray:
+    def by_channel(self, mosaic: FloatArray, grid: Grid) -> FloatArray:
         """Return the channel means (channel,) of a mosaic, for the first exposure."""
         mosaic = mosaic.reshape(-1, *mosaic.shape[-2:])[0]
         y, x, mask = grid.line("y"), grid.line("x"), mask_of(self.pattern)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class PictureProbe(Probe):
 
 
 def weighed(
-    transfers: Sequence[tuple[str, Otf]], matrices: Any, whites: Any, decode: Callable[[FloatArray], FloatArray]
+    transfers: Sequence[tuple[str, Otf]], matrices: Seen, whites: Seen, decode: Callable[[FloatArray], FloatArray]
 ) -> dict[str, Callable[[FloatArray], FloatArray]]:
     """Return the function that computes the luminance of each variable; ``decode`` is for encoded display values."""
     green = second_of(transfers)
@@ -75,7 +75,7 @@ def decoded(picture: FloatArray, encoding: str, exponent: float) -> FloatArray:
     return (transfer.srgb_decode if encoding == "sRGB" else transfer.bt709_decode)(picture)
 
 
-def check_encoding(linear: Any, encoded: Any, encoding: str, exponent: float) -> None:
+def check_encoding(linear: Seen, encoded: Seen, encoding: str, exponent: float) -> None:
     """Raise ValueError for an encoding other than the one between the last linear and the last encoded picture."""
     if not linear or not encoded:
         return
@@ -113,7 +113,7 @@ def _mixed(weights: FloatArray | None, planes: FloatArray) -> FloatArray:
     return np.tensordot(own.astype(planes.dtype), planes, 1)
 
 
-def _luminance(matrices: Any, whites: Any) -> FloatArray | None:
+def _luminance(matrices: Seen, whites: Seen) -> FloatArray | None:
     """Return Y of camera RGB through the fitted matrix, (channel,); None without one."""
     if not matrices or not whites or len(whites[-1][1]) != matrices[-1][1].shape[1] or not np.all(whites[-1][1] > 0):
         return None

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import scipy
 
-from etendue.api import measured, param
+from etendue.api import Grid, measured, param
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.resolution.siemens import Star, StarResponse, star_response
 from etendue_camera.resolution.stages.edge_pictures import FAINTEST
@@ -149,7 +149,7 @@ class StarProbe(_Pictures):
         rows = np.array([found[name] for name in stage], dtype=float).reshape(-1, 3)
         return {"star_mtf50": rows[:, 0], "star_mtf50_cycles": rows[:, 1], "star_mtf10": rows[:, 2]}
 
-    def measured(self, plane: FloatArray, grid: Any, contrast: float) -> StarResponse | None:
+    def measured(self, plane: FloatArray, grid: Grid, contrast: float) -> StarResponse | None:
         """Return the star of a picture, None where there is none; contrast 0 where it is unknown."""
         places = [
             (c - start) / step for c, (start, step) in zip((self.centre_y, self.centre_x), _lines(grid), strict=True)
@@ -246,12 +246,12 @@ def _clipped(array: FloatArray) -> bool:
     return float(np.mean(np.asarray(array) >= 1)) > SATURATED
 
 
-def _lines(grid: Any) -> tuple[tuple[float, float], tuple[float, float]]:
+def _lines(grid: Grid) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return (start, step) of y and of x, um."""
     return grid.line("y").um(), grid.line("x").um()
 
 
-def _reference(plane: FloatArray, grid: Any, shape: tuple[int, int], wanted: FloatArray) -> tuple[Any, float]:
+def _reference(plane: FloatArray, grid: Grid, shape: tuple[int, int], wanted: Grid) -> tuple[Any, float]:
     """Return the light at the positions of another grid, and the rms width (pixels) of its blur; None where it has no
     texture.
     """

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -31,7 +31,7 @@ class Uniform(Scene, FlatScene):
     def known(self) -> Facts:
         return Facts(uniform=True, contrast=1.0)
 
-    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         return self.grey(np.full((out_y.size, out_x.size), self.reflectance), prepared)
 
 
@@ -52,7 +52,7 @@ class _TwoLevels(Scene):
         """Return the reflectance (y, x), about the centre of the window."""
         raise TypeError(f"{type(self).__name__} must implement chart")
 
-    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         return self.grey(
             self.chart(*self.centred(out_y, out_x), self.drawn(self.softness, self.low, self.high)), prepared
         )
@@ -102,7 +102,7 @@ class StepWedge(Scene):
     def known(self) -> Facts:
         return Facts(uniform=False, contrast=max(self.high / self.low, self.low / self.high))
 
-    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         y, x = self.centred(out_y, out_x)
         levels = np.geomspace(self.low, self.high, self.steps)
         wedge = charts.step_wedge(y, x, levels, 0.9 * self.width, 0.6 * self.height, self.drawn(self.softness))
@@ -127,7 +127,7 @@ class Points(Scene):
             uniform=False, contrast=(self.background + self.peak) / self.background if self.background > 0 else math.inf
         )
 
-    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         y, x = self.centred(out_y, out_x)
         spots = charts.points(y, x, self.pitch, self.spot_sigma, self.drawn(self.softness, self.background, self.peak))
         return self.grey(spots, prepared)
@@ -165,7 +165,7 @@ class ColorChecker(_Coloured):
     gap: float = param(0.1, at_least=0, below=1, doc="gap between patches, in patch pitches")
     softness: float = softness_knob()
 
-    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: tuple[FloatArray, FloatArray]) -> dict[str, Array]:
         white, reflectance = prepared
         y, x = self.centred(out_y, out_x)
         size = min(self.width / 6, self.height / 4)
@@ -206,7 +206,7 @@ class CompositeChart(_Coloured):
         charts.require_levels(self.low, self.high)
         return super().known()
 
-    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: tuple[FloatArray, FloatArray]) -> dict[str, Array]:
         white, reflectance = prepared
         y, x = self.centred(out_y, out_x)
         chart = composite.composite(

@@ -8,7 +8,7 @@ Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -17,8 +17,11 @@ import numpy as np
 from etendue import require
 from etendue.api import Banded, Bands, Discretised, Facts, Grid, Line, Source, param, proved, quantity
 from etendue_camera import spectra
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.scene.stages import cube_store
+
+# how bands are read, which of them, the light of white in them, the factor on what is read
+Prepared = tuple[Callable[[slice], Array], slice, FloatArray, FloatArray]
 
 SPECTRAL = "W m-2 sr-1 nm-1"
 
@@ -114,7 +117,7 @@ class RadianceCube(Source, Banded, Discretised):
         edges = _edges(self.file, group, array.shape[0], self.variable)
         return spectra.luminance_notes(self.illuminant, edges[0], edges[-1])
 
-    def _white(self, array: Any, group: Any) -> Any:
+    def _white(self, array: Any, group: Any) -> FloatArray:
         """Return the radiance of a white diffuser by band, from the store."""
         white = cube_store.values_of(self.file, group, "white_radiance", (array.shape[0],), SPECTRAL)
         if not (white >= 0).all() or not (white > 0).any():
@@ -135,23 +138,23 @@ class RadianceCube(Source, Banded, Discretised):
         )
         return Line(size, float(values[0]), float(step))
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Prepared:
         array, group = self._open()
         edges = tuple(coordinates["out_wavelength_edges"])
         if self.white_luminance:
-            white = spectra.light_of_luminance(self.illuminant, edges, self.white_luminance)
+            white: FloatArray = spectra.light_of_luminance(self.illuminant, edges, self.white_luminance)
             return array.__getitem__, slice(0, white.size), white, white
         white = self._white(array, group)
         return array.__getitem__, slice(0, white.size), white, np.ones_like(white)
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: Prepared, bands: slice) -> Prepared:
         read, _, white, scale = prepared
         return read, bands, white[bands], scale[bands]
 
-    def constants(self, prepared: Any) -> dict[str, Array]:
+    def constants(self, prepared: Prepared) -> dict[str, Array]:
         return {"white_radiance": prepared[2]}
 
-    def run(self, prepared: Any) -> dict[str, Array]:
+    def run(self, prepared: Prepared) -> dict[str, Array]:
         read, bands, white, scale = prepared
         try:
             light = read(bands)

@@ -11,7 +11,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from etendue_camera.picture_files import MOST_PIXELS, read_picture
 from etendue_camera.scene.stages.scene import Scene
 
 
-def _linear_photograph(path: str, rows: int, columns: int) -> Any:
+def _linear_photograph(path: str, rows: int, columns: int) -> tuple[FloatArray, str]:
     """Return ``_read_photograph``, cached until the file changes."""
     state = os.stat(path)
     return _read_photograph(path, rows, columns, (state.st_mtime_ns, state.st_size))
@@ -113,14 +113,14 @@ class Photograph(Scene):
         low, high = float(linear.min()), float(linear.max())
         return Facts(uniform=low == high, contrast=high / low if low > 0 else math.inf)
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, FloatArray]:
         edges = tuple(coordinates["out_wavelength_edges"])
         return super().prepare(coordinates), spectra.upsampling_basis(edges)
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: tuple[FloatArray, FloatArray], bands: slice) -> tuple[FloatArray, FloatArray]:
         return prepared[0][bands], prepared[1][bands]
 
-    def run(self, prepared: Any) -> dict[str, Array]:
+    def run(self, prepared: tuple[FloatArray, FloatArray]) -> dict[str, Array]:
         white, basis = prepared
         linear, _ = _linear_photograph(self.file, *self.size())
         cube = np.zeros((len(white), *linear.shape[1:]))

@@ -96,7 +96,7 @@ class Collecting(Sensitive):
             )
 
 
-def _columns_of(stage: Any, names: tuple[str, ...]) -> list[int | None]:
+def _columns_of(stage: Sensitive, names: tuple[str, ...]) -> list[int | None]:
     """Return the column of each channel in a table with these names; None for a clear pixel, which needs no column."""
     channels = mask_of(stage.pattern).channels
     if len(channels) == len(names) == 1:
@@ -122,7 +122,7 @@ def _columns_of(stage: Any, names: tuple[str, ...]) -> list[int | None]:
     return found
 
 
-def quantum_efficiency(stage: Any, edges: tuple[float, ...]) -> FloatArray:
+def quantum_efficiency(stage: Sensitive, edges: tuple[float, ...]) -> FloatArray:
     """Return electrons per incident photon, (channel, wavelength), at zero spatial frequency.
 
     A relative table is scaled to ``peak_qe`` per channel at its own peak, whatever the bins of the light; a clear pixel
@@ -143,7 +143,7 @@ def quantum_efficiency(stage: Any, edges: tuple[float, ...]) -> FloatArray:
     return _of_the_silicon(stage, edges, relative / peaks)
 
 
-def _of_the_silicon(stage: Any, edges: tuple[float, ...], relative: FloatArray) -> FloatArray:
+def _of_the_silicon(stage: Sensitive, edges: tuple[float, ...], relative: FloatArray) -> FloatArray:
     """Convert curves with a peak of 1 to electrons per photon: apply ``peak_qe`` and, for tables of filters alone,
     collection and surface.
     """
@@ -153,7 +153,7 @@ def _of_the_silicon(stage: Any, edges: tuple[float, ...], relative: FloatArray) 
     return efficiency
 
 
-def _relative(stage: Any, columns: list[int | None], table: FloatArray, edges: tuple[float, ...]) -> FloatArray:
+def _relative(stage: Sensitive, columns: list[int | None], table: FloatArray, edges: tuple[float, ...]) -> FloatArray:
     """Return the channels' columns per photon up to a factor, (channel, wavelength)."""
     centres = _centres(edges)
     found = np.stack([np.ones(centres.size) if column is None else table[:, column] for column in columns])
@@ -163,7 +163,7 @@ def _relative(stage: Any, columns: list[int | None], table: FloatArray, edges: t
     return found
 
 
-def unused_notes(stage: Any) -> list[str]:
+def unused_notes(stage: Sensitive) -> list[str]:
     """Return notes on quantities that were given but have no effect."""
     said = []
     if stage.sensitivity_kind == "system_qe" and stage.surface_transmission != 1:
@@ -179,7 +179,7 @@ def unused_notes(stage: Any) -> list[str]:
     return said
 
 
-def peaks_note(stage: Any) -> list[str]:
+def peaks_note(stage: Sensitive) -> list[str]:
     """Return a note for a table that looks absolute (columns between 0 and 1, with peaks other than 1) but is scaled to
     other peaks.
     """
@@ -211,7 +211,7 @@ def peaks_note(stage: Any) -> list[str]:
     ]
 
 
-def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
+def cut_off_notes(stage: Sensitive, edges: tuple[float, ...]) -> list[str]:
     """Return notes on a table that ends where a channel still responds: beyond its end the response counts as 0.
 
     Filters over silicon are judged separately: the charge at their ends depends on the silicon too.
@@ -230,7 +230,7 @@ def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
     return spectra.cut_off_note(what, [names[column] for column in chosen], rows, curves, edges[0], edges[-1])
 
 
-def collection_at_zero(stage: Any, wavelength_nm: FloatArray) -> FloatArray:
+def collection_at_zero(stage: Sensitive, wavelength_nm: FloatArray) -> FloatArray:
     """Return D(0) at each wavelength."""
     alphas = silicon.absorption(np.asarray(wavelength_nm) * 1e-3)
     diode = (stage.depletion_depth, stage.diffusion_depth, stage.diffusion_length, stage.back)
@@ -242,7 +242,7 @@ def _collected_at_zero(alpha: float, *diode: Any) -> float:
     return float(photodiode.collection(0.0, alpha, *diode))
 
 
-def electrons_per_irradiance(stage: Any, edges: tuple[float, ...]) -> FloatArray:
+def electrons_per_irradiance(stage: Collecting, edges: tuple[float, ...]) -> FloatArray:
     """Return electron/s of a pixel per W m-2 nm-1 in each bin, (channel, wavelength): width x lambda/hc x area x
     efficiency.
 
