@@ -319,6 +319,7 @@ class Plan:
     shared: DocumentView
     warnings: tuple[str, ...] = ()
     leaves_out: bool = True  # whether anything may be left out or approximated
+    digits: float = 0.0  # tolerance to which the digits of pictures are rounded; 0: all stay
     looked: float = 0.0  # seconds spent on the analysis of scenes that were never planned before
     expected: bool = False  # means instead of draws and rounding: integer variables are floats, nothing is stored
     # variables that ``keep`` names: they are stored even if all their cells are left out

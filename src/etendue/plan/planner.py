@@ -90,6 +90,7 @@ def make_plan(
         expected,
         versions,
         computed,
+        digits=pipeline.digits_left,
     )
     return plan_as(pipeline, registry, choice, told)
 
@@ -100,7 +101,8 @@ def plan_again(pipeline: PipelineFile, registry: Registry, leave_out_allowed: bo
     """
     leave_out_allowed = leave_out_allowed and pipeline.leave_out
     norm = pipeline.norm
-    choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision, norm, earlier=tuple(earlier))
+    digits, before = pipeline.digits_left, tuple(earlier)
+    choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision, norm, digits=digits, earlier=before)
     return plan_as(pipeline, registry, choice)
 
 
@@ -138,6 +140,7 @@ def plan_as(pipeline: PipelineFile, registry: Registry, choice: Choice, told: To
         precision=precision,
         shared=graph.shared,
         leaves_out=choice.leave_out,
+        digits=choice.digits,
         looked=looked,
         expected=choice.expected,
         warnings=(*swapped, *chosen, *graph.warnings, *warnings),

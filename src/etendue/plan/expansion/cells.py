@@ -21,7 +21,7 @@ from etendue.contract.values.bounds import MOST_CELLS, beyond, number
 from etendue.contract.values.late_bound import LateValue
 from etendue.errors import Fault, MachineError, PluginError, RequestError
 from etendue.pipeline.file import PipelineFile
-from etendue.plan import stage_calls
+from etendue.plan import digits, stage_calls
 from etendue.plan.designs.bundles import position_maps
 from etendue.plan.expansion import scenes
 from etendue.plan.expansion.deciding import Decider, Decisions, segment_input
@@ -195,7 +195,7 @@ class _Expansion:
     def seen_before(self, stage: Stage, facts: Facts, grids: Mapping[str, Grid]) -> tuple[Facts, Mapping[str, Grid]]:
         """Add to the facts of a scene what its light contains, if anything may be left out because of it."""
         assert isinstance(stage, Source)
-        if not self.choice.leave_out or facts.content is not None:
+        if not (self.choice.leave_out or self.choice.digits) or facts.content is not None:
             return facts, grids
         light = {name: grid for name, grid in grids.items() if name == scenes.light_of(type(stage))}
         if not light:
@@ -243,7 +243,8 @@ class _Expansion:
         except (ValueError, RequestError) as error:
             self.faults.setdefault(node.name, self.unfit(node, by_dim, error))
             return
-        versions, key = self.recipes.key(draft, decisions.left_out, seed, open_words, self.precision)
+        kept = digits.exponents(node.writes, decisions.facts, self.choice.digits, self.precision)
+        versions, key = self.recipes.key(draft, decisions.left_out, seed, open_words, self.precision, kept)
         cell = Cell(
             ref=(node.name, index),
             stage=stage,

@@ -12,7 +12,7 @@ from typing import Any
 
 from etendue.contract.capabilities import Sampled, draws_anew, is_random
 from etendue.contract.stage import Stage, looks, looks_at_stages, parameters_of, quantities_of, reads_of
-from etendue.plan import stage_calls
+from etendue.plan import digits, stage_calls
 from etendue.plan.cost import too_large
 from etendue.plan.expansion import seed_words
 from etendue.plan.expansion.forms import CellGrids, Draft
@@ -66,8 +66,9 @@ class Recipes:
         seed: bytes,
         open_words: tuple[seed_words.Open, ...],
         precision: str,
+        kept: Mapping[str, int | None],
     ) -> tuple[Mapping[str, str], str]:
-        """Return the library versions in a cell's key, and the key."""
+        """Return the library versions in a cell's key, and the key; ``kept``: the digits of what it hands on."""
         node, inputs = draft.node, draft.inputs
         if left_out:
             # A cell that is left out passes its input on unchanged: same bits, same key.
@@ -83,6 +84,8 @@ class Recipes:
         if draws:
             lines.append(seed.decode())  # includes the values of ancestors that are left out
             lines += [f"{word.stage}.{word.name} {self.cells[word.ref].key}" for word in open_words]
+        if kept:
+            lines.append(digits.in_words(kept))
         if draft.looks_at:
             lines.append(self.text_of_looked_at(node, draft.one, draft.looks_at))
         return versions, digest("\n".join(lines).encode())
