@@ -21,7 +21,6 @@ from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Sheet, Summed, Transfer
 from etendue.contract.ports import Target
 from etendue.contract.stage import looks_at_stages, patterns_of, reads_of
-from etendue.plan import digits
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.identity.once import Once
 from etendue.plan.identity.same_as import source_of
@@ -54,7 +53,6 @@ def make_jobs(
     return with_walks(dict(jobs), lambda ref: walker(plan, jobs.nodes[ref[0]], plan.cells[ref]), place)
 
 
-NONE: Mapping[str, float] = {}  # never written to; a plain dict, since a mapping proxy cannot be pickled
 Direct = tuple[tuple[CellRef, str], tuple[Cell, ...]]  # the input of a segment; the active cells before its end
 
 
@@ -255,7 +253,7 @@ class Jobs(Mapping[CellRef, Job]):
             mapped=Mapped(cell.mapped, _leading(self.nodes, cell)) if cell.mapped else None,
             expected=plan.expected,
             look=self.looks.get(ref),
-            steps=digits.steps(plan, node, cell) if plan.digits else NONE,
+            steps=cell.steps,
         )
         return job if cell.left_out is None else self._left_out(job, cell, node)
 

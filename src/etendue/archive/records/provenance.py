@@ -25,7 +25,7 @@ from etendue.contract.values.late_bound import LateValue
 from etendue.pipeline.file import PipelineFile
 from etendue.pipeline.form import DIGITS
 from etendue.pipeline.presets import preset_at
-from etendue.plan import digits
+from etendue.plan.expansion.digits import is_rounded
 from etendue.plan.identity.code import code_of
 from etendue.plan.identity.keys import canonical, file_digest, parameters_for_key, version_of
 from etendue.plan.model import Node, Plan
@@ -89,7 +89,7 @@ def node_records(plan: Plan) -> Document:
 
 def _digits(plan: Plan, node: Node) -> str:
     """Return in words how the pictures of a stage are rounded."""
-    rounds = plan.digits > 0 and any(map(digits.is_rounded, node.writes.values()))
+    rounds = plan.digits > 0 and any(map(is_rounded, node.writes.values()))
     return f"stated, tolerance {plan.digits:g}" if rounds else ALL_DIGITS
 
 

@@ -23,7 +23,7 @@ from etendue.archive.sharding.chunks import CODEC, DENSE, RAW, Chunk
 from etendue.archive.sharding.partition import chunk_of, counts_of, known_chunk, pieces_of, windows_of
 from etendue.archive.sharding.shards import EXTRA, LARGEST, block_of
 from etendue.archive.structure.layout import Layout, VariableLayout
-from etendue.plan.digits import is_rounded
+from etendue.plan.expansion.digits import is_rounded
 from etendue.plan.model import Plan
 from etendue.types.documents import Document, DocumentView
 

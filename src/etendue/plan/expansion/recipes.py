@@ -12,9 +12,10 @@ from typing import Any
 
 from etendue.contract.capabilities import Sampled, draws_anew, is_random
 from etendue.contract.stage import Stage, looks, looks_at_stages, parameters_of, quantities_of, reads_of
-from etendue.plan import digits, stage_calls
+from etendue.plan import stage_calls
 from etendue.plan.cost import too_large
 from etendue.plan.expansion import seed_words
+from etendue.plan.expansion.digits import in_words
 from etendue.plan.expansion.forms import CellGrids, Draft
 from etendue.plan.identity.code import code_digest, libraries_of
 from etendue.plan.identity.keys import digest, key_of, parameters_for_key, plain_text, version_of
@@ -85,7 +86,7 @@ class Recipes:
             lines.append(seed.decode())  # includes the values of ancestors that are left out
             lines += [f"{word.stage}.{word.name} {self.cells[word.ref].key}" for word in open_words]
         if kept:
-            lines.append(digits.in_words(kept))
+            lines.append(in_words(kept))
         if draft.looks_at:
             lines.append(self.text_of_looked_at(node, draft.one, draft.looks_at))
         return versions, digest("\n".join(lines).encode())
