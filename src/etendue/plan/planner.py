@@ -22,6 +22,7 @@ from etendue.plan.agreement import met_twice, taken_differently
 from etendue.plan.designs.drawing import with_design
 from etendue.plan.designs.summary import axes_said, design_said
 from etendue.plan.expansion.cells import Told, expand
+from etendue.plan.expansion.digits import stored_bytes
 from etendue.plan.expansion.fields import notes_on_the_scene
 from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.plan.wiring.automatic import settled
@@ -257,6 +258,7 @@ def summary(plan: Plan, peak_memory: int | None = None) -> Document:
         "seconds_known": all(s["seconds_known"] for s in stages),
         "peak_memory": peak_memory,
         "precision": plan.precision,
+        "digits": {"tolerance": plan.digits, "bytes": stored_bytes(plan)} if plan.digits else None,
         "tolerance": plan.pipeline.tolerance if plan.leaves_out else None,
         "norm": plan.pipeline.norm,
         "scene_seconds": plan.looked,

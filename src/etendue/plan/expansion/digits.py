@@ -25,9 +25,9 @@ from dataclasses import replace
 from etendue.contract.arrays.facts import UNKNOWN, Facts
 from etendue.contract.arrays.variables import Declaration, variable
 from etendue.contract.stage import Stage
-from etendue.plan import stage_calls
+from etendue.plan import cost, stage_calls
 from etendue.plan.expansion.forms import Draft
-from etendue.plan.model import ALL_DIGITS, Cell, CellRef, Node
+from etendue.plan.model import ALL_DIGITS, Cell, CellRef, Node, Plan
 
 DISPLAYED, LINEAR = ("encoded", "unencoded"), "linear"  # how variables are shown that are rounded
 SMALLEST = {"float32": -126, "float64": -1022}  # exponents below which floats have fewer digits anyway
@@ -123,3 +123,21 @@ def exponent(step: float, precision: str) -> int | None:
         return None
     found = math.frexp(step)[1] - 1
     return found if found >= SMALLEST[precision] else None
+
+
+def stored_bytes(plan: Plan) -> int:
+    """Return the bytes of what is stored if each value takes the bits from its sign to its step."""
+    total = 0.0
+    for node in plan.nodes:
+        names = [name for name in node.writes if (node.name, name) in plan.with_arrays]
+        for cell in plan.of(node.name) if names else ():
+            for name in names:
+                whole = cost.bytes_of(node.writes[name], cell.grids[name], plan.precision)
+                own = cell.digits.get(name)
+                total += whole if own is None else min(whole, cell.grids[name].count * _bits(node, cell, name, own) / 8)
+    return round(total)
+
+
+def _bits(node: Node, cell: Cell, name: str, own: int) -> int:
+    most = 1.0 if is_in_range(node.writes[name]) else cell.facts.high or brightest(cell.facts)
+    return max(math.frexp(most)[1] - own, 0) + 1

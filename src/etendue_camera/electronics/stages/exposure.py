@@ -140,7 +140,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         return Facts(
             low=low,
             high=max(light.high, 0.0) * longest * (1 + sight) + float(self.dark_charge(longest)) * (1 + dark),
-            brightest=None if light.brightest is None else light.brightest * shortest * max(1 - sight, 0.0),
+            brightest=None if light.brightest is None else light.brightest * shortest,  # patterns have a mean of 1
         )
 
 
