@@ -8,8 +8,9 @@ A step is the largest power of two within the tolerance times full scale. It fol
 be in the key of the cell, and from earlier cells alone, so that an edited exposure computes no light again. Full scale
 is
 
-- for light and charge, the largest value that it may reach, or twice the value that it is known to reach if that is
-  less. Rounding changes a value by at most half a step: at most the tolerance times the largest value;
+- for light and charge, the largest value that it may reach, or twice the value that it is known to reach after any blur
+  if that is less. Rounding changes a value by at most half a step: at most the tolerance times the largest value, also
+  where faint light around a point is rounded and a lens then makes the point as faint;
 - for pictures without a unit 1, the value of white; but up to the stage that scales a picture to its white, the part of
   the range of the converter that the charge reaches, because a dark exposure is made brighter later.
 
@@ -112,7 +113,7 @@ def brightest(facts: Facts) -> float:
     """Return the full scale of light or charge; 0 if it is unknown."""
     reached = max(facts.brightest or 0.0, facts.mean or 0.0, facts.low or 0.0)
     if (content := facts.content) is not None:
-        peaks = (row[0] for row in content.peaks) if content.widths else ()
+        peaks = (row[-1] for row in content.peaks) if content.widths else ()
         reached = content.full * max(*content.mean, *peaks)
     return min(2 * reached, math.inf if facts.high is None else facts.high)
 
