@@ -10,9 +10,9 @@ is
 
 - for light and charge, the largest value that it may reach, or twice the value that it is known to reach after any blur
   if that is less. Rounding changes a value by at most half a step: at most the tolerance times the largest value, also
-  where faint light around a point is rounded and a lens then makes the point as faint;
-- for pictures without a unit, 1, the value of white; but up to the stage that scales a picture to its white, the part of
-  the range of the converter that the charge reaches, because a dark exposure is made brighter later.
+  where faint light around a point is rounded and a blur then makes the point as faint;
+- for pictures without a unit, 1; but up to the stage that scales a picture to its white, the part of the range of the
+  converter that the charge reaches, because a dark exposure is made brighter later.
 
 Curves, metrics, maps, integers and coordinates keep all digits.
 """
