@@ -29,6 +29,7 @@ from etendue.contract.discretised import Discretised
 from etendue.contract.registry import Registry
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.file import PipelineFile
+from etendue.pipeline.form import DIGITS
 from etendue.plan.machine import available_memory
 from etendue.plan.model import Plan, StageVariable
 from etendue.plan.planner import make_plan
@@ -124,7 +125,7 @@ class Refinement:
         self.began = time.process_time()
         self.until = self.began + seconds
         # Nothing is left out: measuring needs no decisions, and those on a finer scene would cost more than measuring.
-        self.plan = make_plan(replace(pipeline, leave_out=False), registry)
+        self.plan = make_plan(replace(pipeline, leave_out=False, digits=DIGITS[0]), registry)
         self.pipeline = self.plan.pipeline
         self.names = shown_names(self.plan)
         self.start, self.first = self.plan, self.values()

@@ -20,6 +20,7 @@ from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.errors import PluginError
 from etendue.pipeline.derived import each, given
 from etendue.pipeline.file import PipelineFile, StageEntry
+from etendue.pipeline.form import DIGITS
 from etendue.plan.expansion.search import Knob, Value
 from etendue.types.documents import Document, DocumentView
 
@@ -116,7 +117,7 @@ def reference_of(
         if knobs is None
         else tuple(knobs)
     )
-    exact = replace(pipeline, precision="float64", leave_out=False)
+    exact = replace(pipeline, precision="float64", leave_out=False, digits=DIGITS[0])
     moved = [k for k in chosen if k.settings and k.before_reference != k.reference]
     best = {(k.stage, k.use, k.name): k.reference for k in chosen if k.settings}
     coarser = best | {(k.stage, k.use, k.name): k.before_reference for k in moved}

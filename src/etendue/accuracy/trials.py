@@ -172,6 +172,7 @@ class Trials:
             tolerance=pipeline.tolerance,
             leave_out=pipeline.leave_out,
             precision=pipeline.precision,
+            digits=pipeline.digits,
         )
         settings = {k.key: k.value for k in self.knobs}
         return self.run(own, settings, self.effort.repeat, pooled=False)

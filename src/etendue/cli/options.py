@@ -96,6 +96,11 @@ WANT = click.option(
 TOLERANCE = click.option(
     "--tolerance", metavar="T", help="Error allowed per stage for approximations and omissions, relative to full scale."
 )
+ROUND = click.option(
+    "--digits",
+    metavar="D",
+    help="Digits of stored pictures: exact (all), or stated (those that the tolerance leaves).",
+)
 NOTHING_LEFT_OUT = click.option(
     "--nothing-left-out", is_flag=True, help="Run every stage, even where it has no effect on the scene."
 )
@@ -146,6 +151,7 @@ class Given:
     designs: tuple[str, ...] = ()
     want: tuple[str, ...] = ()
     tolerance: str | None = None
+    digits: str | None = None
     nothing_left_out: bool = False
     no_stand_ins: bool = False
 
@@ -208,7 +214,19 @@ gather, gather_way = _gathered(Given, "given"), _gathered(Way, "way")
 
 def pipeline_options(function: Callable[..., None]) -> Any:
     """Add all options that describe a pipeline."""
-    for option in (gather, JSON, NO_STAND_INS, NOTHING_LEFT_OUT, TOLERANCE, WANT, DESIGNS, SWEEPS, settings(), FILE):
+    for option in (
+        gather,
+        JSON,
+        NO_STAND_INS,
+        NOTHING_LEFT_OUT,
+        ROUND,
+        TOLERANCE,
+        WANT,
+        DESIGNS,
+        SWEEPS,
+        settings(),
+        FILE,
+    ):
         function = option(function)
     return function
 
@@ -285,6 +303,8 @@ def overrides(given: Given) -> Document:
         found["wanted"] = [v for text in given.want for v in text.split(",")]
     if given.tolerance is not None:
         found["tolerance"] = number(given.tolerance)
+    if given.digits is not None:
+        found["archive.digits"] = given.digits
     if given.no_stand_ins:
         found["stand_ins"] = False
     return found

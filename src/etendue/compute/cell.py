@@ -22,6 +22,7 @@ from etendue.compute.job import Job
 from etendue.compute.joined.segments import Result, passed_on, transferred
 from etendue.compute.mapped import one_by_one
 from etendue.compute.ownership import as_array, for_reading, frozen, guests_of, handed, taken, undisturbed
+from etendue.compute.rounded import handed_on
 from etendue.contract.ports import CellReport, WrittenChunk
 from etendue.errors import ArchiveInUse, EtendueError, MachineError, PluginError, refused_by_the_machine
 from etendue.interrupts import is_ours
@@ -128,6 +129,7 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
             return result, CellReport(*job.ref, "loaded")
         with guests_of(job):
             result, arrays = undisturbed(_made, job, results, clipped)
+        arrays = handed_on(job, arrays) if job.steps else arrays
         return kept(job, result, arrays, clipped, lambda: time.thread_time() - began + elsewhere.seconds)
     except (MachineError, ArchiveInUse):
         raise  # not caused by the stage (a full disk, or another run owns the archive), so the run ends

@@ -141,6 +141,7 @@ class Job:
     expected: bool = False  # means instead of draws and rounding
     walk: Walk | None = None
     look: CellObserver | None = None  # the caller's reduction of its arrays, applied where they are computed
+    steps: Mapping[str, float] = field(default_factory=dict)  # by variable: what its floats are multiples of
     passes: tuple[str, ...] = ()  # for a left-out cell: its variables that are arrays of its input
 
     form: StageForm | None = field(init=False, default=None, repr=False)  # set on first use by ``compute.form``

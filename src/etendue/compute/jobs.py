@@ -253,6 +253,7 @@ class Jobs(Mapping[CellRef, Job]):
             mapped=Mapped(cell.mapped, _leading(self.nodes, cell)) if cell.mapped else None,
             expected=plan.expected,
             look=self.looks.get(ref),
+            steps=cell.steps,
         )
         return job if cell.left_out is None else self._left_out(job, cell, node)
 

@@ -24,6 +24,7 @@ from etendue.compute.given import Clipped, beside, clipped_figures, looked_throu
 from etendue.compute.job import Job
 from etendue.compute.joined.segments import Result
 from etendue.compute.ownership import for_reading, frozen, guests_of, handed, undisturbed
+from etendue.compute.rounded import handed_on
 from etendue.compute.rows import has_rows
 from etendue.compute.tables import PatternRandom
 from etendue.contract.arrays.grid import Line
@@ -273,6 +274,7 @@ class _Member:
         del found  # another reference would force ``taken`` to copy the arrays
         arrays = check(self.job, held.pop(), expected)
         bad = undefined(self.job, arrays)
+        arrays = handed_on(self.job, arrays) if self.job.steps else arrays
         for name, array in arrays.items():
             if name in self.figures:
                 self.figures[name].append(figures[name])

@@ -25,7 +25,7 @@ from etendue.contract.values.tables import Table, table_in, tables
 from etendue.contract.values.units import as_written
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.about import About, read_about
-from etendue.pipeline.form import Words
+from etendue.pipeline.form import ARCHIVE, DIGITS, Words
 from etendue.pipeline.overrides import TOP, apply_overrides, axes_of, axis_name, by_one_name
 from etendue.pipeline.presets import preset_at
 from etendue.pipeline.zipped import Zip, put_together, taken_apart
@@ -75,6 +75,7 @@ class PipelineFile(PipelineSource):
     leave_out: bool = True  # whether what a scene does not need may be left out
     stand_ins: bool = True  # whether presets may have typical values where no source gives one
     precision: str = "auto"
+    digits: str = DIGITS[0]  # of results: all, or those that the tolerance leaves
     requires: tuple[str, ...] = ()  # distributions whose stages it uses
     most_cells: int = MOST_CELLS  # a larger sweep is refused
     variant: str = ""
@@ -90,6 +91,11 @@ class PipelineFile(PipelineSource):
 
     def written(self) -> PipelineFile:
         return self
+
+    @property
+    def digits_left(self) -> float:
+        """The tolerance to which the digits of results are rounded; 0: all stay."""
+        return 0.0 if self.digits == DIGITS[0] else self.tolerance
 
     @property
     def preset_name(self) -> str:
@@ -108,7 +114,7 @@ class PipelineFile(PipelineSource):
 
     def document(self) -> Document:
         """Return the document of a file that reads as this pipeline."""
-        lists, tables = ("wanted", "keep", "requires"), ("stages", "sweep", "design", "about")
+        lists, tables = ("wanted", "keep", "requires"), ("stages", "sweep", "design", "about", ARCHIVE)
         words = {word: getattr(self, word) for word in TOP if word not in (*lists, *tables)}
         names = {word: list(getattr(self, word)) for word in lists if getattr(self, word) is not None}
         shared = {**self.named, **self.shared}
@@ -120,6 +126,7 @@ class PipelineFile(PipelineSource):
             self.table.name: shared,
             "sweep": put_together(self.sweep, self.zipped),
             **({"design": dict(self.design)} if self.design else {}),
+            **({ARCHIVE: {"digits": self.digits}} if self.digits != DIGITS[0] else {}),
             "about": self.about.document(),
             "stages": stages,
         }
@@ -289,14 +296,13 @@ def from_document(document: DocumentView, file: str = "", folder: Path = Path(".
             faults.append(Fault(key, f"unknown key{_meant(key, table)}"))
     words = Words(document, faults)
 
-    seed, tolerance = words.whole("seed", 0, 0), words.share("tolerance", 1e-4)
+    seed, tolerance, norm = words.whole("seed", 0, 0), words.share("tolerance", 1e-4), words.choice("norm", NORMS)
     most_cells, leave_out = words.whole("most_cells", MOST_CELLS, 1), words.flag("leave_out", True)
-    precision = words.text("precision", "auto")
-    if precision not in PRECISIONS:
-        faults.append(Fault("precision", f"{precision!r} is not a precision{nearest(precision, PRECISIONS)}"))
-    norm = words.text("norm", "rms")
-    if norm not in NORMS:
-        faults.append(Fault("norm", f"{norm!r} is not a norm{nearest(norm, NORMS)}; must be rms or max"))
+    precision, norm, digits = (
+        words.choice("precision", PRECISIONS),
+        words.choice("norm", NORMS),
+        words.digits(tolerance),
+    )
     shared = words.table(table.name)
     words.table("sweep")  # reports a fault if it is not a table
     sweep, zipped = taken_apart(axes_of(document, faults), faults)
@@ -320,6 +326,7 @@ def from_document(document: DocumentView, file: str = "", folder: Path = Path(".
         leave_out=leave_out,
         stand_ins=words.flag("stand_ins", True),
         precision=precision,
+        digits=digits,
         requires=words.names("requires") or (),
         most_cells=most_cells,
         variant=words.text("variant", ""),

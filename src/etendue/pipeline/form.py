@@ -11,10 +11,12 @@ from typing import TypeVar
 
 from etendue.contract.values.names import LONGEST
 from etendue.contract.values.units import as_written
-from etendue.errors import Fault, unprintable
+from etendue.errors import Fault, nearest, unprintable
 from etendue.types.documents import DocumentView
 
 T = TypeVar("T")
+ARCHIVE = "archive"  # the table of how results are kept
+DIGITS = ("exact", "stated")  # all digits of a result, or those that the tolerance leaves
 
 
 class Words:
@@ -67,9 +69,33 @@ class Words:
         value = self.document.get(key, default)
         return value if isinstance(value, bool) else self.refused(key, value, "true or false", default)
 
+    def choice(self, key: str, among: tuple[str, ...]) -> str:
+        """Return one of some words; the first unless another is given."""
+        value = self.text(key, among[0])
+        if value not in among:
+            self.faults.append(Fault(key, f"{value!r} is not a {key}{nearest(value, among)}; must be {_listed(among)}"))
+        return value
+
+    def digits(self, tolerance: float) -> str:
+        """Return the ``digits`` of the table of how results are kept."""
+        place = f"{ARCHIVE}.digits"
+        own = Words({f"{ARCHIVE}.{key}": value for key, value in self.table(ARCHIVE).items()}, self.faults)
+        self.faults += [Fault(key, f"unknown key; [{ARCHIVE}] has only digits") for key in own.document if key != place]
+        digits = own.text(place, DIGITS[0])
+        if digits not in DIGITS:
+            self.faults.append(Fault(place, f"{digits!r}: expected {_listed(DIGITS)}{nearest(digits, DIGITS)}"))
+        elif digits != DIGITS[0] and not tolerance > 0:
+            why = "rounds results to a share of the tolerance, which is 0"
+            self.faults.append(Fault(place, f"{digits!r} {why}; set a tolerance above 0, or digits = {DIGITS[0]!r}"))
+        return digits
+
     def table(self, key: str) -> DocumentView:
         value = self.document.get(key, {})
         return value if isinstance(value, dict) else self.refused(key, value, "a table", {})
+
+
+def _listed(words: tuple[str, ...]) -> str:
+    return f"{', '.join(words[:-1])} or {words[-1]}"
 
 
 def _plain(name: str) -> bool:

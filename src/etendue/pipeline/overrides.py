@@ -11,6 +11,7 @@ from __future__ import annotations
 from etendue.contract.values import quantities
 from etendue.contract.values.tables import table_in, tables
 from etendue.errors import Fault, RequestError, nearest
+from etendue.pipeline.form import ARCHIVE
 from etendue.pipeline.zipped import is_axis
 from etendue.types.documents import Document, DocumentView
 
@@ -32,6 +33,7 @@ TOP = (
     "requires",
     "most_cells",
     "about",
+    "archive",
 )
 
 
@@ -106,7 +108,7 @@ def apply_overrides(document: Document, overrides: DocumentView, file: str = "")
     for key, value in by_one_name(overrides, document).items():
         head, _, tail = key.partition(".")
         named = _stages(document)
-        if head in (*tables(), "sweep", "design", "about") and tail:
+        if tail and (head in (*tables(), "sweep", "design", "about") or (head == ARCHIVE and head not in named)):
             if not isinstance(document.setdefault(head, {}), dict):
                 continue  # a fault of form, reported later
             document[head][tail] = value

@@ -21,6 +21,7 @@ from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.contract.values.tables import Table, tables
 from etendue.errors import PluginError
 from etendue.pipeline.about import KEYS, OF_AN_AUTHOR
+from etendue.pipeline.form import ARCHIVE, DIGITS
 from etendue.pipeline.presets import preset_names
 from etendue.types.documents import Document, DocumentView
 
@@ -132,6 +133,12 @@ def schema(registry: Registry) -> Document:
                 "anyOf": [NAMES, {"type": "string"}],
                 "description": "variables that are stored; all: everything computed; looks: pictures and metrics, not "
                 "light by band",
+            },
+            ARCHIVE: {
+                "type": "object",
+                "properties": {"digits": {"enum": list(DIGITS), "default": DIGITS[0]}},
+                "additionalProperties": False,
+                "description": "how results are kept; digits: exact, or rounded to what the tolerance leaves",
             },
             "requires": {"anyOf": [NAMES, {"type": "string"}], "description": "distributions whose stages are used"},
             "most_cells": {"type": "integer", "minimum": 1},

@@ -35,6 +35,9 @@ from etendue.types.documents import DocumentView
 
 CellRef = tuple[str, tuple[int, ...]]
 StageVariable = tuple[str, str]
+# never written to; plain dicts, since a mapping proxy cannot be pickled
+ALL_DIGITS: Mapping[str, int | None] = {}
+NO_STEPS: Mapping[str, float] = {}
 
 
 @dataclass(frozen=True)
@@ -181,6 +184,8 @@ class Cell:
     segment_input: tuple[CellRef, str] | None = None
     growth: float = 1.0  # largest factor by which an error of its output grows on its way to the wanted variables
     mapped: tuple[tuple[str, Coordinate], ...] = ()  # leading dims of the output; the stage runs once per value
+    # by variable whose digits follow the tolerance: the exponent of the step it is rounded to; None: all digits stay
+    digits: Mapping[str, int | None] = field(default_factory=lambda: ALL_DIGITS)
 
     def at_wanted(self, bound: float) -> float:
         """Return a bound at the wanted variables for a bound at this cell. It is at most 1, because values beyond full
@@ -202,6 +207,11 @@ class Cell:
         """The inputs that are shared quantities written by earlier stages."""
         quantities = quantities_of(type(self.stage))
         return tuple(one for one in self.inputs if one[0] in quantities)
+
+    @property
+    def steps(self) -> Mapping[str, float]:
+        """By variable, the step to whose multiples it is rounded."""
+        return {n: 2.0**own for n, own in self.digits.items() if own is not None} if self.digits else NO_STEPS
 
     @property
     def bound(self) -> float:
@@ -319,6 +329,7 @@ class Plan:
     shared: DocumentView
     warnings: tuple[str, ...] = ()
     leaves_out: bool = True  # whether anything may be left out or approximated
+    digits: float = 0.0  # tolerance to which the digits of pictures are rounded; 0: all stay
     looked: float = 0.0  # seconds spent on the analysis of scenes that were never planned before
     expected: bool = False  # means instead of draws and rounding: integer variables are floats, nothing is stored
     # variables that ``keep`` names: they are stored even if all their cells are left out

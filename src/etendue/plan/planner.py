@@ -22,6 +22,7 @@ from etendue.plan.agreement import met_twice, taken_differently
 from etendue.plan.designs.drawing import with_design
 from etendue.plan.designs.summary import axes_said, design_said
 from etendue.plan.expansion.cells import Told, expand
+from etendue.plan.expansion.digits import stored_bytes
 from etendue.plan.expansion.fields import notes_on_the_scene
 from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.plan.wiring.automatic import settled
@@ -90,6 +91,7 @@ def make_plan(
         expected,
         versions,
         computed,
+        digits=pipeline.digits_left,
     )
     return plan_as(pipeline, registry, choice, told)
 
@@ -100,7 +102,8 @@ def plan_again(pipeline: PipelineFile, registry: Registry, leave_out_allowed: bo
     """
     leave_out_allowed = leave_out_allowed and pipeline.leave_out
     norm = pipeline.norm
-    choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision, norm, earlier=tuple(earlier))
+    digits, before = pipeline.digits_left, tuple(earlier)
+    choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision, norm, digits=digits, earlier=before)
     return plan_as(pipeline, registry, choice)
 
 
@@ -138,6 +141,7 @@ def plan_as(pipeline: PipelineFile, registry: Registry, choice: Choice, told: To
         precision=precision,
         shared=graph.shared,
         leaves_out=choice.leave_out,
+        digits=choice.digits,
         looked=looked,
         expected=choice.expected,
         warnings=(*swapped, *chosen, *graph.warnings, *warnings),
@@ -254,6 +258,7 @@ def summary(plan: Plan, peak_memory: int | None = None) -> Document:
         "seconds_known": all(s["seconds_known"] for s in stages),
         "peak_memory": peak_memory,
         "precision": plan.precision,
+        "digits": {"tolerance": plan.digits, "bytes": stored_bytes(plan)} if plan.digits else None,
         "tolerance": plan.pipeline.tolerance if plan.leaves_out else None,
         "norm": plan.pipeline.norm,
         "scene_seconds": plan.looked,

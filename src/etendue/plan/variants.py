@@ -56,6 +56,7 @@ def variant(
         cells=cells,
         precision=chosen,
         leaves_out=not exact and plan.leaves_out,
+        digits=choice.digits,
     )
 
 

@@ -21,7 +21,7 @@ from etendue.archive.read.stored import Stored
 from etendue.archive.records import disk, provenance, remembered
 from etendue.archive.records.inputs import digest_now
 from etendue.archive.records.manifest import DATA, DIGITS, Manifest, digest_of
-from etendue.archive.sharding.chunks import CODEC, RAW
+from etendue.archive.sharding.chunks import RAW
 from etendue.archive.sharding.partition import pieces_of
 from etendue.archive.write.store import ArchiveWriter
 from etendue.types.documents import Document, DocumentView
@@ -142,11 +142,11 @@ def _block(document: DocumentView, axes: int) -> Document:
     outer, shape = document["chunk_grid"]["configuration"]["chunk_shape"], document["shape"][axes:]
     shard = next((one["configuration"] for one in document["codecs"] if one["name"] == "sharding_indexed"), None)
     inner = shard["chunk_shape"][axes:] if shard else outer[axes:]
-    codecs = [one["name"] for one in (shard["codecs"] if shard else document["codecs"])]
+    codecs = {one["name"]: one.get("configuration", {}) for one in (shard["codecs"] if shard else document["codecs"])}
     count = pieces_of(shape, inner)
     return {
         "block": list(outer[:axes]),
-        "codec": CODEC if "blosc" in codecs else RAW,
+        "codec": codecs["blosc"]["cname"] if "blosc" in codecs else RAW,
         "form": f"{document['data_type']} {'x'.join(map(str, shape))}",
         "pieces": count,
         **({"chunk": list(inner)} if count > 1 else {}),

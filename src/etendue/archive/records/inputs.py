@@ -23,6 +23,7 @@ from etendue.contract.values.parameter import Parameter
 from etendue.errors import ArchiveError
 from etendue.pipeline import toml
 from etendue.pipeline.file import PipelineFile
+from etendue.pipeline.form import ARCHIVE, DIGITS
 from etendue.pipeline.presets import COPY, preset_at
 from etendue.pipeline.zipped import put_together
 from etendue.plan.designs.asked import factors_of
@@ -134,6 +135,8 @@ def resolve_pipeline(plan: Plan) -> Resolved:
         document["leave_out"] = False
     if not pipeline.stand_ins:
         document["stand_ins"] = False
+    if pipeline.digits != DIGITS[0]:
+        document[ARCHIVE] = {"digits": pipeline.digits}
     if pipeline.wanted is not None:
         document["wanted"] = list(pipeline.wanted)
     if pipeline.keep is not None:

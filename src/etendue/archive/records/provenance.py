@@ -23,7 +23,9 @@ from etendue.archive.records.inputs import Resolved, as_recorded
 from etendue.archive.records.manifest import Manifest, digest_of
 from etendue.contract.values.late_bound import LateValue
 from etendue.pipeline.file import PipelineFile
+from etendue.pipeline.form import DIGITS
 from etendue.pipeline.presets import preset_at
+from etendue.plan.expansion.digits import is_rounded
 from etendue.plan.identity.code import code_of
 from etendue.plan.identity.keys import canonical, file_digest, parameters_for_key, version_of
 from etendue.plan.model import Node, Plan
@@ -31,6 +33,7 @@ from etendue.plugins.discovery import named
 from etendue.types.documents import Document, DocumentView
 
 OTHER_CODE = "its code has changed"
+ALL_DIGITS = DIGITS[0]  # of a stage that rounds nothing, as of records from before digits were a choice
 LIBRARIES = ("etendue", "numpy", "scipy", "xarray", "dask", "zarr", "numcodecs", "pluggy", "colour-science", "msgspec")
 
 
@@ -76,11 +79,18 @@ def node_records(plan: Plan) -> Document:
             "parameters": canonical(parameters),
             "shown": {k: _plain(v) for k, v in parameters.items()},
             "precision": plan.precision,
+            "digits": _digits(plan, node),
             "seed": plan.pipeline.seed if node.draws_anew else None,
             "inputs": sorted({source for bound in node.inputs for _, source, _ in bound}),
             "versions": dict(cell.versions),
         }
     return records
+
+
+def _digits(plan: Plan, node: Node) -> str:
+    """Return in words how the pictures of a stage are rounded."""
+    rounds = plan.digits > 0 and any(map(is_rounded, node.writes.values()))
+    return f"stated, tolerance {plan.digits:g}" if rounds else ALL_DIGITS
 
 
 def _plain(value: Any) -> Any:
@@ -243,9 +253,10 @@ def node_changes(old: DocumentView, new: DocumentView) -> dict[str, str]:
         if before is None:
             found[name] = "the stage is new"
             continue
-        for field in ("stage", "precision", "seed", "code", "versions"):
-            if before.get(field) != after[field]:
-                shown = ("", "") if field == "code" else (f": {before.get(field)}", f" -> {after[field]}")
+        for field in ("stage", "precision", "digits", "seed", "code", "versions"):
+            was = before.get(field, ALL_DIGITS if field == "digits" else None)
+            if was != after[field]:
+                shown = ("", "") if field == "code" else (f": {was}", f" -> {after[field]}")
                 found[name] = OTHER_CODE if field == "code" else field + shown[0] + shown[1]
                 break
         else:

@@ -31,7 +31,8 @@ from etendue.types.arrays import Array
 
 blosc.use_threads = False  # the bits and the time of a chunk must not depend on the threads around it
 CODEC, LEVEL = "lz4", 5
-RAW = "raw"  # the codec of a chunk: CODEC, or RAW for the bytes as in memory
+DENSE = "zstd"  # of floats that are multiples of a step
+RAW = "raw"  # the codec of a chunk: CODEC, DENSE, or RAW for the bytes as in memory
 
 
 def pieces_of(array: Array, codec: str = CODEC) -> tuple[Any, bytes]:
@@ -40,7 +41,7 @@ def pieces_of(array: Array, codec: str = CODEC) -> tuple[Any, bytes]:
     body: Any = (
         array.view(np.uint8)
         if codec == RAW
-        else blosc.compress(array, CODEC.encode(), LEVEL, blosc.BITSHUFFLE, 0, array.itemsize)
+        else blosc.compress(array, codec.encode(), LEVEL, blosc.BITSHUFFLE, 0, array.itemsize)
     )
     if codec == RAW:
         body.flags.writeable = False  # of this view only: read-only data need not be copied

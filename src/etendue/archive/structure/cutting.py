@@ -19,10 +19,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etendue.archive.records.manifest import DATA
-from etendue.archive.sharding.chunks import CODEC, RAW, Chunk
+from etendue.archive.sharding.chunks import CODEC, DENSE, RAW, Chunk
 from etendue.archive.sharding.partition import chunk_of, counts_of, known_chunk, pieces_of, windows_of
 from etendue.archive.sharding.shards import EXTRA, LARGEST, block_of
 from etendue.archive.structure.layout import Layout, VariableLayout
+from etendue.plan.expansion.digits import is_rounded
 from etendue.plan.model import Plan
 from etendue.types.documents import Document, DocumentView
 
@@ -43,13 +44,18 @@ def cut(
 ) -> dict[str, dict[str, Document]]:
     """Return block and codec of every variable; known ones are kept unless the variable's form has changed."""
     noisy = _noisy(plan)
+
+    def dense(path: str, variable: VariableLayout) -> bool:
+        return plan.digits > 0 and is_rounded(plan.node(layout.groups[path].node).writes[variable.name])
+
     sizes = {path: tuple(len(values) for values in axes[path].values()) for path in layout.groups}
     found: dict[str, dict[str, Document]] = {path: {} for path in layout.groups}
     fresh: list[tuple[str, VariableLayout]] = []
     for path, group in layout.groups.items():
         for variable in group.variables.values():
             old = known.get(path, {}).get(variable.name)
-            if old is not None and old["form"] == _form(variable) and len(old["block"]) == len(sizes[path]):
+            fits = old is not None and old["form"] == _form(variable) and len(old["block"]) == len(sizes[path])
+            if old is not None and fits and (old["codec"] == DENSE) == dense(path, variable):
                 found[path][variable.name] = dict(old)
             else:
                 fresh.append((path, variable))
@@ -58,10 +64,10 @@ def cut(
     blocks = blocks_of([(sizes[path], bytes_of(one), count) for (path, one), count in zip(fresh, pieces, strict=True)])
     for (path, variable), block, chunk, count in zip(fresh, blocks, chunks, pieces, strict=True):
         noise = np.dtype(variable.dtype).kind == "f" and layout.groups[path].node in noisy
-        raw = noise or bytes_of(variable) // count < SMALL
+        small = bytes_of(variable) // count < SMALL
         found[path][variable.name] = {
             "block": list(block),
-            "codec": RAW if raw else CODEC,
+            "codec": RAW if small else DENSE if dense(path, variable) else RAW if noise else CODEC,
             "form": _form(variable),
             "pieces": count,
             **({"chunk": list(chunk)} if count > 1 else {}),

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from numcodecs import VLenUTF8, Zstd
 
-from etendue.archive.sharding.chunks import CODEC, LEVEL, RAW
+from etendue.archive.sharding.chunks import LEVEL, RAW
 from etendue.archive.sharding.unfolding import refuse_unfolding
 from etendue.errors import ArchiveError
 from etendue.types.documents import Document, DocumentView
@@ -84,7 +84,7 @@ def _codecs(kind: np.dtype[np.generic], codec: str) -> list[Document]:
     )
     if codec == RAW:
         return [first, CRC]
-    blosc = {"typesize": kind.itemsize, "cname": CODEC, "clevel": LEVEL, "shuffle": "bitshuffle", "blocksize": 0}
+    blosc = {"typesize": kind.itemsize, "cname": codec, "clevel": LEVEL, "shuffle": "bitshuffle", "blocksize": 0}
     return [first, {"name": "blosc", "configuration": blosc}, CRC]
 
 

@@ -155,6 +155,7 @@ class Facts:
     white : of light, that of a white surface by band, in the variable's unit
     low, high : bounds on the values, in the variable's unit
     mean : lower bound of the mean of the values over the frame
+    brightest : lower bound of the largest value over the whole light
     contrast : largest over smallest value; inf if the scene contains exact black
     band_limit : frequency above which the scene has less than a hundredth of its contrast, cycles/um
     rendered : of a scene, how its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which values
@@ -172,6 +173,7 @@ class Facts:
     rendered: tuple[float, float] | None = None
     content: Content | None = None
     white: tuple[float, ...] | None = None
+    brightest: float | None = None
 
     def scaled(self, low: float, high: float | None = None, smooth: bool = False) -> Facts:
         """Return the facts after a factor between ``low`` and ``high`` (both above 0); ``smooth``: it varies slowly."""
@@ -182,6 +184,7 @@ class Facts:
             low=None if self.low is None else min(self.low * low, self.low * high),
             high=None if self.high is None else max(self.high * low, self.high * high),
             mean=None if self.mean is None else self.mean * low,
+            brightest=None if self.brightest is None else self.brightest * low,
             contrast=None if self.contrast is None or low <= 0 else self.contrast * (high / low),
             content=None if self.content is None else self.content.scaled(low, high, smooth),
             white=None if self.white is None else tuple(high * own for own in self.white),

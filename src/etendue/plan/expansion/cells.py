@@ -25,13 +25,14 @@ from etendue.plan import stage_calls
 from etendue.plan.designs.bundles import position_maps
 from etendue.plan.expansion import scenes
 from etendue.plan.expansion.deciding import Decider, Decisions, segment_input
+from etendue.plan.expansion.digits import Digits
 from etendue.plan.expansion.earlier import nearest_of
 from etendue.plan.expansion.forms import CellGrids, Draft, output_grid
 from etendue.plan.expansion.growth import state_growth
 from etendue.plan.expansion.recipes import Recipes
 from etendue.plan.identity.once import Once
 from etendue.plan.machine import available_memory
-from etendue.plan.model import Alternative, Cell, CellRef, Node
+from etendue.plan.model import ALL_DIGITS, Alternative, Cell, CellRef, Node
 from etendue.plan.wiring.graph import Graph
 from etendue.plan.wiring.quantities import to_be_found
 from etendue.plan.wiring.request import Choice
@@ -122,6 +123,7 @@ class _Expansion:
         self.precision = self.choose_precision()
         if self.earlier is not None:
             self.grids |= self.earlier.begin(self.precision)
+        self.digits = Digits(self.cells, self.nodes, self.choice.digits, self.precision)
         self.decider = Decider(self.graph, self.choice, self.cells, self.stage_at, self.precision)
         # positions by axes, shared by all nodes with the same axes
         places: dict[tuple[str, ...], list[tuple[int, ...]]] = {}
@@ -195,7 +197,7 @@ class _Expansion:
     def seen_before(self, stage: Stage, facts: Facts, grids: Mapping[str, Grid]) -> tuple[Facts, Mapping[str, Grid]]:
         """Add to the facts of a scene what its light contains, if anything may be left out because of it."""
         assert isinstance(stage, Source)
-        if not self.choice.leave_out or facts.content is not None:
+        if not (self.choice.leave_out or self.choice.digits) or facts.content is not None:
             return facts, grids
         light = {name: grid for name, grid in grids.items() if name == scenes.light_of(type(stage))}
         if not light:
@@ -243,7 +245,8 @@ class _Expansion:
         except (ValueError, RequestError) as error:
             self.faults.setdefault(node.name, self.unfit(node, by_dim, error))
             return
-        versions, key = self.recipes.key(draft, decisions.left_out, seed, open_words, self.precision)
+        kept = self.digits.of(draft, decisions.facts) if decisions.left_out is None else ALL_DIGITS
+        versions, key = self.recipes.key(draft, decisions.left_out, seed, open_words, self.precision, kept)
         cell = Cell(
             ref=(node.name, index),
             stage=stage,
@@ -262,6 +265,7 @@ class _Expansion:
             error=decisions.error,
             segment_input=segment_input(self.cells, draft),
             mapped=draft.form.mapped,
+            digits=kept,
         )
         self.cells[cell.ref] = cell
 

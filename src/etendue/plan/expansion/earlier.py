@@ -62,12 +62,13 @@ def nearest_of(plans: Sequence[Plan], graph: Graph, pipeline: PipelineFile, choi
 def _decided_alike(plan: Plan, choice: Choice) -> bool:
     """Return whether all that holds for a whole pipeline is the same."""
     own = plan.pipeline
-    return (own.tolerance, own.norm, own.precision, plan.leaves_out, plan.expected) == (
+    return (own.tolerance, own.norm, own.precision, plan.leaves_out, plan.expected, plan.digits) == (
         choice.tolerance,
         choice.norm,
         choice.precision,
         choice.leave_out,
         choice.expected,
+        choice.digits,
     )
 
 

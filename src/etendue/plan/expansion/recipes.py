@@ -15,6 +15,7 @@ from etendue.contract.stage import Stage, looks, looks_at_stages, parameters_of,
 from etendue.plan import stage_calls
 from etendue.plan.cost import too_large
 from etendue.plan.expansion import seed_words
+from etendue.plan.expansion.digits import in_words
 from etendue.plan.expansion.forms import CellGrids, Draft
 from etendue.plan.identity.code import code_digest, libraries_of
 from etendue.plan.identity.keys import digest, key_of, parameters_for_key, plain_text, version_of
@@ -66,8 +67,9 @@ class Recipes:
         seed: bytes,
         open_words: tuple[seed_words.Open, ...],
         precision: str,
+        kept: Mapping[str, int | None],
     ) -> tuple[Mapping[str, str], str]:
-        """Return the library versions in a cell's key, and the key."""
+        """Return the library versions in a cell's key, and the key; ``kept``: the digits of what it hands on."""
         node, inputs = draft.node, draft.inputs
         if left_out:
             # A cell that is left out passes its input on unchanged: same bits, same key.
@@ -83,6 +85,8 @@ class Recipes:
         if draws:
             lines.append(seed.decode())  # includes the values of ancestors that are left out
             lines += [f"{word.stage}.{word.name} {self.cells[word.ref].key}" for word in open_words]
+        if kept:
+            lines.append(in_words(kept))
         if draft.looks_at:
             lines.append(self.text_of_looked_at(node, draft.one, draft.looks_at))
         return versions, digest("\n".join(lines).encode())

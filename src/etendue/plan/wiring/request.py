@@ -30,6 +30,7 @@ class Choice:
     computed: frozenset[str] = frozenset()  # stages that are not left out, whatever their bound
     decided: Mapping[CellRef, Cell] = field(default_factory=dict)  # cells whose decisions are copied
     keys: bool = True  # whether cells have keys; without keys, results cannot be stored or reused
+    digits: float = 0.0  # tolerance to which the digits of pictures are rounded; 0: all stay
     earlier: tuple[Plan, ...] = ()  # plans decided alike; cells that cannot differ are taken from one of them
 
 

@@ -202,6 +202,11 @@ def print_plan(document: Document) -> None:
         f"time, "
         f"peak memory {human_bytes(document['peak_memory'])}, {document['precision']}"
     )
+    if (digits := document["digits"]) is not None:
+        console.print(
+            f"digits    stated: within {digits['tolerance']:g} of full scale, about {human_bytes(digits['bytes'])}; "
+            f"exact: {human_bytes(document['bytes'])}, both before compression"
+        )
     notes = _Console(stderr=True, highlight=False)
     for text in document["warnings"]:
         notes.print(f"note: {escape(text)}")

@@ -138,7 +138,9 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
             1 - dark, 0.0
         )
         return Facts(
-            low=low, high=max(light.high, 0.0) * longest * (1 + sight) + float(self.dark_charge(longest)) * (1 + dark)
+            low=low,
+            high=max(light.high, 0.0) * longest * (1 + sight) + float(self.dark_charge(longest)) * (1 + dark),
+            brightest=None if light.brightest is None else light.brightest * shortest,  # patterns have a mean of 1
         )
 
 
@@ -255,4 +257,5 @@ class FullWell(Well, Bounded, Datasheet):
             uniform=known.uniform,
             low=None if known.low is None else min(known.low, capacity),
             high=capacity if known.high is None else min(known.high, capacity),
+            brightest=None if known.brightest is None else min(known.brightest, capacity),
         )

@@ -48,7 +48,7 @@ class Mosaic(Haloed):
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """Return the range of all planes: a value comes from one of them."""
         planes = facts["photon_rate"]
-        return Facts(low=planes.low, high=planes.high, mean=planes.mean)
+        return Facts(low=planes.low, high=planes.high, mean=planes.mean, brightest=planes.brightest)
 
     def run(self, photon_rate: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"photocurrent": cfa.pick(photon_rate, mask_of(self.pattern), *first_pixel(y, x))}

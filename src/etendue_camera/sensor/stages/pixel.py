@@ -273,8 +273,14 @@ class Pixel(Collecting, Summed):
         low, high = light.content.bands_of_light()
         below, above = weights @ np.array(low), weights @ np.array(high)
         # the mean over pixels differs from that of the light only by the light between their apertures
-        mean = MEAN * light.content.full * float((weights @ np.array(light.content.mean)).min())
-        return Facts(uniform=light.uniform, low=float(below.min()), high=float(above.max()), mean=mean)
+        means = MEAN * light.content.full * (weights @ np.array(light.content.mean))
+        return Facts(
+            uniform=light.uniform,
+            low=float(below.min()),
+            high=float(above.max()),
+            mean=float(means.min()),
+            brightest=float(means.max()),
+        )
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         edges = grids["irradiance"].bands().edges
