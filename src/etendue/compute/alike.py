@@ -105,7 +105,7 @@ class Alike:
         if self.stage is not job.stage or self.owner != job.pattern_of:
             self.beside = beside(job, results)
             self.beside.pop("rng", None)
-            self.stage, self.owner = job.stage, job.pattern_of
+            self.stage, self.owner = (job.stage if self.form.lasts(job.stage) else None), job.pattern_of
         return self.beside
 
 

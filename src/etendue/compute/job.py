@@ -141,6 +141,8 @@ class Job:
     expected: bool = False  # means instead of draws and rounding
     walk: Walk | None = None
     look: CellObserver | None = None  # the caller's reduction of its arrays, applied where they are computed
+    # the caller's arrays for some of ``give``, where it has them; in the caller's process only
+    places: Mapping[str, Any] = field(default_factory=dict)
     passes: tuple[str, ...] = ()  # for a left-out cell: its variables that are arrays of its input
 
     form: StageForm | None = field(init=False, default=None, repr=False)  # set on first use by ``compute.form``

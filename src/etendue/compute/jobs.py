@@ -42,10 +42,11 @@ def make_jobs(
     """Return jobs for the cells to compute and for the stored cells they read, in order.
 
     ``deliver_all`` keeps every kept variable in memory (no archive); ``show`` marks cells whose arrays the caller
-    wants; ``looks`` reduces these arrays in the worker that computes them; ``place`` gives the array in which a
-    variable computed strip by strip is put.
+    wants; ``looks`` reduces these arrays in the worker that computes them; ``place`` gives the array into which a
+    variable for the caller is put as soon as it is computed.
     """
     jobs = Jobs(plan, todo, target, deliver_all, show, looks)
+    jobs.place_of = place
     large: Once[bool] = Once()  # most cells of a sweep share their grids
     every = ((plan.cells[ref].grids, plan.cells[ref].input_grids) for ref in jobs)
     if not any(large(grids, partial(is_large, *grids)) for grids in every):
@@ -75,6 +76,7 @@ class Jobs(Mapping[CellRef, Job]):
     ) -> None:
         self.plan, self.todo, self.target, self.deliver_all = plan, todo, target, deliver_all
         self.show, self.looks = show, looks
+        self.place_of: Callable[[CellRef, str], Array | bool | None] | None = None
         self.nodes = {node.name: node for node in plan.nodes}
         self.kept = {
             node.name: tuple(v for v in node.writes if (node.name, v) in plan.with_arrays) for node in plan.nodes
@@ -256,6 +258,7 @@ class Jobs(Mapping[CellRef, Job]):
             mapped=Mapped(cell.mapped, _leading(self.nodes, cell)) if cell.mapped else None,
             expected=plan.expected,
             look=self.looks.get(ref),
+            places={v: self.place_of(ref, v) for v in give} if give and self.place_of else {},
         )
         return job if cell.left_out is None else self._left_out(job, cell, node)
 

@@ -15,6 +15,8 @@ from collections.abc import Callable, Container, Mapping, Set
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+import numpy as np
+
 from etendue.compute.alike import Alike
 from etendue.compute.bands import elsewhere
 from etendue.compute.cell import compute
@@ -192,8 +194,17 @@ def _alone(
 
 
 def _delivered(job: Job, result: Result) -> CellArrays:
-    """Return what the owner of the run gets of a cell."""
-    given = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
+    """Return what the owner of the run gets of a cell: arrays that it has places for are there, copied while they are
+    still in the processor's cache.
+    """
+    given = {v: a for v, a in result.arrays.items() if job.give is None or v in job.give}
+    for variable, place in job.places.items():
+        array = given.get(variable)
+        if type(array) is not np.ndarray or type(place) is not np.ndarray or array.base is place.base:
+            continue
+        if array.shape == place.shape and array.dtype == place.dtype:
+            place[...] = array
+            given[variable] = place
     return given if job.look is None else job.look(given)
 
 
