@@ -54,7 +54,6 @@ def make_jobs(
     return with_walks(dict(jobs), lambda ref: walker(plan, jobs.nodes[ref[0]], plan.cells[ref]), place)
 
 
-Cost = tuple[float, tuple[str, ...]]  # seconds; the variables that are computed by band
 Direct = tuple[tuple[CellRef, str], tuple[Cell, ...]]  # the input of a segment; the active cells before its end
 
 
@@ -84,13 +83,10 @@ class Jobs(Mapping[CellRef, Job]):
         self.finding = {node.name for node in plan.nodes if node.found}
         self.number = plan.numbers.of
         self.direct: dict[CellRef, Direct] = {}
-        # by cell: the variables that others read; () for most
-        self.read: list[tuple[str, ...]] = [()] * plan.numbers.count
-        # interned, so that each combination is stored once
-        self.joined: dict[tuple[tuple[str, ...], str], tuple[str, ...]] = {}
+        self.read: list[tuple[str, ...]] = [()] * plan.numbers.count  # by cell: the variables that others read
+        self.joined: dict[tuple[tuple[str, ...], str], tuple[str, ...]] = {}  # each combination is stored once
         self.transforms, self.included = bytearray(plan.numbers.count), bytearray(plan.numbers.count)
-        self.costs: Once[Cost] = Once()
-        self.last: dict[str, tuple[Mapping[str, Grid], Mapping[str, Grid], type, bool, Cost]] = {}
+        self.costs: Once[tuple[float, tuple[str, ...]]] = Once()
         self.grids: dict[str, tuple[Mapping[str, Grid], Mapping[str, Grid]]] = {}
         self.looked: dict[str, tuple[Hashable, Looking]] = {}
         for ref, cell in plan.cells.items():
@@ -208,10 +204,9 @@ class Jobs(Mapping[CellRef, Job]):
         return ref in self.plan.cells and bool(self.included[self.number(ref)])  # type: ignore[arg-type]
 
     def __getitem__(self, ref: CellRef) -> Job:
-        cell = self.plan.cells[ref]
-        if not self.included[self.number(ref)]:
+        if ref not in self:
             raise KeyError(ref)
-        return self._made(ref, self.target(cell))
+        return self._made(ref, self.target(self.plan.cells[ref]))
 
     def _made(self, ref: CellRef, target: Target | None) -> Job:
         number = self.number(ref)
@@ -299,8 +294,7 @@ class Jobs(Mapping[CellRef, Job]):
 
     def place(self, ref: CellRef) -> int:
         """Return the position of a job among all jobs."""
-        number = self.number(ref)
-        return number if self.places is None else self.places[number]
+        return self.number(ref) if self.places is None else self.places[self.number(ref)]
 
     @cached_property
     def places(self) -> array[int] | None:
@@ -331,18 +325,8 @@ class Jobs(Mapping[CellRef, Job]):
             known = self.looked[cell.node] = cell.looks_at, _looking(self.plan, self.nodes, cell)
         return known[1]
 
-    def _cost(self, node: Node, cell: Cell) -> Cost:
-        """Return seconds, and the variables computed by band; those of the cell before it if the two are alike."""
-        kind, active = type(cell.stage), cell.left_out is None
-        last = self.last.get(node.name)
-        if last is not None and last[0] is cell.grids and last[1] is cell.input_grids and last[2:4] == (kind, active):
-            return last[4]
-        found = self._cost_of(node, cell)
-        self.last[node.name] = cell.grids, cell.input_grids, kind, active, found
-        return found
-
-    def _cost_of(self, node: Node, cell: Cell) -> Cost:
-        """Return the same, cached by stage class and grids."""
+    def _cost(self, node: Node, cell: Cell) -> tuple[float, tuple[str, ...]]:
+        """Return seconds, and the variables computed by band; cached by stage class and grids."""
         precision = self.plan.precision
         return self.costs(
             (cell.grids, cell.input_grids),
