@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etendue.api import param
-from etendue.compute.alike import Alike, is_ordinary
 from etendue.compute.cell import compute
+from etendue.compute.given import Alike, is_ordinary
 from etendue.plugins import guests
 from etendue.run.batches import run_batch
 from tests.run.test_form import Ramp, Table, job_of

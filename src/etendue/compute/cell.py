@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from etendue.compute.alike import Alike, common
 from etendue.compute.bands import BandArray, StoredBands, Timed, elsewhere, made_by_band, of_lit_bands
 from etendue.compute.form import Output, form_of
 from etendue.compute.found import with_found
-from etendue.compute.given import Clipped, arguments
+from etendue.compute.given import Alike, Clipped, arguments, common
 from etendue.compute.job import Job
 from etendue.compute.joined.segments import Result, passed_on, transferred
 from etendue.compute.mapped import one_by_one

@@ -17,9 +17,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from etendue.compute.alike import Alike
 from etendue.compute.bands import elsewhere
 from etendue.compute.cell import compute
+from etendue.compute.given import Alike
 from etendue.compute.job import Job
 from etendue.compute.jobs import Jobs
 from etendue.compute.joined.segments import Result
