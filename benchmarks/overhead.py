@@ -1,6 +1,6 @@
-"""What the engine costs: (engine - the same kernels in a plain loop) / loop, at 256 x 256, without and with storing.
+"""What the engine costs: (engine - the same kernels in a plain loop) / loop, without and with storing.
 
-    python benchmarks/overhead.py [--repeats 5]
+    python benchmarks/overhead.py [--pixels 256] [--repeats 5]
 
 Each way runs in a process of its own, after a small sweep that warms tables and code; one thread (serial scheduler);
 the pictures of both are compared bit for bit; the smallest CPU time of the repeats counts. ``append``: the arrays of
@@ -51,7 +51,12 @@ def append(plan, file: Path) -> int:  # type: ignore[no-untyped-def]
     return size * sum(counts)
 
 
-def measure(way: str) -> dict:  # type: ignore[type-arg]
+def sized(pixels: int) -> dict[str, str]:
+    """What to set for a frame of this many pixels in each direction."""
+    return {"scene.width": f"{5.4 * pixels:g} um", "scene.height": f"{5.4 * pixels:g} um"}
+
+
+def measure(way: str, pixels: int) -> dict:  # type: ignore[type-arg]
     """One way, once, in this process."""
     from etendue.run.memory import keep_freed_memory
     from etendue.session import Options, execute
@@ -61,10 +66,7 @@ def measure(way: str) -> dict:  # type: ignore[type-arg]
         800 << 20, np.uint8
     )  # memory the machine has never touched costs more than filling it: the same for all ways
     keep = "all" if way.endswith("all") else ["rgb_display"]
-    plan, small = (
-        plan_of(HERE / "one_sample.toml", **SIZES, keep=keep),
-        plan_of(HERE / "one_sample.toml", **SMALL, keep=keep),
-    )
+    plan, small = (plan_of(HERE / "one_sample.toml", **own, **sized(pixels), keep=keep) for own in (SIZES, SMALL))
     folder = Path(tempfile.mkdtemp())
     digest, size = hashlib.sha256(), 0
     with threadpool_limits(1):
@@ -101,16 +103,20 @@ def measure(way: str) -> dict:  # type: ignore[type-arg]
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--pixels", type=int, default=256, help="of a row and of a column")
     parser.add_argument("--one", choices=WAYS, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.one:
-        print(json.dumps(measure(arguments.one)))
+        print(json.dumps(measure(arguments.one, arguments.pixels)))
         return
     runs: dict[str, list[dict]] = {way: [] for way in WAYS}  # type: ignore[type-arg]
     for _ in range(arguments.repeats):
         for way in WAYS:
             text = subprocess.run(
-                [sys.executable, __file__, "--one", way], check=True, capture_output=True, text=True
+                [sys.executable, __file__, "--one", way, "--pixels", str(arguments.pixels)],
+                check=True,
+                capture_output=True,
+                text=True,
             ).stdout
             runs[way].append(json.loads(text))
     assert {r["digest"] for r in runs["loop"]} == {r["digest"] for r in runs["engine"]}, (
@@ -118,7 +124,8 @@ def main() -> None:
     )
     first = runs["engine"][0]
     print(
-        f"256 x 256 pixels, 3 bands, {first['points']} points ({first['cells']} cells), float32, one thread, "
+        f"{arguments.pixels} x {arguments.pixels} pixels, "
+        f"3 bands, {first['points']} points ({first['cells']} cells), float32, one thread, "
         f"{machine()}, "
         f"best of {arguments.repeats} processes, same bits"
     )
@@ -130,6 +137,10 @@ def main() -> None:
             f"point   "
             f"peak memory {memory / 1e6:5.0f} MB"
         )
+    print(
+        f"engine minus loop {1e3 * (cpu['engine'] - cpu['loop']) / first['points']:.2f} ms a point, storing all minus "
+        f"loop {1e3 * (cpu['engine, storing all'] - cpu['loop']) / first['points']:.2f} ms"
+    )
     print(f"overhead without storing   {100 * (cpu['engine'] / cpu['loop'] - 1):6.1f} %   (goal <= 10 %)")
     stored = runs["engine, storing all"][0]["bytes"]
     storing = 100 * (cpu["engine, storing all"] / cpu["loop"] - 1)

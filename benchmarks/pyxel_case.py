@@ -1,7 +1,9 @@
-"""The case that was timed against Pyxel: 200 points of a CMOS sweep, 5 f-numbers x 5 pixel pitches x 8 times, 256 x
-256.
+"""The cases that were timed against Pyxel: 200 points of a CMOS sweep at 256 x 256.
 
-    python benchmarks/pyxel_case.py [--repeats 3] [--workers 2]
+    python benchmarks/pyxel_case.py [--sweep own] [--repeats 3] [--workers 2]
+
+``pitches``: 5 f-numbers x 5 pixel pitches x 8 times, which Pyxel cannot sweep; ``own``: its own sweep, as in
+`pyxel_peer.py`: 5 f-numbers (its point spread functions) x 5 dark rates x 8 read noises.
 
 Ways: in memory with the picture kept, and everything kept in Zarr; the first call in a process and the calls after it,
 in wall seconds. A monochrome camera up to its codes, as Pyxel's is. The first call includes the imports that it asks
@@ -22,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 PITCHES = [4.2, 4.5, 4.8, 5.1, 5.4]
-CASE = {
+CASE: dict[str, Any] = {
     "name": "cmos",
     "precision": "float32",
     "wanted": ["raw"],
@@ -53,16 +55,30 @@ CASE = {
         {"use": "mosaic"},
         *({"use": name} for name in ("exposure", "shot_noise", "full_well", "read_noise", "adc")),
     ],
-    "sweep": {
-        "f_number": [2, 2.8, 4, 5.6, 8],
-        "pixel_pitch": PITCHES,
-        "integration_time": {"from": 0.001, "to": 0.02, "steps": 8, "spacing": "log"},
+}
+F_NUMBERS = [2, 2.8, 4, 5.6, 8]
+ELECTRON_PER_SECOND = 1.602176634e-19 / 25e-8  # A/cm2, of a pixel of 5 um
+SWEEPS: dict[str, dict[str, Any]] = {
+    "pitches": {
+        "sweep": {
+            "f_number": F_NUMBERS,
+            "pixel_pitch": PITCHES,
+            "integration_time": {"from": 0.001, "to": 0.02, "steps": 8, "spacing": "log"},
+        }
+    },
+    "own": {
+        "camera": {**CASE["camera"], "pixel_pitch": 5, "integration_time": 0.01},
+        "sweep": {
+            "f_number": F_NUMBERS,
+            "dark_current_density": [rate * ELECTRON_PER_SECOND for rate in (1, 3, 10, 30, 100)],
+            "read_noise": [1, 2, 3, 4, 5, 6, 7, 8],
+        },
     },
 }
 WAYS = ("in memory", "everything in Zarr")
 
 
-def measure(way: str, calls: int, workers: int) -> dict[str, Any]:
+def measure(way: str, sweep: str, calls: int, workers: int) -> dict[str, Any]:
     began = time.perf_counter()
     import etendue  # noqa: F401
 
@@ -76,7 +92,9 @@ def measure(way: str, calls: int, workers: int) -> dict[str, Any]:
         from etendue.session import Options, execute
 
         stored = way != WAYS[0]
-        plan = make_plan(from_document({**CASE, "keep": "all" if stored else ["raw"]}), installed_stages())
+        plan = make_plan(
+            from_document({**CASE, **SWEEPS[sweep], "keep": "all" if stored else ["raw"]}), installed_stages()
+        )
         outcome = execute(plan, folder / str(number) if stored else None, Options("threads", workers))
         seconds.append(time.perf_counter() - began)
         cpu.append(time.process_time() - spent)
@@ -102,14 +120,16 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=4, help="calls in each process")
     parser.add_argument("--workers", type=int, default=0)
     parser.add_argument("--reference", type=float, default=9.7, help="seconds that Pyxel takes, warm")
+    parser.add_argument("--sweep", choices=SWEEPS, default="pitches")
     parser.add_argument("--one", choices=WAYS, help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.one:
-        print(json.dumps(measure(asked.one, asked.calls, asked.workers)))
+        print(json.dumps(measure(asked.one, asked.sweep, asked.calls, asked.workers)))
         return
     print(f"Pyxel 3.0.2, measured elsewhere: {asked.reference:g} s")
     for way in WAYS:
-        command = [sys.executable, __file__, "--one", way, "--calls", str(asked.calls), "--workers", str(asked.workers)]
+        command = [sys.executable, __file__, "--one", way, "--sweep", asked.sweep]
+        command += ["--calls", str(asked.calls), "--workers", str(asked.workers)]
         found = [
             json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
             for _ in range(asked.repeats)

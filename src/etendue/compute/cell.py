@@ -17,7 +17,7 @@ import numpy as np
 from etendue.compute.bands import BandArray, StoredBands, Timed, elsewhere, made_by_band, of_lit_bands
 from etendue.compute.form import Output, form_of
 from etendue.compute.found import with_found
-from etendue.compute.given import Clipped, arguments
+from etendue.compute.given import Alike, Clipped, arguments, common
 from etendue.compute.job import Job
 from etendue.compute.joined.segments import Result, passed_on, transferred
 from etendue.compute.mapped import one_by_one
@@ -106,10 +106,16 @@ def undefined(job: Job, arrays: Mapping[str, Array]) -> dict[str, float]:
     return found
 
 
-def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = None) -> tuple[Result, CellReport]:
+def compute(
+    job: Job,
+    results: Mapping[CellRef, Result],
+    began: float | None = None,
+    groups: dict[str, Alike] | None = None,
+) -> tuple[Result, CellReport]:
     """Compute or load one cell. Exceptions of stages become a failed report.
 
-    ``began`` is the thread time at the end of the previous cell, because reading the clock costs 5 us.
+    ``began`` is the thread time at the end of the previous cell, because reading the clock costs 5 us. ``groups``: what
+    the cells of each stage have in common, in a batch that runs ``undisturbed`` as a whole.
     """
     began = time.thread_time() if began is None else began
     for ref in job.needs:
@@ -127,6 +133,10 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
             # A stored array may contain declared NaN. Noting that here saves every reader another pass over the array.
             result.arrays, result.lowest = arrays, result.lowest | undefined(job, arrays)
             return result, CellReport(*job.ref, "loaded")
+        group = common(groups, job) if groups is not None else None
+        if group is not None:
+            arrays = group.made(job, results, clipped, check)
+            return kept(job, Result(lowest=undefined(job, arrays)), arrays, clipped, lambda: time.thread_time() - began)
         with guests_of(job):
             result, arrays = undisturbed(_made, job, results, clipped)
         arrays = handed_on(job, arrays) if job.steps else arrays

@@ -106,6 +106,11 @@ class StageForm:
             self._prepared = stage, key
         return key
 
+    def lasts(self, stage: Stage) -> bool:
+        """Return whether a stage was the last to be asked for, and reads no files: its tables are the same."""
+        known = self._prepared
+        return "prepared" not in self.special or (known is not None and known[0] is stage)
+
 
 _LAST: dict[str, StageForm] = {}
 

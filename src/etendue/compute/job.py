@@ -142,6 +142,8 @@ class Job:
     walk: Walk | None = None
     look: CellObserver | None = None  # the caller's reduction of its arrays, applied where they are computed
     steps: Mapping[str, float] = field(default_factory=dict)  # by variable: what its floats are multiples of
+    # the caller's arrays for some of ``give``, where it has them; in the caller's process only
+    places: Mapping[str, Any] = field(default_factory=dict)
     passes: tuple[str, ...] = ()  # for a left-out cell: its variables that are arrays of its input
 
     form: StageForm | None = field(init=False, default=None, repr=False)  # set on first use by ``compute.form``

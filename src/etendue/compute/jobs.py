@@ -42,10 +42,11 @@ def make_jobs(
     """Return jobs for the cells to compute and for the stored cells they read, in order.
 
     ``deliver_all`` keeps every kept variable in memory (no archive); ``show`` marks cells whose arrays the caller
-    wants; ``looks`` reduces these arrays in the worker that computes them; ``place`` gives the array in which a
-    variable computed strip by strip is put.
+    wants; ``looks`` reduces these arrays in the worker that computes them; ``place`` gives the array into which a
+    variable for the caller is put as soon as it is computed.
     """
     jobs = Jobs(plan, todo, target, deliver_all, show, looks)
+    jobs.place_of = place
     large: Once[bool] = Once()  # most cells of a sweep share their grids
     every = ((plan.cells[ref].grids, plan.cells[ref].input_grids) for ref in jobs)
     if not any(large(grids, partial(is_large, *grids)) for grids in every):
@@ -74,6 +75,7 @@ class Jobs(Mapping[CellRef, Job]):
     ) -> None:
         self.plan, self.todo, self.target, self.deliver_all = plan, todo, target, deliver_all
         self.show, self.looks = show, looks
+        self.place_of: Callable[[CellRef, str], Array | bool | None] | None = None
         self.nodes = {node.name: node for node in plan.nodes}
         self.kept = {
             node.name: tuple(v for v in node.writes if (node.name, v) in plan.with_arrays) for node in plan.nodes
@@ -81,10 +83,8 @@ class Jobs(Mapping[CellRef, Job]):
         self.finding = {node.name for node in plan.nodes if node.found}
         self.number = plan.numbers.of
         self.direct: dict[CellRef, Direct] = {}
-        # by cell: the variables that others read; () for most
-        self.read: list[tuple[str, ...]] = [()] * plan.numbers.count
-        # interned, so that each combination is stored once
-        self.joined: dict[tuple[tuple[str, ...], str], tuple[str, ...]] = {}
+        self.read: list[tuple[str, ...]] = [()] * plan.numbers.count  # by cell: the variables that others read
+        self.joined: dict[tuple[tuple[str, ...], str], tuple[str, ...]] = {}  # each combination is stored once
         self.transforms, self.included = bytearray(plan.numbers.count), bytearray(plan.numbers.count)
         self.costs: Once[tuple[float, tuple[str, ...]]] = Once()
         self.grids: dict[str, tuple[Mapping[str, Grid], Mapping[str, Grid]]] = {}
@@ -254,6 +254,7 @@ class Jobs(Mapping[CellRef, Job]):
             expected=plan.expected,
             look=self.looks.get(ref),
             steps=cell.steps,
+            places={v: self.place_of(ref, v) for v in give} if give and self.place_of else {},
         )
         return job if cell.left_out is None else self._left_out(job, cell, node)
 
@@ -294,8 +295,7 @@ class Jobs(Mapping[CellRef, Job]):
 
     def place(self, ref: CellRef) -> int:
         """Return the position of a job among all jobs."""
-        number = self.number(ref)
-        return number if self.places is None else self.places[number]
+        return self.number(ref) if self.places is None else self.places[self.number(ref)]
 
     @cached_property
     def places(self) -> array[int] | None:

@@ -46,7 +46,7 @@ class Target(Protocol):
         """Called after the last cell of a batch: all that was written must be in its files before it is reported."""
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)  # never changed after creation; freezing it would cost more than creating it
 class CellReport:
     """The report of one cell."""
 

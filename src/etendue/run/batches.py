@@ -15,12 +15,15 @@ from collections.abc import Callable, Container, Mapping, Set
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+import numpy as np
+
 from etendue.compute.bands import elsewhere
 from etendue.compute.cell import compute
+from etendue.compute.given import Alike
 from etendue.compute.job import Job
 from etendue.compute.jobs import Jobs
 from etendue.compute.joined.segments import Result
-from etendue.compute.ownership import in_its_place
+from etendue.compute.ownership import in_its_place, undisturbed
 from etendue.compute.strips import walked
 from etendue.contract.ports import CellReport
 from etendue.errors import refused_by_the_machine
@@ -180,18 +183,28 @@ def _alone(
     began: float,
     doomed: Mapping[CellRef, str],
     at: Callable[[int], None] | None,
+    groups: dict[str, Alike],
 ) -> Ended:
     """Compute a cell alone, unless it is known to fail."""
     if job.ref in doomed:
         return Result(failed=job.ref[0]), CellReport(*job.ref, "failed", message=doomed[job.ref])
     if at is not None:
         at(number)
-    return compute(job, results, began)
+    return compute(job, results, began, groups)
 
 
 def _delivered(job: Job, result: Result) -> CellArrays:
-    """Return what the owner of the run gets of a cell."""
-    given = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
+    """Return what the owner of the run gets of a cell: arrays that it has places for are there, copied while they are
+    still in the processor's cache.
+    """
+    given = {v: a for v, a in result.arrays.items() if job.give is None or v in job.give}
+    for variable, place in job.places.items():
+        array = given.get(variable)
+        if type(array) is not np.ndarray or type(place) is not np.ndarray or array.base is place.base:
+            continue
+        if array.shape == place.shape and array.dtype == place.dtype:
+            place[...] = array
+            given[variable] = place
     return given if job.look is None else job.look(given)
 
 
@@ -206,7 +219,8 @@ def _settle(jobs: tuple[Job, ...]) -> None:
 def let_go(job: Job, readers: Counter[CellRef], exports: Container[CellRef]) -> list[CellRef]:
     """Return the cells that are no longer read after a job; ``readers``: how many jobs still read each cell."""
     needs = job.needs
-    readers.subtract(needs)
+    for ref in needs:
+        readers[ref] -= 1
     return [ref for ref in (*needs, job.ref) if readers[ref] == 0 and ref not in exports]
 
 
@@ -227,25 +241,38 @@ def run_batch(
     results: dict[CellRef, Result] = {}
     for refs, source in zip(imports, before, strict=True):
         results.update({ref: source.results[ref].read_only() for ref in refs})
+    with in_its_place():
+        found = undisturbed(_in_order, jobs, results, exports, deliver, doomed, at)
+    _settle(jobs)
+    return found
+
+
+def _in_order(
+    jobs: tuple[Job, ...],
+    results: dict[CellRef, Result],
+    exports: tuple[CellRef, ...],
+    deliver: Set[CellRef],
+    doomed: Mapping[CellRef, str],
+    at: Callable[[int], None] | None,
+) -> BatchResult:
     readers = Counter(ref for job in jobs for ref in job.needs)
     own, reports, kept = set(exports), list[CellReport](), dict[CellRef, CellArrays]()
     clock: float | None = None
     ahead: dict[CellRef, Ended] = {}  # cells of walks, computed together with an earlier cell
-    with in_its_place():
-        for number, job in enumerate(jobs):
-            began = time.thread_time() if clock is None else clock
-            if job.walk is not None and job.ref not in ahead:
-                ahead |= _ahead(jobs, number, results, doomed, at)
-                began = time.thread_time()
-            walked_before = ahead.pop(job.ref, None)
-            result, report = walked_before or _alone(job, number, results, began, doomed, at)
-            clock = None if job.walk or (job.store and job.target) or elsewhere.seconds else began + report.seconds
-            results[job.ref] = result
-            reports.append(report)
-            if job.ref in deliver:
-                kept[job.ref] = _delivered(job, result)
-                clock = clock if job.look is None else None  # the caller's reduction is not counted as run time
-            for ref in let_go(job, readers, own):
-                results.pop(ref, None)
-    _settle(jobs)
+    groups: dict[str, Alike] = {}
+    for number, job in enumerate(jobs):
+        began = time.thread_time() if clock is None else clock
+        if job.walk is not None and job.ref not in ahead:
+            ahead |= _ahead(jobs, number, results, doomed, at)
+            began = time.thread_time()
+        walked_before = ahead.pop(job.ref, None)
+        result, report = walked_before or _alone(job, number, results, began, doomed, at, groups)
+        clock = None if job.walk or (job.store and job.target) or elsewhere.seconds else began + report.seconds
+        results[job.ref] = result
+        reports.append(report)
+        if job.ref in deliver:
+            kept[job.ref] = _delivered(job, result)
+            clock = clock if job.look is None else None  # the caller's reduction is not counted as run time
+        for ref in let_go(job, readers, own):
+            results.pop(ref, None)
     return BatchResult({ref: results[ref] for ref in exports if ref in results}, tuple(reports), kept)

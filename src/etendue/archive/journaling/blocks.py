@@ -45,6 +45,15 @@ class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
         self.file.append(file)
         self.offset.append(place.offset)
 
+    def add_written(self, one: WrittenChunk, file: str) -> None:
+        """Add a chunk that lies in its part, ``file``, where it was written."""
+        if file not in self.files:
+            self.files.append(file)
+        self.rows[one.slot] = len(self.written)
+        self.written.add(one.path, one.slot, one.part, one.offset, one.size, one.digest)
+        self.file.append(self.files.index(file))
+        self.offset.append(one.offset)
+
     def __getitem__(self, slot: int) -> tuple[WrittenChunk, ChunkPlace]:
         row = self._row(slot)
         one = self.written[row]
@@ -146,7 +155,7 @@ class Blocks:
             elif slot in own and own[slot][0] == one:
                 continue  # it was held, or is reported twice
             else:
-                own[slot] = one, ChunkPlace(part_path(one), one.offset, one.size, one.digest)
+                own.add_written(one, part_path(one))
                 self.moved["computed"] += one.size
             left = self.waiting.get(path, 0) - 1
             self.waiting[path] = left

@@ -18,6 +18,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from etendue.archive.records import disk
+from etendue.archive.records.indented import indented
 from etendue.archive.records.manifest import DATA, Manifest
 from etendue.archive.records.rerun import Recorded, every_record
 from etendue.pipeline.about import About
@@ -42,7 +43,7 @@ def write_crate(folder: Path, plan: Plan, known: Manifest | None, fresh: bool, d
     ended = _ended(folder)
     if fresh and runs:
         ended[_action(runs[0])] = time.strftime("%Y-%m-%dT%H:%M:%S+00:00", time.gmtime())
-    files = {NAME: json.dumps(_document(folder, plan, runs, ended), indent=1).encode()}
+    files = {NAME: indented(_document(folder, plan, runs, ended), 1)}
     about = plan.pipeline.about
     if about.authors:
         files[CITATION] = _citation(about, plan, _date(runs)).encode()

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from etendue import plain_files
 from etendue.archive.records import disk
+from etendue.archive.records.indented import indented
 from etendue.errors import ArchiveError
 
 NAME = "manifest.json"
@@ -91,7 +92,7 @@ def write_manifest(folder: Path, metadata: Mapping[str, bytes], durable: bool = 
     digests = {path: hashlib.sha256(data).hexdigest() for path, data in sorted(metadata.items())}
     journal = digest_of(folder / "journal.jsonl")
     whole = {"metadata": digests, "files": files, "journal": journal, "sum": _sum(digests, files, journal)}
-    disk.write(folder, NAME, json.dumps(whole, indent=1).encode(), durable)
+    disk.write(folder, NAME, indented(whole, 1), durable)
 
 
 def damaged(folder: Path, paths: Sequence[str]) -> ArchiveError:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
-import json
 import math
 import os
 import platform
@@ -19,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.archive.records import disk
+from etendue.archive.records.indented import indented
 from etendue.archive.records.inputs import Resolved, as_recorded
 from etendue.archive.records.manifest import Manifest, digest_of
 from etendue.contract.values.late_bound import LateValue
@@ -161,7 +161,7 @@ def write_record(
     number = max((int(p.stem) for p in (folder / "runs").glob("*.*") if p.stem.isdigit()), default=0) + 1
     record = record_of(plan, asked, resolved, options)
     disk.write(folder, f"runs/{number:04d}.toml", resolved.text.encode(), durable)
-    disk.write(folder, f"runs/{number:04d}.json", json.dumps(record, indent=1, sort_keys=True).encode(), durable)
+    disk.write(folder, f"runs/{number:04d}.json", indented(record, 1, sort_keys=True), durable)
     return f"runs/{number:04d}.json"
 
 

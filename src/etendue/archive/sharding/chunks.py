@@ -22,7 +22,7 @@ import numpy as np
 from numcodecs import blosc
 
 from etendue.archive.sharding.partition import Cutter, Window, joined
-from etendue.archive.sharding.segments import PARTS
+from etendue.archive.sharding.segments import GATHERED, PARTS
 from etendue.archive.sharding.shards import ChunkPlace, fits, part_path, read_bytes, read_index
 from etendue.archive.sharding.unfolding import refuse_other_size
 from etendue.contract.ports import WrittenChunk
@@ -137,6 +137,8 @@ class CellFiles:
             body, checksum = pieces_of(array, chunk.codec)
             size_in_memory += array.nbytes
             size = len(body) + 4
+            if size < GATHERED and chunk.codec == RAW and array.flags.writeable:
+                body = bytes(body)  # it waits to be written, and its owner may change it meanwhile
             part, offset = PARTS.append(self.root, self.run_id, chunk.path, (body, checksum), size, self.durable)
             one = WrittenChunk(chunk.path, chunk.slot, part, offset, size, int.from_bytes(checksum, "little"))
             self.places[chunk.path, chunk.slot] = one, None

@@ -4,9 +4,9 @@ In:  encoded chunks, and the shard each belongs to.
 Out: where they were put. The owner of the run turns parts into shards (``shards.put_shard``); no byte is copied if one
      process wrote the whole shard.
 
-All threads of a process append to the same parts. Small chunks are collected and written together, at the latest when a
-batch ends (``settle``). A part that the owner has taken is not touched again: this process notices because the file's
-size no longer matches what it wrote, and starts a new part.
+All threads of a process append to the same parts. Small chunks are collected as they are and written together by one
+vectored write, at the latest when a batch ends (``settle``). A part that the owner has taken is not touched again: this
+process notices because the file's size no longer matches what it wrote, and starts a new part.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from etendue import plain_files
 from etendue.archive.records import disk
 from etendue.errors import ArchiveInUse
 
-GATHERED = 32 << 10  # chunks below this many bytes are collected before they are written
+GATHERED = 96 << 10  # chunks below this many bytes are collected before they are written
 MOST_GATHERED = 1 << 20
+MOST_PIECES = 1000  # of one vectored write; Linux takes 1024
 HANDLES = 128  # open files; the least recently used one is closed first
 
 
@@ -41,13 +42,14 @@ class ShardSegment:
         self.name = os.urandom(6).hex()
         self.path = f"{folder}/.{name}.{self.name}{disk.PART}"
         self.written = self.synced = 0  # bytes in the file
-        self.waiting = bytearray()
+        self.waiting: list[Any] = []  # pieces that are not in the file yet, and their bytes
+        self.gathered = 0
         self.handle: int | None = None
         self.begun = False
         self.lock = threading.Lock()
 
     def append(self, pieces: Sequence[Any], size: int) -> int:
-        """Append a chunk; return its offset.
+        """Append a chunk; return its offset. The pieces must not change until they are written.
 
         Raises
         ------
@@ -60,10 +62,10 @@ class ShardSegment:
                 # enough, because `_put` checks again when the batch is written.
                 if not self.waiting:
                     self._ours()
-                offset = self.written + len(self.waiting)
-                for piece in pieces:
-                    self.waiting += memoryview(piece).cast("B")
-                if len(self.waiting) >= MOST_GATHERED:
+                offset = self.written + self.gathered
+                self.waiting += pieces
+                self.gathered += size
+                if self.gathered >= MOST_GATHERED or len(self.waiting) >= MOST_PIECES:
                     self._flush()
                 return offset
             self._flush()
@@ -116,8 +118,8 @@ class ShardSegment:
 
     def _flush(self) -> None:
         if self.waiting:
-            self._put([bytes(self.waiting)], len(self.waiting))
-            self.waiting.clear()
+            self._put(self.waiting, self.gathered)
+            self.waiting, self.gathered = [], 0
 
     def _put(self, pieces: Sequence[Any], size: int) -> None:
         handle = self._open()
@@ -167,7 +169,7 @@ class Parts:
                     ) from None
                 self._drop(root, path, part)
                 continue
-            with self.lock:  # after the bytes are written: another thread may be settling
+            with self.lock:  # after the bytes are taken: another thread may be settling
                 self.unsettled.setdefault(root, {})[part.name] = part
             return part.name, offset
 
@@ -202,6 +204,9 @@ class Parts:
             self._forget(root)
 
     def _part(self, root: str, run_id: str, path: str, durable: bool) -> ShardSegment:
+        known = self.open.get((root, path)) if self.runs.get(root) == run_id else None
+        if known is not None and known.handle is not None and len(self.handles) < HANDLES:
+            return known  # which handle was used last matters only where some have to be closed
         with self.lock:
             if self.runs.get(root) != run_id:
                 check_owner(root, run_id)

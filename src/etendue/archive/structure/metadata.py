@@ -6,16 +6,15 @@ Out: the text of ``zarr.json``; chunks of texts. Tests check that they equal wha
 
 from __future__ import annotations
 
-import json
 import unicodedata
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 import google_crc32c
-import msgspec
 import numpy as np
 from numcodecs import VLenUTF8, Zstd
 
+from etendue.archive.records.indented import indented
 from etendue.archive.sharding.chunks import LEVEL, RAW
 from etendue.archive.sharding.unfolding import refuse_unfolding
 from etendue.errors import ArchiveError
@@ -27,14 +26,8 @@ T = TypeVar("T")
 
 
 def document(node: DocumentView) -> bytes:
-    """Return a node as zarr writes it: the bytes of ``json.dumps(node, indent=2)``, which takes five times as long
-    because of its indenting.
-    """
-    compact = json.dumps(node)
-    try:
-        return msgspec.json.format(compact.encode(), indent=2)
-    except msgspec.DecodeError:  # an attribute from a plugin is NaN, which is not valid JSON
-        return json.dumps(node, indent=2).encode()
+    """Return a node as zarr writes it."""
+    return indented(node, 2)
 
 
 def array_node(
