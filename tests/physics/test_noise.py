@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy import special
+from scipy import special, stats
 
 from etendue.compute import random
-from etendue_camera.electronics import distributions, noise
+from etendue_camera.electronics import distributions, noise, poisson_table
 from tests.physics.reference import cases
 
 
@@ -135,10 +135,69 @@ def test_large_counts_keep_mean_and_variance(mean, dtype):
     assert abs(centred.var() - mean - rounding) < 5 * (mean + rounding) * math.sqrt(2 / n)
 
 
-def test_infinity_as_threshold_is_the_exact_sampler():
-    means = np.geomspace(1e-3, 1e15, 1000)
+def test_infinity_as_threshold_is_the_exact_sampler_beyond_the_table():
+    means = np.geomspace(poisson_table.LIMIT, 1e15, 1000)
     drawn = noise.poisson(means, np.random.default_rng(1), math.inf)
     assert_array_equal(drawn, np.random.default_rng(1).poisson(means))
+
+
+def test_small_counts_follow_the_poisson_law_at_two_hundred_means():
+    """Chi-square of 20,000 draws at each mean, from the smallest to the end of the table, also at both ends of bins."""
+    below = poisson_table.LIMIT
+    bins = np.arange(1, 50) * below / 50
+    means = np.concatenate([np.geomspace(1e-4, below, 102, endpoint=False), bins, np.nextafter(bins, 0)])
+    assert len(means) == 200
+    draws, rng = 20_000, np.random.default_rng(11)
+    for mean in means:
+        counts = noise.poisson(np.full(draws, mean), rng, 100.0)
+        expected = draws * stats.poisson.pmf(np.arange(200), mean)
+        # classes of at least five expected counts; all counts beyond the last form one
+        low, high = np.flatnonzero(expected >= 5)[[0, -1]]
+        sums = np.add.reduceat(expected, np.unique([0, *range(low, high + 2)]))
+        drawn = np.add.reduceat(np.bincount(counts.astype(int), minlength=200), np.unique([0, *range(low, high + 2)]))
+        some = sums > 1
+        chi2 = np.sum((drawn - sums)[some] ** 2 / sums[some])
+        assert stats.chi2.sf(chi2, max(some.sum() - 1, 1)) > 1e-6, mean
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_counts_from_the_table_are_the_inverse_of_the_distribution(dtype):
+    """At random, at the ends of bins and cells, in both tails, and one rounding beside the steps of F: what is drawn
+    from a uniform is decided by `pdtr` alone.
+    """
+    rng = np.random.default_rng(4)
+    ends = np.arange(1, poisson_table.LIMIT * poisson_table.BINS) / poisson_table.BINS
+    means = np.concatenate(
+        [[0.0, 1e-300, 1e-9], ends, np.nextafter(ends, 0), rng.uniform(0, poisson_table.LIMIT, 3000)]
+    )
+    means = np.minimum(means.astype(dtype), np.nextafter(dtype(poisson_table.LIMIT), dtype(0)))
+    exact = means.astype(float)
+    steps = special.pdtr(special.pdtrik(rng.random(means.size), np.maximum(exact, 1e-9)).round(), exact)
+    cells = rng.integers(0, poisson_table.CELLS, means.size) / poisson_table.CELLS
+    tails = 2.0 ** -rng.integers(2, 54, means.size)
+    for uniform in (
+        rng.random(means.size),
+        steps,
+        np.nextafter(steps, 0),
+        cells,
+        np.nextafter(cells, 1),
+        tails,
+        1 - tails,
+    ):
+        uniform = np.clip(uniform, 0, 1 - 2.0**-53)
+        counts = poisson_table.quantiles(means, uniform)
+        assert counts.dtype == dtype
+        k = counts.astype(float)
+        assert np.all(uniform < special.pdtr(k, exact))
+        some = k > 0
+        assert np.all(uniform[some] >= special.pdtr(k[some] - 1, exact[some]))
+
+
+def test_the_draws_of_a_frame_do_not_depend_on_the_blocks_they_are_made_in(monkeypatch):
+    means = np.random.default_rng(2).permutation(np.geomspace(1e-3, 1e4, 5000)).astype(np.float32)
+    whole = noise.poisson(means, np.random.default_rng(5), 300.0)
+    monkeypatch.setattr(noise, "BLOCK", 77)
+    assert_array_equal(noise.poisson(means, np.random.default_rng(5), 300.0), whole)
 
 
 def test_a_mixed_frame_draws_few_and_many_each_their_own_way():

@@ -129,10 +129,11 @@ def _tiled(
     if rows < 0 or columns < 0:
         raise ValueError(f"the size of the window must not be negative; it is {rows} x {columns}")
     window = np.empty((rows, columns), dtype)
+    generator = philox(seed_words)  # takes the name of each tile in turn
     for row in range(first_row // TILE, -(-(first_row + rows) // TILE)):
         for column in range(first_column // TILE, -(-(first_column + columns) // TILE)):
             name = seed_words + row.to_bytes(8, "little", signed=True) + column.to_bytes(8, "little", signed=True)
-            tile = draw(philox(name))
+            tile = draw(renamed(generator, name))
             top, left = row * TILE - first_row, column * TILE - first_column
             inside = np.s_[max(top, 0) : top + TILE, max(left, 0) : left + TILE]
             window[inside] = tile[max(-top, 0) : rows - top, max(-left, 0) : columns - left]

@@ -45,16 +45,22 @@ def fast_length(size: int) -> int:
 def _gap(plane: FloatArray, total: int, axis: int) -> FloatArray:
     """Return the samples between the end of an axis and its periodic start: two mirrored ends, cross-faded."""
     size = plane.shape[axis]
-    t = np.arange(total - size)
-    after_end = np.abs((size - 1 - t) % (2 * size))
-    after_end = np.where(after_end >= size, 2 * size - 1 - after_end, after_end)
-    before_start = (total - size - 1 - t) % (2 * size)
-    before_start = np.where(before_start >= size, 2 * size - 1 - before_start, before_start)
-    weight = 0.5 - 0.5 * np.cos(np.pi * (t + 0.5) / max(total - size, 1))
+    gap = total - size
+    t = np.arange(gap)
+    weight = 0.5 - 0.5 * np.cos(np.pi * (t + 0.5) / max(gap, 1))
     shape = [1] * plane.ndim
     shape[axis] = -1
     weight = weight.reshape(shape).astype(plane.dtype)
-    return (1 - weight) * np.take(plane, after_end, axis) + weight * np.take(plane, before_start, axis)
+    if gap <= size:  # slices take a tenth of the time of ``take`` along x
+        ends = np.moveaxis(plane, axis, 0)
+        after, before = (np.moveaxis(end[::-1], 0, axis) for end in (ends[size - gap :], ends[:gap]))
+    else:
+        after_end = np.abs((size - 1 - t) % (2 * size))
+        after_end = np.where(after_end >= size, 2 * size - 1 - after_end, after_end)
+        before_start = (gap - 1 - t) % (2 * size)
+        before_start = np.where(before_start >= size, 2 * size - 1 - before_start, before_start)
+        after, before = np.take(plane, after_end, axis), np.take(plane, before_start, axis)
+    return (1 - weight) * after + weight * before
 
 
 def pad(planes: FloatArray) -> FloatArray:
@@ -118,8 +124,11 @@ def frequencies(size: int, step: float, half: bool, share: float = 1.0) -> Float
 
 def planes_of(half_transform: ComplexArray, ny: int, nx: int) -> FloatArray:
     """Return the frame [0:ny, 0:nx] of the planes with this half transform."""
-    full = scipy.fft.irfft2(half_transform, s=(padded_size(ny), padded_size(nx)), workers=1)
-    return np.ascontiguousarray(full[..., :ny, :nx])
+    return np.ascontiguousarray(_frame(half_transform, ny, nx))
+
+
+def _frame(half_transform: ComplexArray, ny: int, nx: int) -> FloatArray:
+    return scipy.fft.irfft2(half_transform, s=(padded_size(ny), padded_size(nx)), workers=1)[..., :ny, :nx]
 
 
 def whole_steps(
@@ -217,7 +226,7 @@ def sample(
         if y[2] * x[2] < FEW * padded_size(ny):
             return evaluate(half_transform, ny, nx, y, x)
         half_transform = _whole(half_transform, padded_size(ny), padded_size(nx))
-    return np.ascontiguousarray(planes_of(half_transform, ny, nx)[..., rows, columns])
+    return np.ascontiguousarray(_frame(half_transform, ny, nx)[..., rows, columns])
 
 
 def _whole(low: ComplexArray, total_y: int, total_x: int) -> ComplexArray:

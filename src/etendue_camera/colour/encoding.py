@@ -172,10 +172,13 @@ def _with_toe(curve: NDArray, value: NDArray, end: float, slope: float, divide: 
     Products with the mask take a third of the time of ``where``.
     """
     toe = value <= end
+    if not toe.any():
+        return curve
+    straight = toe.astype(curve.dtype)
     line = np.minimum(value, end, out=np.empty_like(curve))
     (np.divide if divide else np.multiply)(line, slope, out=line)
-    line *= toe
-    curve *= ~toe
+    line *= straight
+    curve *= np.subtract(1, straight, out=straight)
     curve += line
     return curve
 

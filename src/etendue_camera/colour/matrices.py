@@ -19,6 +19,7 @@ Matrix = NDArray[np.float64]
 D65_XY = (0.3127, 0.3290)
 PAL_PRIMARIES_XY = ((0.64, 0.33), (0.29, 0.60), (0.15, 0.06))  # ITU-R BT.470-6 system B, G (625 lines), EBU
 SRGB_PRIMARIES_XY = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06))  # IEC 61966-2-1 and ITU-R BT.709
+BLOCK = 1 << 14  # pixels whose temporaries stay in the cache
 LEAST_SPAN = 1e-7  # of the samples' size: channels that differ by less count as equal
 
 
@@ -150,13 +151,18 @@ def apply_matrix(matrix: ArrayLike, planes: NDArray) -> NDArray:
         weights.ndim == 2 and planes.ndim >= 1 and planes.shape[0] == weights.shape[1],
         f"matrix has shape {weights.shape} and planes {planes.shape}; allowed: (n, k) and (k, ...)",
     )
-    result = np.empty((len(weights), *planes.shape[1:]), planes.dtype)
-    for row, out in enumerate(weights):
-        total = out[0] * planes[0]
-        for weight, plane in zip(out[1:], planes[1:], strict=True):
-            total += weight * plane
-        result[row] = total
-    return result
+    flat = planes.reshape(len(planes), -1)
+    result = np.empty((len(weights), flat.shape[1]), planes.dtype)
+    product = np.empty(min(BLOCK, flat.shape[1]), planes.dtype)
+    for start in range(0, flat.shape[1], BLOCK):
+        part = flat[:, start : start + BLOCK]
+        term = product[: part.shape[1]]
+        for row, total in zip(weights, result[:, start : start + BLOCK], strict=True):
+            np.multiply(part[0], row[0], out=total)
+            for weight, plane in zip(row[1:], part[1:], strict=True):
+                np.multiply(plane, weight, out=term)
+                total += term
+    return result.reshape(len(weights), *planes.shape[1:])
 
 
 def fit_matrix(

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from etendue import require
 
+BLOCK = 1 << 16  # pixels whose temporaries stay in the cache
+
 
 def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float, bits: int) -> NDArray:
     """Return raw codes of a linear ADC: pedestal, rounding, clipping at both ends.
@@ -55,14 +57,19 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
     require.allowed(0 < gain < np.inf, "gain_dn_per_electron", gain, "finite numbers above 0")
     if bits > 16:
         charge = charge.astype(np.float64, copy=False)
-    codes = charge * gain
-    codes += float(black_level) + 0.5
-    codes = np.clip(np.floor(codes), 0, top)
-    require.that(
-        not np.isnan(codes).any(),
-        "charge contains NaN, for which there is no raw code; it must be numbers in electrons",
-    )
-    return codes.astype(np.uint16 if bits <= 16 else np.uint32)
+    flat = charge.reshape(-1)
+    raw = np.empty(flat.shape, np.uint16 if bits <= 16 else np.uint32)
+    for start in range(0, flat.size, BLOCK):
+        codes = flat[start : start + BLOCK] * gain
+        codes += float(black_level) + 0.5
+        np.floor(codes, out=codes)
+        np.clip(codes, 0, top, out=codes)
+        require.that(
+            not np.isnan(codes).any(),
+            "charge contains NaN, for which there is no raw code; it must be numbers in electrons",
+        )
+        raw[start : start + BLOCK] = codes
+    return raw.reshape(charge.shape)
 
 
 def unrounded(charge: ArrayLike, gain_dn_per_electron: float, black_level: float, bits: int) -> NDArray:

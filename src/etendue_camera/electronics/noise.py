@@ -8,12 +8,14 @@ The exact distributions, the reference for these draws, are in `distributions.py
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from etendue import require
+from etendue_camera.electronics import poisson_table
 
 LARGEST_EXACT = 9.2e18  # numpy's exact sampler counts in int64
 LARGEST_MEAN = 1e36  # a normal about it still fits into 32 bits
@@ -30,8 +32,8 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
     mean : (...) array, electrons
         0 to 1e36; to 9.2e18 where exact_below is larger than that.
     rng : numpy Generator
-        Advances by one normal per pixel, then the exact draws; if most pixels are exact, by the exact draws, then one
-        normal for each of the others.
+        Advances by one uniform for each mean below 64 and exact_below, then numpy's exact draws, then one normal for
+        each of the others.
     exact_below : float, electrons
         10 or more; infinity makes every draw exact.
 
@@ -47,8 +49,9 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
 
     Notes
     -----
-    Source: numpy's sampler, and `cornish_fisher` of a normal. Total variation from Poisson: 0 below exact_below; 5.6e-4
-    at a mean of 10, 1.0e-4 at 30, 5.1e-7 at 1000 (`distributions.poisson_total_variation`).
+    Source: `poisson_table.quantiles` of a uniform, numpy's sampler, and `cornish_fisher` of a normal. Total variation
+    from Poisson: 0 below exact_below; 5.6e-4 at a mean of 10, 1.0e-4 at 30, 5.1e-7 at 1000
+    (`distributions.poisson_total_variation`).
     """
     exact_below = float(exact_below)
     mean = _means(mean, LARGEST_EXACT if exact_below > LARGEST_EXACT else LARGEST_MEAN)
@@ -57,32 +60,30 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
         f"exact_below is {exact_below!r} electrons; it must be {SMALLEST_NORMAL_MEAN} or more, or inf",
     )
     flat = np.ascontiguousarray(mean).reshape(-1)
-    blocks = [slice(start, start + BLOCK) for start in range(0, flat.size, BLOCK)]  # draws continue from block to block
-    exact = sum(int(np.count_nonzero(flat[block] < exact_below)) for block in blocks)
     counts = np.empty_like(flat)
-    if 2 * exact < flat.size:  # drawing a normal is faster than selecting a pixel
-        for block in blocks:
-            many = np.maximum(flat[block], flat.dtype.type(SMALLEST_NORMAL_MEAN)) if exact else flat[block]
-            counts[block] = cornish_fisher(many, _normals(rng, many.shape, many.dtype))
-        for block in blocks if exact else ():
-            _drawn(counts[block], flat[block], exact_below, rng)
-        return counts.reshape(mean.shape)
-    for block in blocks:
-        _drawn(counts[block], flat[block], exact_below, rng)
-    for block in blocks if exact < flat.size else ():
-        rest = np.flatnonzero(flat[block] >= exact_below)
-        many = flat[block][rest]
-        counts[block][rest] = cornish_fisher(many, _normals(rng, many.shape, many.dtype))
+    tabled = min(exact_below, float(poisson_table.LIMIT))
+    _drawn(counts, flat, (0.0, tabled), lambda some: poisson_table.quantiles(some, rng.random(some.size)))
+    _drawn(counts, flat, (tabled, exact_below), rng.poisson)
+    _drawn(
+        counts, flat, (exact_below, math.inf), lambda some: cornish_fisher(some, _normals(rng, some.size, some.dtype))
+    )
     return counts.reshape(mean.shape)
 
 
-def _drawn(counts: NDArray, mean: NDArray, exact_below: float, rng: np.random.Generator) -> None:
-    """Replace the counts of small means by exact draws."""
-    some = np.flatnonzero(mean < exact_below)  # by index, a fifth faster than by mask for mixed means
-    if some.size == mean.size:
-        counts[...] = rng.poisson(mean)
-    else:
-        counts[some] = rng.poisson(mean[some])
+def _drawn(counts: NDArray, mean: NDArray, limits: tuple[float, float], draw: Callable[[NDArray], NDArray]) -> None:
+    """Draw the counts of the means within limits, lowest <= mean < highest, in the order of the pixels."""
+    low, high = limits
+    if low == high:
+        return
+    for start in range(0, mean.size, BLOCK):  # the draws continue from block to block
+        block = mean[start : start + BLOCK]
+        inside = block < high if low == 0 else block >= low if high == math.inf else (block >= low) & (block < high)
+        number = np.count_nonzero(inside)
+        if number == block.size:
+            counts[start : start + BLOCK] = draw(block)
+        elif number:
+            some = np.flatnonzero(inside)  # by index, a fifth faster than by mask for mixed means
+            counts[start : start + BLOCK][some] = draw(block[some])
 
 
 def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float = 30.0) -> NDArray:
@@ -109,11 +110,11 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
 
     Notes
     -----
-    Source: inversion, started at a Cornish-Fisher quantile and corrected one step at a time; above
-    exact_below `cornish_fisher` of the normal quantile, limited to 8.3 sigma. At the transition the exact count is kept
-    until the normal form has passed it, so that the count does not decrease there. Intended for sweeps with the same
-    noise in all cells ("common"): with a rejection sampler, equal generator states decorrelate for changes of the mean
-    of 1e-4.
+    Source: inversion, by `poisson_table.quantiles` below 64 electrons, above started at a Cornish-Fisher quantile and
+    corrected one step at a time; from exact_below on `cornish_fisher` of the normal quantile, limited to 8.3 sigma. At
+    the transition the exact count is kept until the normal form has passed it, so that the count does not decrease
+    there. Intended for sweeps with the same noise in all cells ("common"): with a rejection sampler, equal generator
+    states decorrelate for changes of the mean of 1e-4.
     """
     mean, uniform = np.broadcast_arrays(_means(mean), np.asarray(uniform, np.float64))
     if not np.all((uniform >= 0) & (uniform < 1)):
@@ -127,7 +128,10 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
     normal = np.clip(scipy.special.ndtri(uniform), -8.3, 8.3)
     counts = np.empty_like(work)
     few = work < exact_below
-    counts[few] = _inverse(work[few], uniform[few], normal[few])
+    tabled = work < min(exact_below, poisson_table.LIMIT)
+    counts[tabled] = poisson_table.quantiles(work[tabled], uniform[tabled])
+    searched = few & ~tabled
+    counts[searched] = _inverse(work[searched], uniform[searched], normal[searched])
     counts[~few] = cornish_fisher(work[~few], normal[~few])
     near = ~few & (work < exact_below + 4 * exact_below**0.5)
     seam = np.full(np.count_nonzero(near), float(exact_below))

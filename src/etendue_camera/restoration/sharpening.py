@@ -16,6 +16,7 @@ from etendue import require
 
 LAPLACIAN = np.array([[-1.0, -1.0, -1.0], [-1.0, 8.0, -1.0], [-1.0, -1.0, -1.0]])
 LAPLACIAN.setflags(write=False)
+BLOCK = 1 << 16  # pixels whose temporaries stay in the cache
 REACH = 7.0  # standard deviations: as the radius grows, a new tap enters at e^-24.5 of the middle one
 
 
@@ -51,16 +52,21 @@ def sharpen(planes: NDArray, strength: float) -> NDArray:
     if not np.issubdtype(planes.dtype, np.floating):
         planes = planes.astype(np.float64)
     result = np.empty_like(planes)
-    for index in np.ndindex(planes.shape[:-2]):  # one plane at a time stays in the cache
-        plane, box = planes[index], result[index]
-        across = _second_difference(plane, -1)
-        weighted = 3 * plane
-        weighted += across
-        _second_difference(weighted, -2, out=box)
-        across *= 3
-        box += across
-        box *= -strength
-        box += plane
+    rows, columns = planes.shape[-2:]
+    some = max(BLOCK // max(columns, 1), 1)
+    for index in np.ndindex(planes.shape[:-2]):
+        for top in range(0, rows, some):  # some rows of a plane, and one above and below, stay in the cache
+            low = max(top - 1, 0)
+            part = planes[index][low : top + some + 1]
+            own = slice(top - low, top - low + some)
+            across = _second_difference(part, -1)
+            weighted = 3 * part
+            weighted += across
+            box, across = _second_difference(weighted, -2)[own], across[own]
+            across *= 3
+            box += across
+            box *= -strength
+            np.add(box, part[own], out=result[index][top : top + some])
     return result
 
 
@@ -295,15 +301,15 @@ def unsharp_noise_gain(radius: float, amount: float) -> float:
     return math.hypot(1 + amount * (1 - middle**2), amount * math.sqrt(max(square**2 - middle**4, 0.0)))
 
 
-def _second_difference(values: NDArray, axis: int, out: NDArray | None = None) -> NDArray:
-    """Return neighbour - 2 value + neighbour, with the edge sample repeated; 0 along an axis of length 1, and exactly 0
-    for a constant.
+def _second_difference(values: NDArray, axis: int) -> NDArray:
+    """Return neighbour - 2 value + neighbour of a plane along y (-2) or x (-1), with the edge sample repeated; 0 along
+    an axis of length 1, and exactly 0 for a constant.
     """
-    result = np.empty_like(values) if out is None else out
+    result = np.empty_like(values)
     if values.shape[axis] < 2:
         result[...] = 0
         return result
-    value, view = np.moveaxis(values, axis, 0), np.moveaxis(result, axis, 0)
+    value, view = (values.T, result.T) if axis == -1 else (values, result)
     np.add(value[:-2], value[2:], out=view[1:-1])
     np.add(value[0], value[1], out=view[0])
     np.add(value[-2], value[-1], out=view[-1])

@@ -241,7 +241,7 @@ def _exact(light: Array | BandArray, joined: GridTransfer, weights: Array) -> An
         last = band + 1 == len(weights[0]) and sums is None  # without light, one zero transform is still needed
         if not last and (not weights[:, band].any() or is_dark(plane)):
             continue  # no channel responds to this band, or it has no light
-        half = np.array(sampling.low_terms(sampling.transform(np.asarray(plane)), joined.shape))
+        half = sampling.low_terms(sampling.transform(np.asarray(plane)), joined.shape)
         joined.apply(half, band)
         if sums is None:
             sums = np.zeros((weights.shape[0], *half.shape), dtype=half.dtype)

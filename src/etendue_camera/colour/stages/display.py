@@ -21,6 +21,7 @@ from etendue_camera.colour.stages.display_white import MEASURED, TABLE_EDGES, wh
 from etendue_camera.roles import Displaying
 
 LMS = Labels(("L", "M", "S"))
+BLOCK = 1 << 15  # values whose temporaries stay in the cache
 BEYOND = 1e-5  # of full scale: 32-bit rounding of a value at the end of the range
 PRINTED = {"eq16_corrected_3digit": matrices.EQ16_CORRECTED, "eq16_as_printed": matrices.EQ16_AS_PRINTED}
 OWN = {"ebu": matrices.RGB_TO_XYZ_PAL, "sRGB": matrices.RGB_TO_XYZ_SRGB}
@@ -237,14 +238,20 @@ class Encode(_Encoding):
     keeps: ClassVar = ("order",)
 
     def run(self, rgb_linear: FloatArray) -> dict[str, Array]:
-        kind = rgb_linear.dtype.type
-        inside = np.clip(rgb_linear, kind(0), kind(1))
-        outside = np.count_nonzero(np.abs(rgb_linear - inside) > BEYOND) / max(rgb_linear.size, 1)
-        if self.encoding == "power":
-            encoded = transfer.gamma_signed(inside, self.exponent)
-        else:
-            encoded = (transfer.srgb_encode if self.encoding == "sRGB" else transfer.bt709_encode)(inside)
-        return {"rgb_display": encoded, "gamut_clipped": np.array(outside)}
+        kind, flat = rgb_linear.dtype.type, rgb_linear.reshape(-1)
+        encoded, clipped = np.empty_like(flat), 0
+        for start in range(0, flat.size, BLOCK):
+            part = flat[start : start + BLOCK]
+            inside = np.clip(part, kind(0), kind(1))
+            if (part != inside).any():
+                clipped += np.count_nonzero(np.abs(part - inside) > BEYOND)
+            if self.encoding == "power":
+                curve = transfer.gamma_signed(inside, self.exponent)
+            else:
+                curve = (transfer.srgb_encode if self.encoding == "sRGB" else transfer.bt709_encode)(inside)
+            encoded[start : start + BLOCK] = curve
+        outside = clipped / max(flat.size, 1)
+        return {"rgb_display": encoded.reshape(rgb_linear.shape), "gamut_clipped": np.array(outside)}
 
     def joined(self, parts: Mapping[str, Sequence[Array]], sizes: Sequence[int]) -> dict[str, Array]:
         """Return the fraction of all values, from integer counts."""

@@ -153,7 +153,7 @@ class ShotNoise(Sampled, Noisy, Haloed):
     reads: ClassVar = {"expected_charge": "y x [electron]"}
     writes: ClassVar = {"charge": "y x [electron]"}
     gain: ClassVar = 1.0
-    nanoseconds: ClassVar = 60.0
+    nanoseconds: ClassVar = 20.0
     working: ClassVar = 0.5
 
     noise: str = quantity("noise")
@@ -165,7 +165,7 @@ class ShotNoise(Sampled, Noisy, Haloed):
         fidelity=True,
         reference="inf: exact Poisson at every mean",
         settings=(30.0, 100.0, 300.0, 1000.0, math.inf),
-        costs=(1.0, 1.0, 1.0, 1.05, 1.35),
+        costs=(1.0, 1.35, 1.5, 1.65, 1.9),
         doc="above this mean the draw uses a Cornish-Fisher expansion within 1.2e-4 (30 / mean)^1.5 of Poisson in "
         "total variation",
     )

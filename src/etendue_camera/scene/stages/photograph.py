@@ -24,6 +24,8 @@ from etendue_camera.colour.encoding import srgb_decode
 from etendue_camera.picture_files import MOST_PIXELS, read_picture
 from etendue_camera.scene.stages.scene import Scene
 
+BLOCK = 1 << 15  # pixels whose temporaries stay in the cache
+
 
 def _linear_photograph(path: str, rows: int, columns: int) -> tuple[FloatArray, str]:
     """Return ``_read_photograph``, cached until the file changes."""
@@ -124,12 +126,12 @@ class Photograph(Scene):
         white, basis = prepared
         linear, _ = _linear_photograph(self.file, *self.size())
         cube = np.zeros((len(white), *linear.shape[1:]))
-        lit = white > 0  # the other bands have no light
-        weights = (np.maximum(basis, 0.0) * white[:, None])[lit][:, :, None, None]
-        own = cube if lit.all() else np.empty((lit.sum(), *linear.shape[1:]))
-        np.multiply(weights[:, 0], linear[0], out=own)  # no matrix product: its rounding depends on the number of bands
-        own += weights[:, 1] * linear[1]
-        own += weights[:, 2] * linear[2]
-        if own is not cube:
-            cube[lit] = own
+        weights = np.maximum(basis, 0.0) * white[:, None]
+        rows = max(BLOCK // linear.shape[2], 1)
+        for plane, own, lit in zip(cube, weights, white > 0, strict=True):
+            for start in range(0, len(plane) if lit else 0, rows):  # the other bands have no light
+                part, out = linear[:, start : start + rows], plane[start : start + rows]
+                np.multiply(part[0], own[0], out=out)  # no matrix product: its rounding depends on the number of bands
+                out += own[1] * part[1]
+                out += own[2] * part[2]
         return {"radiance": cube, "white_radiance": white}
