@@ -110,9 +110,9 @@ def test_light_made_by_wavelength_is_asked_for_each_plane_once(tmp_path):
 
 
 def test_who_reads_a_window_reads_the_bands_under_it(whole, monkeypatch):
-    read, chunk_of_cell = [], VouchedStore._chunk
+    read, chunk_of_cell = [], VouchedStore.chunk
     monkeypatch.setattr(
-        VouchedStore, "_chunk", lambda self, cell, chunk: read.append(chunk.window) or chunk_of_cell(self, cell, chunk)
+        VouchedStore, "chunk", lambda self, chunk, files: read.append(chunk.window) or chunk_of_cell(self, chunk, files)
     )
     everything = etendue.open_archive(whole)["scene/radiance"].values
     radiance = etendue.open_archive(whole)["scene/radiance"]  # which has read nothing yet

@@ -9,6 +9,8 @@ Sources: Goodman, Introduction to Fourier Optics, sections 6.3-6.4; Hopkins, Pro
 Image coordinates scale with lambda N_w: a pupil cell at c pupil radii contributes a wave of frequency c/(2 lambda N_w).
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 
 import numpy as np

@@ -7,6 +7,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from etendue.archive.journaling.journal import NAME as JOURNAL
@@ -38,8 +39,19 @@ def refuse_changed(folder: Path, running: bool) -> None:
         raise damaged(folder, changed)
 
 
-def describe_archive(folder: Path) -> Document:
-    """Return the stages with their variables and cells, axes, size, progress, and whether a run is active.
+@dataclass(frozen=True)
+class Checked:
+    """An archive in which nothing differs from what was written, as far as no chunk is read."""
+
+    listing: disk.Listing
+    journal: Read
+    record: Document  # of the latest run
+    records: list[Path]
+    running: bool
+
+
+def checked(folder: Path) -> Checked:
+    """Check everything of an archive except its chunks.
 
     Raises
     ------
@@ -64,20 +76,33 @@ def describe_archive(folder: Path) -> Document:
         raise damaged(folder, [JOURNAL])
     if not running and (odd := Stored(folder, journal=journal).odd()):
         raise damaged(folder, odd)
+    return Checked(listing, journal, record, records, running)
+
+
+def describe_archive(folder: Path) -> Document:
+    """Return the stages with their variables and cells, axes, size, progress, and whether a run is active.
+
+    Raises
+    ------
+    ArchiveError
+        The folder is not an archive, or it is damaged; the message says what is and how to repair it.
+    """
+    found = checked(folder)
+    root, listing, journal, record = folder / "data.zarr", found.listing, found.journal, found.record
     files = (*(path for top in disk.FOLDERS for path in listing.below(top)), *disk.FILES)
     return {
         "archive": str(folder),
         "store": str(root),
         "pipeline": record["pipeline"],
         "axes": record["axes"],
-        "running": running,
+        "running": found.running,
         "began": record["began"],
-        "runs": len(records),
+        "runs": len(found.records),
         "bytes": sum((folder / path).lstat().st_size for path in files if (folder / path).exists()),
         "stages": _stages(folder, listing, journal, order_of(root, record)),
         "libraries": record["libraries"],
         "partial": left_by_compact(folder) or None,
-        **progress(journal, str(record["began"]) if running else ""),
+        **progress(journal, str(record["began"]) if found.running else ""),
     }
 
 

@@ -13,11 +13,10 @@ from itertools import product
 from etendue.archive.journaling.journal import NAME as JOURNAL
 from etendue.archive.read.following import Followed, fault_of
 from etendue.archive.read.inspection import Damage
-from etendue.archive.read.left_out import paths_of
 from etendue.archive.read.stored import Stored
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA
-from etendue.archive.structure.layout import SAME_AS
+from etendue.archive.structure.layout import SAME_AS, paths_of
 from etendue.archive.structure.naming import cell_label
 
 

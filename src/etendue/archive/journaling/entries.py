@@ -13,8 +13,11 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, MutableMapp
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from etendue.archive.structure.layout import STATUS
 from etendue.contract.ports import WrittenChunk
+from etendue.types.arrays import Array
 
 if TYPE_CHECKING:
     from etendue.plan.model import CellRef
@@ -242,13 +245,28 @@ class Entries(MutableMapping[str, Entry]):
                     found[self.files.path[number]] = number
         return {self.files.texts[path]: number for path, number in found.items()}
 
-    def by_shard(self) -> dict[str, array[int]]:
-        """Map each shard to the numbers of the chunks of done cells in it."""
+    def by_shard(self, beside: Collection[str] = ()) -> dict[str, array[int]]:
+        """Map each shard to the numbers of the chunks of done cells in it; cells in ``beside`` are ignored."""
         found: dict[int, array[int]] = {}
-        for name in self.done():
-            for number in self._numbers(self.rows[name]):
-                found.setdefault(self.files.path[number], array("q")).append(number)
+        done, paths, firsts, counts = _EVENT["done"], self.files.path, self.first, self.count
+        for name, row in self.rows.items():
+            if self.event[row] == done and name not in beside:
+                for number in range(firsts[row], firsts[row] + counts[row]):
+                    found.setdefault(paths[number], array("q")).append(number)
         return {self.files.texts[path]: numbers for path, numbers in found.items()}
+
+    def rows_of_chunks(self) -> Array:
+        """Return by number of a chunk the row of its cell; -1 if another has taken its place."""
+        found = np.full(len(self.files), -1)
+        first, count = np.asarray(self.first), np.asarray(self.count)
+        ends = np.cumsum(count)
+        within = np.arange(int(ends[-1]) if len(ends) else 0) - np.repeat(ends - count, count)
+        found[np.repeat(first, count) + within] = np.repeat(np.arange(len(count)), count)
+        return found
+
+    def cell_of(self, number: int) -> str:
+        """Return the cell that a chunk belongs to, by the number of the chunk; '' if another has taken its place."""
+        return next((name for name, row in self.rows.items() if number in self._numbers(row)), "")
 
     def _numbers(self, row: int) -> range:
         """Return the numbers of the chunks of a cell."""

@@ -13,21 +13,22 @@ chunks remain until it does, but readers do not see them.
 
 from __future__ import annotations
 
-import math
 import os
 import zlib
 from collections.abc import Iterable, Mapping, MutableMapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import msgspec
 
 from etendue import plain_files
+from etendue.archive.journaling import index
 from etendue.archive.journaling.entries import Entries, Entry
 from etendue.archive.journaling.line_forms import (
     FIELDS,
+    Going,
     axis_of,
     block_of,
     decode_of_a_cell,
@@ -37,6 +38,8 @@ from etendue.archive.journaling.line_forms import (
     leads_out,
     of_kind,
     same_of,
+    summed,
+    written,
 )
 from etendue.archive.records import disk
 from etendue.archive.sharding.shards import Shard
@@ -50,15 +53,6 @@ LONGEST_LINE = 32 << 20  # bytes; the longest, a run record with axes of 100,000
 # Errors of a damaged line; in older versions of msgspec, decoding errors are not ``ValueError``.
 UNFIT = (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
 SUM = 18  # characters of ',"sum":"01234567"}'
-
-
-@dataclass
-class Going:
-    """The last run: cells asked for and cells to compute, by stage; the cells that have ended since."""
-
-    planned: Mapping[str, int]
-    todo: Mapping[str, int]
-    ended: set[str] = field(default_factory=set)
 
 
 @dataclass
@@ -183,7 +177,7 @@ class Journal:
             {
                 "event": "axes",
                 "group": group,
-                "axes": {dim: [_written(v) for v in values] for dim, values in own.items()},
+                "axes": {dim: [written(v) for v in values] for dim, values in own.items()},
             }
             for group, own in changed.items()
         )
@@ -254,36 +248,55 @@ class Journal:
 NAME = "journal.jsonl"
 
 
-def summed(line: bytes) -> bytes:
-    """Return a line with its checksum at the end."""
-    return line[:-1] + b',"sum":"%08x"}' % zlib.crc32(line)
-
-
-def _written(value: object) -> object:
-    """Return an axis value as JSON, which has no infinity."""
-    return {"float": repr(value)} if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def read(path: Path) -> Read:
     """Return the latest state of every cell, group and run. Incomplete and foreign lines count as absent."""
-    found = Read()
     try:
         file = plain_files.open_plain(path, links=False)
     except FileNotFoundError:
-        return found
+        return Read()
     with file:
+        found, others, digest = _begun(path, file)
+        length = before = file.tell()
         for line in iter(partial(file.readline, LONGEST_LINE), b""):
             if len(line) == LONGEST_LINE:  # no run writes such a line; nothing after it is read
                 found.damaged += 1
                 break
             if not line.endswith(b"\n"):  # an incomplete last line
                 found.torn = True
-            elif not _take_own(found, line[:-1]):
+                break
+            length += len(line)
+            digest.update(line)
+            if not _take_own(found, line[:-1]):
                 try:
                     _take(found, _checked(line[:-1]))
+                    others.append(line[:-1])
                 except UNFIT:
                     found.damaged += 1
+        if length - before > index.SMALLEST and not (found.damaged or found.files_a_cell):
+            ended = found.run.ended if found.run is not None else set()
+            one = index.index_of(found.said, ended, found.outdated, others)
+            index.keep(path, length, digest.digest(), one)
     return found
+
+
+def _begun(path: Path, file: BinaryIO) -> tuple[Read, list[bytes], index.Digest]:
+    """Return what the first lines say, if the cache knows these very bytes, those of them about no cell, and their
+    digest.
+    """
+    known, digest = index.known(path, file, os.fstat(file.fileno()).st_size)
+    if known is not None:
+        try:
+            entries, found = index.entries_of(known), Read()
+            for line in known.lines:
+                _take(found, _checked(line))
+            names = list(entries.rows)
+            if found.run is not None:
+                found.run.ended = set(names if known.ended is None else [names[row] for row in known.ended])
+            found.entries, found.outdated = entries, set(known.outdated)
+            return found, known.lines, digest
+        except (*UNFIT, IndexError):
+            file.seek(0)
+    return Read(), [], index.fresh_digest()
 
 
 def _take_own(found: Read, line: bytes) -> bool:

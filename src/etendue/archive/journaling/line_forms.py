@@ -6,6 +6,10 @@ Out: the line in the archive's types; ``ValueError`` or ``TypeError`` if it is i
 
 from __future__ import annotations
 
+import math
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -34,6 +38,15 @@ FIELDS = {
 
 
 Number = Annotated[int, msgspec.Meta(ge=0, le=LARGEST)]
+
+
+@dataclass
+class Going:
+    """The last run: cells asked for and cells to compute, by stage; the cells that have ended since."""
+
+    planned: Mapping[str, int]
+    todo: Mapping[str, int]
+    ended: set[str] = field(default_factory=set)
 
 
 class OfACell(msgspec.Struct, forbid_unknown_fields=True, gc=False):
@@ -125,3 +138,13 @@ def axis_of(written: list[Any]) -> list[Any]:
     ):
         raise ValueError("an axis whose values are not all texts or all numbers")
     return values
+
+
+def summed(line: bytes) -> bytes:
+    """Return a line with its checksum at the end."""
+    return line[:-1] + b',"sum":"%08x"}' % zlib.crc32(line)
+
+
+def written(value: object) -> object:
+    """Return an axis value as JSON, which has no infinity."""
+    return {"float": repr(value)} if isinstance(value, float) and not math.isfinite(value) else value

@@ -18,13 +18,7 @@ import xarray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
-from etendue.archive.structure.layout import SAME_AS
-
-
-def paths_of(attrs: Mapping[Any, Any]) -> list[str]:
-    """Return the paths that a group's attributes name."""
-    given = attrs.get(SAME_AS, ())
-    return [str(path) for path in ([given] if isinstance(given, str) else given if isinstance(given, list) else ())]
+from etendue.archive.structure.layout import SAME_AS, paths_of
 
 
 def with_left_out(groups: Mapping[str, xarray.Dataset]) -> dict[str, xarray.Dataset]:

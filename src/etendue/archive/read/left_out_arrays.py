@@ -21,7 +21,7 @@ from etendue.archive.structure.metadata import in_order
 from etendue.errors import ArchiveError
 
 if TYPE_CHECKING:
-    from etendue.archive.read.reading import StoredCell, StoredChunk
+    from etendue.archive.read.reading import StoredChunk
 
 
 class LeftOutArrays:
@@ -39,12 +39,12 @@ class LeftOutArrays:
     def _axes(self, one: Followed) -> Mapping[str, Sequence[Any]]:
         return self.archive.journal.axes[one.group]
 
-    def files(self) -> Iterator[tuple[str, dict[int, tuple[StoredCell, StoredChunk]]]]:
+    def files(self) -> Iterator[tuple[str, dict[int, StoredChunk]]]:
         """Yield every file below the archive that these arrays would have, with its chunks by slot."""
         for node, one in self.by_node.items():
-            for place, (cell, chunks) in one.cells.items():
+            for place, (_, chunks) in one.cells.items():
                 name = ".".join(["c", *map(str, place), *("0" for _ in chunks[0].form.shape)])
-                yield f"{DATA}/{node}/{name}", {c.written.slot % c.form.pieces: (cell, c) for c in chunks}
+                yield f"{DATA}/{node}/{name}", {c.written.slot % c.form.pieces: c for c in chunks}
 
     @cached_property
     def metadata(self) -> dict[str, bytes]:

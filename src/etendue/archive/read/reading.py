@@ -10,7 +10,7 @@ chunk.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -154,9 +154,28 @@ class StoredArchive:
         done = {name: self.journal.entries[name] for name in self.journal.said.done()}
         return {name: StoredCell(name, entry, tuple(map(self.chunk, self._own(entry)))) for name, entry in done.items()}
 
+    @cached_property
+    def by_shard(self) -> dict[str, Sequence[int]]:
+        """Map each shard to the numbers of the chunks in it that belong to ``cells``."""
+        found = self.journal.said.by_shard(self.journal.outdated)
+        return {path: numbers for path, numbers in found.items() if path.rpartition("/")[0] not in self._gone}
+
+    def positions(self, path: str) -> tuple[Array, ...]:
+        """Return the positions of the cells that have the chunks of ``by_shard[path]``, along each stored axis."""
+        form, name = self._known(path.rpartition("/")[0])[2], path.rpartition("/")[2]
+        slots = np.asarray(self.journal.said.files.slot)[np.asarray(self.by_shard[path])] // form.pieces
+        shard = name.split(".")[1 : 1 + len(form.block)]
+        local = np.unravel_index(slots, form.block) if form.block else ()
+        return tuple(int(n) * size + at for n, size, at in zip(shard, form.block, local, strict=True))
+
+    @cached_property
+    def _gone(self) -> set[str]:
+        """The folders of arrays that an earlier run has written and the last one has removed as copies."""
+        return {f"{DATA}/{group}/{name}" for group, names in self.journal.same.items() for name in names}
+
     def _own(self, entry: Entry) -> Iterable[WrittenChunk]:
         """Return the chunks of a cell without copies that an earlier run has written and the last one has removed."""
-        gone = {f"{DATA}/{group}/{name}" for group, names in self.journal.same.items() for name in names}
+        gone = self._gone
         return [file for file in entry.files if file.path.rpartition("/")[0] not in gone] if gone else entry.files
 
     @cached_property
@@ -296,12 +315,15 @@ class StoredArchive:
 
     def chunk(self, written: WrittenChunk) -> StoredChunk:
         """Return a chunk that the journal names, with the form of its variable."""
-        folder = written.path.rpartition("/")[0]
+        return StoredChunk(*self._known(written.path.rpartition("/")[0]), written)
+
+    def _known(self, folder: str) -> tuple[str, str, StoredForm]:
+        """Return group, variable and form of the chunks in the folder of an array."""
         known = self._forms.get(folder)
         if known is None:
             group, _, variable = folder.removeprefix(f"{DATA}/").rpartition("/")
             known = self._forms[folder] = group, variable, self.form(group, variable)
-        return StoredChunk(*known, written)
+        return known
 
     def form(self, group: str, variable: str) -> StoredForm:
         known = self.journal.blocks.get(group, {}).get(variable)
@@ -348,8 +370,8 @@ def metadata_of(folder: Path) -> Iterator[None]:
         ) from error
 
 
-def open_archive(folder: Path) -> StoredArchive:
-    """Open an archive for reading.
+def open_archive(folder: Path, journal: Read | None = None) -> StoredArchive:
+    """Open an archive for reading. ``journal``: passed if it has been read already.
 
     Raises
     ------
@@ -359,4 +381,4 @@ def open_archive(folder: Path) -> StoredArchive:
     if not (folder / DATA).is_dir() or not (folder / NAME).is_file():
         raise ArchiveError(f"{folder} is not an archive of etendue ({disk.lacks(folder, DATA + ' with a ' + NAME)})")
     disk.Listing(folder)
-    return StoredArchive(folder)
+    return StoredArchive(folder, journal)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
+from bisect import bisect_left, bisect_right
 from collections.abc import AsyncGenerator, AsyncIterator, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
@@ -27,15 +28,18 @@ from zarr.abc.store import ByteRequest, OffsetByteRequest, RangeByteRequest, Suf
 from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
 from zarr.storage import LocalStore, WrapperStore
 
+from etendue.archive.journaling.journal import Read
 from etendue.archive.read import reading
+from etendue.archive.read.assembled import Assembled
+from etendue.archive.read.columns import with_columns
 from etendue.archive.read.left_out_arrays import LeftOutArrays
-from etendue.archive.read.reading import StoredArchive, StoredCell, StoredChunk
+from etendue.archive.read.reading import StoredArchive, StoredChunk
 from etendue.archive.read.tree import ROOT, Tree
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA, damaged, digest_of, read_manifest
 from etendue.archive.records.owner import is_running
 from etendue.archive.sharding.chunks import decode
-from etendue.archive.sharding.shards import fits, index_bytes, index_size, read_bytes
+from etendue.archive.sharding.shards import ShardFiles, fits, index_size
 from etendue.archive.sharding.unfolding import refuse_codecs, refuse_unfolding
 from etendue.archive.structure.layout import STATUS
 from etendue.archive.structure.naming import cell_label
@@ -47,11 +51,12 @@ from etendue.types.documents import DocumentView
 LOOKS = 4  # attempts at a chunk while a run is writing: its part may become a shard between two attempts
 
 
-def open_archive(folder: str | Path) -> xarray.DataTree:
+def open_archive(folder: str | Path, journal: Read | None = None) -> xarray.DataTree:
     """Open an archive as a lazy ``xarray.DataTree``, also during its run and after an interrupted one.
 
     Every finished cell can be read, wherever it lies at the moment, and ``status`` says which cells are finished.
-    Plain ``xarray.open_datatree(folder / "data.zarr")`` sees only what runs have published.
+    Plain ``xarray.open_datatree(folder / "data.zarr")`` sees only what runs have published. ``journal``: passed if it
+    has been read already.
 
     Raises
     ------
@@ -59,13 +64,14 @@ def open_archive(folder: str | Path) -> xarray.DataTree:
         There is no archive, or nothing in it can be read yet. Reading an array with lost chunks raises it too.
     """
     folder = Path(folder)
-    store = VouchedStore.of(reading.open_archive(folder))
+    store = VouchedStore.of(reading.open_archive(folder, journal))
     if store.root is None:
         store.hold(f"{DATA}/{ROOT}", None)
         raise ArchiveError(f"{folder}: nothing can be read yet; its run has only just started")
     with reading.metadata_of(folder):
         store.refuse_codecs()
         tree = xarray.open_datatree(store, engine="zarr", consolidated=store.whole)  # type: ignore[arg-type]
+    tree = with_columns(tree, store)
     tree.encoding["source"] = str(folder.absolute() / DATA)  # as xarray sets it for a path
     return tree
 
@@ -87,6 +93,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         self.whole = self.manifest is not None and "consolidated_metadata" in (self.root or {})
         self.small: dict[str, Mapping[str, bytes]] = {}
         self.left_out = LeftOutArrays(archive)
+        self.assembled: dict[str, Assembled] = {}
 
     @classmethod
     def of(cls, archive: StoredArchive) -> VouchedStore:
@@ -149,7 +156,7 @@ class VouchedStore(WrapperStore[LocalStore]):
             return False
         group, _, file = key.rpartition("/")
         if self._is_of_cells(group, file):
-            return f"{DATA}/{key}" in self.shards
+            return self._has(f"{DATA}/{key}")
         return (group in self.left_out.by_node and file == ROOT) or await self._store.exists(key)
 
     async def list_dir(self, prefix: str) -> AsyncIterator[str]:
@@ -201,54 +208,64 @@ class VouchedStore(WrapperStore[LocalStore]):
     # -- chunks of cells ----------------------------------------------------------------------------------------------
 
     @cached_property
-    def shards(self) -> dict[str, dict[int, tuple[StoredCell, StoredChunk]]]:
-        """Map the path of a shard below the archive to its slots, and each slot to its cell and chunk."""
-        found: dict[str, dict[int, tuple[StoredCell, StoredChunk]]] = {}
-        for cell in self.archive.cells.values():
-            for chunk in cell.chunks:
-                found.setdefault(chunk.written.path, {})[chunk.written.slot] = cell, chunk
-        found.update(self.left_out.files())
-        return found
+    def _elsewhere(self) -> dict[str, dict[int, StoredChunk]]:
+        """Map the files that variables without an array would have to their chunks by slot."""
+        return dict(self.left_out.files())
+
+    def _has(self, path: str) -> bool:
+        """Return whether a shard holds any chunk of a finished cell."""
+        return path in self.archive.by_shard or path in self._elsewhere
+
+    def _assembled(self, path: str) -> Assembled:
+        """Return a shard as it is assembled from the chunks of finished cells."""
+        known = self.assembled.get(path)
+        if known is None:
+            files = self.archive.journal.said.files
+            chunks = [self.archive.chunk(files[number]) for number in self.archive.by_shard.get(path, ())]
+            by_slot = self._elsewhere.get(path) or {chunk.written.slot: chunk for chunk in chunks}
+            node = path.removeprefix(f"{DATA}/").rpartition("/")[0]
+            form = self.left_out.form(node) if node in self.left_out.by_node else chunks[0].form if chunks else None
+            slots = form.slots if form and not self.archive.journal.files_a_cell else 0
+            known = self.assembled[path] = Assembled.of(slots, by_slot)
+        return known
 
     def _is_of_cells(self, node: str, file: str) -> bool:
         group, _, name = node.rpartition("/")
         journal = self.archive.journal
         if journal.files_a_cell:
-            return f"{DATA}/{node}/{file}" in self.shards
+            return self._has(f"{DATA}/{node}/{file}")
         return file.startswith("c") and (name in journal.blocks.get(group, ()) or node in self.left_out.by_node)
 
     def _cells(self, path: str, asked: ByteRequest | None) -> bytes | None:
         """Return a byte range of a shard assembled from the chunks of finished cells only, in the order of their
         slots.
         """
-        own = self.shards.get(path)
-        if not own:
+        shard = self._assembled(path)
+        if not shard.chunks:
             return None
-        form = next(iter(own.values()))[1].form
-        slots = 0 if self.archive.journal.files_a_cell else form.slots
-        node = path.removeprefix(f"{DATA}/").rpartition("/")[0]
-        slots = self.left_out.form(node).slots if node in self.left_out.by_node else slots
-        if not slots:
-            return _cut(self._chunk(*own[0]), asked)
-        places, size = {}, 0
-        for slot in sorted(own):
-            places[slot] = size, own[slot][1].written.size
-            size += own[slot][1].written.size
-        begin, end = _range(asked, size + index_size(slots))
-        wanted = {slot: start for slot, (start, length) in places.items() if start < end and start + length > begin}
-        data = b"".join(
-            [*(self._chunk(*own[slot]) for slot in wanted), index_bytes(slots, places) if end > size else b""]
-        )
-        first = min(wanted.values(), default=size)
-        return data[begin - first : end - first]
+        with ShardFiles(self.folder) as files:
+            if not shard.slots:
+                return _cut(self.chunk(shard.chunks[0], files), asked)
+            size = shard.ends[-1]
+            begin, end = _range(asked, size + index_size(shard.slots))
+            first, last = bisect_right(shard.ends, begin), min(bisect_left(shard.ends, end) + 1, len(shard.ends))
+            data = b"".join(self.chunk(chunk, files) for chunk in shard.chunks[first:last])
+        start = shard.ends[first - 1] if first else 0
+        return (data + shard.index if end > size else data)[begin - start : end - start]
 
-    def _chunk(self, cell: StoredCell, chunk: StoredChunk) -> bytes:
-        """Return the bytes of a chunk, checked against the journal."""
+    def chunk(self, chunk: StoredChunk, files: ShardFiles) -> bytes:
+        """Return the bytes of a chunk, checked against the journal.
+
+        Raises
+        ------
+        ArchiveError
+            They are missing or damaged.
+        """
         archive = self.archive
         for look in range(LOOKS):
             place = archive.place(chunk)
             try:
-                data = read_bytes(self.folder, place) if place else b""
+                data = files.read(place) if place else b""
             except OSError:
                 data = b""
             if place and (archive.journal.files_a_cell or fits(data, place)):
@@ -257,9 +274,15 @@ class VouchedStore(WrapperStore[LocalStore]):
                 break
             archive = StoredArchive(self.folder)
         raise ArchiveError(
-            f"{self.folder}: {chunk.variable} of {cell.name} is missing or damaged; "
+            f"{self.folder}: {chunk.variable} of {self._cell_of(chunk) or 'a cell'} is missing or damaged; "
             f"repair it with: etendue verify --repair {self.folder}"
         )
+
+    def _cell_of(self, chunk: StoredChunk) -> str:
+        """Return the name of the cell that wrote a chunk."""
+        said = self.archive.journal.said
+        numbers = self.archive.by_shard.get(chunk.written.path, ())
+        return next((said.cell_of(n) for n in reversed(numbers) if said.files[n] == chunk.written), "")
 
     # -- metadata, coordinates and status -----------------------------------------------------------------------------
 
@@ -313,22 +336,23 @@ class VouchedStore(WrapperStore[LocalStore]):
     def _status(self, group: str, axes: Mapping[str, list[Any]]) -> Array:
         """Return the status of every cell of a group according to the journal."""
         flags = np.full(tuple(map(len, axes.values())), STATUS.index("not_computed"), np.uint8)
-        for cell, position in self._positions.get(group, ()):
-            flags[position] = STATUS.index(cell.entry.status)
+        archive, folder = self.archive, f"{DATA}/{group}"
+        flag = np.frombuffer(bytes(archive.journal.said.status), np.uint8)
+        for path, numbers in archive.by_shard.items():
+            if path.rpartition("/")[0].rpartition("/")[0] == folder:
+                own = flag[self._rows[np.asarray(numbers)]]
+                flags[archive.positions(path)] = own if axes else own[-1]
+        for one in archive.followed:
+            for position, (cell, _) in one.cells.items() if one.group == group else ():
+                flags[position] = STATUS.index(cell.entry.status)
         for position, status in self._ended.get(group, {}).items():
             flags[position] = STATUS.index(status)
         return flags
 
     @cached_property
-    def _positions(self) -> dict[str, list[tuple[StoredCell, tuple[int, ...]]]]:
-        """Map each group to its finished cells and their positions on its axes."""
-        found: dict[str, list[tuple[StoredCell, tuple[int, ...]]]] = {}
-        for cell in self.archive.cells.values():
-            for group, chunk in {chunk.group: chunk for chunk in cell.chunks}.items():
-                found.setdefault(group, []).append((cell, chunk.position))
-        for one in self.archive.followed:
-            found.setdefault(one.group, []).extend((cell, place) for place, (cell, _) in one.cells.items())
-        return found
+    def _rows(self) -> Array:
+        """By number of a chunk the row of its cell in the journal."""
+        return self.archive.journal.said.rows_of_chunks()
 
     @cached_property
     def _ended(self) -> dict[str, dict[tuple[int, ...], str]]:

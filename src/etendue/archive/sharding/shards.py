@@ -12,9 +12,11 @@ from __future__ import annotations
 
 import fcntl
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil
 from pathlib import Path
 
@@ -137,10 +139,20 @@ class Shard:
 
     def at(self, written: WrittenChunk) -> int | None:
         """Return the offset in the shard of bytes that were appended to a part; None if it does not hold them."""
+        starts, runs = self._runs.get(written.part, ((), ()))
+        number = bisect_right(starts, written.offset) - 1
+        if number < 0:
+            return None
+        start, to, length = runs[number]
+        return to + written.offset - start if written.offset + written.size <= start + length else None
+
+    @cached_property
+    def _runs(self) -> dict[str, tuple[Sequence[int], Sequence[tuple[int, int, int]]]]:
+        """By part, where each run of bytes begins in it, in order, and the runs: (from, to, length)."""
+        found: dict[str, list[tuple[int, int, int]]] = {}
         for part, start, to, length in self.kept:
-            if part == written.part and start <= written.offset and written.offset + written.size <= start + length:
-                return to + written.offset - start
-        return None
+            found.setdefault(part, []).append((start, to, length))
+        return {part: ([one[0] for one in own], own) for part, own in ((p, sorted(own)) for p, own in found.items())}
 
 
 def part_path(written: WrittenChunk) -> str:

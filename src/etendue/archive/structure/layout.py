@@ -33,6 +33,12 @@ BOUNDS = "_bounds"  # suffix to the name of a dim of bands, for their edges
 ROW = "_row"  # suffix to the name of a dim of combinations, for that of every row
 
 
+def paths_of(attrs: Mapping[Any, Any]) -> list[str]:
+    """Return the paths that a group's attributes name."""
+    given = attrs.get(SAME_AS, ())
+    return [str(path) for path in ([given] if isinstance(given, str) else given if isinstance(given, list) else ())]
+
+
 @dataclass
 class CoordinateLayout:
     """A coordinate array: its dims, values and attributes."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import xarray
 
-from etendue.archive.checks.describe import describe_archive
+from etendue.archive.checks.describe import checked
 from etendue.archive.read.verified_store import open_archive
 from etendue.archive.records.remembered import ANSWER, latest
 from etendue.present.plots.stated import stated
@@ -24,5 +24,4 @@ def opened(folder: Path) -> xarray.DataTree:
     ArchiveError
         It is not an archive, nothing in it can be read yet, or it is damaged; the message says what to do.
     """
-    describe_archive(folder)
-    return stated(open_archive(folder), latest(folder, ANSWER))
+    return stated(open_archive(folder, checked(folder).journal), latest(folder, ANSWER))

@@ -1,0 +1,134 @@
+"""What a journal says, in columns, kept in the user's cache: reading it again costs a digest, not a line for each cell.
+
+In:  the path of a journal; what its first bytes say.
+Out: the same, if these bytes are still those that were read.
+
+There is one entry for each path. It holds the length and the digest of the bytes that it stands for; lines appended
+since are read on top of it. A journal that differs in any of these bytes is read anew, and so is one for which the
+entry cannot be read, so that a wrong answer takes an equal digest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from array import array
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import msgspec
+
+from etendue import cache
+from etendue.archive.journaling.entries import KEY, Entries, WrittenChunks
+
+KIND = "journals"
+SMALLEST = 1 << 20  # bytes of lines that are worth an entry
+FORM = 1  # of an entry; raised whenever the meaning of a field changes
+BLOCK = 1 << 20
+Digest = hashlib.blake2b
+_COLUMNS = ("path", "part", "slot", "offset", "size", "digest")
+
+
+class Index(msgspec.Struct):
+    """An entry: the state of all cells after the first ``length`` bytes, and all other lines among them."""
+
+    form: int
+    length: int
+    digest: bytes
+    names: list[str]
+    flags: tuple[bytes, bytes, bytes, bytes]  # event, status, fresh, key
+    columns: tuple[bytes, bytes, bytes]  # seconds, first, count
+    texts: list[str]
+    files: tuple[bytes, bytes, bytes, bytes, bytes, bytes]
+    odd_keys: dict[int, str]
+    rest: dict[int, tuple[float, float, float, str]]
+    ended: list[int] | None  # rows of the cells that have ended in the last run; None: all, in order
+    outdated: list[str]
+    lines: list[bytes]  # those about no cell, in order
+
+
+_encode, _decode = msgspec.msgpack.Encoder().encode, msgspec.msgpack.Decoder(Index).decode
+
+
+def _key(path: Path) -> str:
+    return hashlib.sha256(os.fsencode(os.path.realpath(path))).hexdigest()[:32]
+
+
+def fresh_digest() -> Digest:
+    return hashlib.blake2b(digest_size=32)
+
+
+def known(path: Path, file: BinaryIO, size: int) -> tuple[Index | None, Digest]:
+    """Return what the first bytes of an open journal say, with their digest, and leave the file behind them; None (and
+    the file at its start) if that is not known.
+    """
+    data = cache.read(KIND, _key(path)) if size >= SMALLEST else None
+    try:
+        found = _decode(data) if data else None
+    except (msgspec.DecodeError, ValueError):
+        found = None
+    if found and found.form == FORM and found.length <= size:
+        digest, left = fresh_digest(), found.length
+        while left and (block := file.read(min(left, BLOCK))):
+            digest.update(block)
+            left -= len(block)
+        if digest.digest() == found.digest:
+            return found, digest
+        file.seek(0)
+    return None, fresh_digest()
+
+
+def keep(path: Path, length: int, digest: bytes, index: Index) -> None:
+    """Keep an entry for the first bytes of a journal."""
+    index.length, index.digest = length, digest
+    cache.write(KIND, _key(path), _encode(index))
+
+
+def index_of(entries: Entries, ended: set[str], outdated: set[str], lines: list[bytes]) -> Index:
+    """Return the state of all cells as an entry."""
+    rows, files = entries.rows, entries.files
+    everything = len(ended) == len(rows) and ended == rows.keys()
+    return Index(
+        FORM,
+        0,
+        b"",
+        list(rows),
+        (bytes(entries.event), bytes(entries.status), bytes(entries.fresh), bytes(entries.key)),
+        (entries.seconds.tobytes(), entries.first.tobytes(), entries.count.tobytes()),
+        files.texts,
+        tuple(vars(files)[name].tobytes() for name in _COLUMNS),
+        entries.odd_keys,
+        entries.rest,
+        None if everything else [rows[name] for name in ended],
+        sorted(outdated),
+        lines,
+    )
+
+
+def entries_of(index: Index) -> Entries:
+    """Return the state of all cells that an entry holds.
+
+    Raises
+    ------
+    ValueError
+        Its columns are not of one length.
+    """
+    found = Entries()
+    found.rows = {name: row for row, name in enumerate(index.names)}
+    found.event, found.status, found.fresh, found.key = map(bytearray, index.flags)
+    found.seconds, found.first, found.count = map(_array, "dqi", index.columns)
+    found.odd_keys, found.rest = index.odd_keys, index.rest
+    files = found.files = WrittenChunks()
+    files.texts = index.texts
+    files.number = {text: number for number, text in enumerate(index.texts)}
+    files.path, files.part, files.slot, files.offset, files.size, files.digest = map(_array, "iiqqqq", index.files)
+    lengths: set[Any] = {len(found.event), len(found.status), len(found.fresh), len(found.key) / KEY}
+    if {*lengths, len(found.seconds), len(found.first), len(found.count)} != {len(found.rows)}:
+        raise ValueError("the columns of the entry differ in length")
+    return found
+
+
+def _array(kind: str, data: bytes) -> array[Any]:
+    found: array[Any] = array(kind)
+    found.frombytes(data)
+    return found
