@@ -73,9 +73,9 @@ method = "saltelli"
 points = 16
 seed = 5
 [design.factors]
-""" + "\n".join(
-    f'"{stage}.x{n}" = {{ from = 0, to = 1 }}' for stage, count in (("i", 4), ("g", 6)) for n in range(count)
-)
+"""
+for stage, count in (("i", 4), ("g", 6)):
+    PIPELINE += "".join(f'"{stage}.x{n}" = {{ from = 0, to = 1 }}\n' for n in range(count))
 
 
 def ran(folder: Path) -> Samples:
