@@ -122,15 +122,19 @@ class Samples:
 
     def draws(self, metric: Metric) -> list[str]:
         """Return the stages whose noise, drawn anew in every row, is part of a metric."""
-        nodes = self.record.get("nodes", {})
-        found, open_ = dict[str, None](), [metric.name.partition(".")[0]]
+        behind = self.behind(metric)
+        return [n for n, own in behind.items() if own["seed"] is not None and own["shown"].get("noise") != "common"]
+
+    def behind(self, metric: Metric) -> Document:
+        """Return the records of the stages that a metric follows from, by name."""
+        nodes, found = self.record.get("nodes", {}), dict[str, Any]()
+        open_ = [metric.name.partition(".")[0]]
         while open_:
             name = open_.pop()
-            if name in found or name not in nodes:
-                continue
-            found[name] = None
-            open_ += nodes[name]["inputs"]
-        return [n for n in found if nodes[n]["seed"] is not None and nodes[n]["shown"].get("noise") != "common"]
+            if name in nodes and name not in found:
+                found[name] = nodes[name]
+                open_ += nodes[name]["inputs"]
+        return found
 
 
 def samples_of(folder: Path, name: str = "") -> Samples:

@@ -166,6 +166,8 @@ def _notes(samples: Samples, metric: Metric, own: Indices | None) -> list[str]:
             f"{metric.name}: the noise of {stages} is drawn anew in every sample, and is part of what is explained; "
             f"set noise = 'common' for indices of the factors alone"
         )
+    elif any(node["shown"].get("noise") == "common" for node in samples.behind(metric).values()):
+        notes.append(f"{metric.name}: noise = 'common': the same noise in every sample, so that indices are of factors")
     if samples.asked.correlated:
         notes.append("some factors are correlated: a coefficient is the effect of one at fixed values of the others")
     return notes
