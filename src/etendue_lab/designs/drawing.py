@@ -17,6 +17,7 @@ from etendue.present.plots.drawing.panels import wrapped
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import name_text, unit_text
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.documents import Document
 from etendue_lab.designs.samples import Metric, Samples, samples_of
 from etendue_lab.designs.sensitivity import convergence, sensitivity
 from etendue_lab.designs.yields import units_of, wilson
@@ -56,10 +57,15 @@ def index_bars(holdings: Holdings, asked: PlotRequest) -> Plot:
     samples = samples_in(holdings)
     metric = _metric(samples, asked)
     (one,) = sensitivity(samples, [metric.name], {dim: str(value) for dim, value in metric.at.items()})["metrics"]
+    return bars(one, _title(samples, metric, "what matters"))
+
+
+def bars(one: Document, title: str) -> Plot:
+    """Plot what a study of sensitivity found for one metric."""
     kinds = ("first", "total") if one["points"] else ("regression",)
     factors = [row for row in one["factors"] if row[kinds[-1]]]
     if not factors:
-        raise RequestError(f"no factor of {metric.name} has numbers as values")
+        raise RequestError(f"no factor of {one['metric']} has numbers as values")
     factors = sorted(factors, key=lambda row: abs(row[kinds[-1]]["value"]))[-MOST:]
     figure = new_figure(7.0, 1.6 + 0.42 * len(factors))
     axes = figure.add_subplot()
@@ -81,7 +87,7 @@ def index_bars(holdings: Holdings, asked: PlotRequest) -> Plot:
     axes.tick_params(labelsize=8)
     if len(kinds) > 1:
         axes.legend(fontsize=7.5, loc="lower right")
-    axes.set_title(wrapped(_title(samples, metric, "what matters"), 6.0), fontsize=9.5)
+    axes.set_title(wrapped(title, 6.0), fontsize=9.5)
     return Plot(
         figure, ["factor", *(f"{kind} {word}".strip() for kind in kinds for word in ("", "low", "high"))], rows[::-1]
     )

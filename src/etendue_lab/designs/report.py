@@ -18,7 +18,7 @@ from etendue.present.plots.asked import PlotRequest
 from etendue.present.plots.drawing.samples import parallel, scatter
 from etendue.present.plots.kinds import shown_at
 from etendue.types.documents import Document
-from etendue_lab.designs.drawing import converging, index_bars, yield_curve
+from etendue_lab.designs.drawing import bars, converging, yield_curve
 from etendue_lab.designs.samples import Samples, samples_of
 from etendue_lab.designs.sensitivity import sensitivity
 from etendue_lab.designs.stored import STUDY
@@ -78,8 +78,8 @@ def _of_metric(samples: Samples, name: str, middle: Any) -> list[Document]:
     ]
     if len(subjects) > 1:
         found.append({"table": {"head": ["stage", "factors", "sum alone", "together"], "rows": subjects}})
-    bars = (index_bars, f"indices of {name}")
-    for draw, alt in (bars, (converging, f"convergence for {name}"), (yield_curve, f"yield over a limit of {name}")):
+    found.append(_picture(bars(one, f"what matters, {one['title']}{where}"), f"indices of {name}"))
+    for draw, alt in ((converging, f"convergence for {name}"), (yield_curve, f"yield over a limit of {name}")):
         found.append(_picture(draw(samples.holdings, asked), alt))
     return found
 
