@@ -71,6 +71,11 @@ def etendue_plots() -> Document:
             "uses": ("x", "y", "panels", "at"),
             "index": True,
         },
+        "indices": {
+            "place": "etendue_lab.designs.drawing:index_bars",
+            "doc": "the indices of every factor of a design, with intervals",
+            "uses": ("at",),
+        },
         "convergence": {
             "place": "etendue_lab.designs.drawing:converging",
             "doc": "the indices of a design over the number of points, with intervals",

@@ -11,6 +11,8 @@ import xarray
 
 from etendue.cli.options import Given, overrides
 from etendue.errors import ArchiveError, RequestError
+from etendue.plan.designs.told import design_lines
+from etendue.plan.planner import summary
 from etendue.present.terminal.outcome import replay
 from etendue.session import Options
 from tests.archive.tiny import store_of
@@ -271,3 +273,15 @@ def test_a_design_is_drawn_alike_in_every_place(archive):
     again = make_plan(recorded(archive).pipeline(), installed_stages())
     assert {cell.key for cell in again.cells.values()} == {cell.key for cell in plan_of().cells.values()}
     assert SERIAL.scheduler == "serial" and "points = 8" in DESIGN
+
+
+def test_a_design_for_indices_sets_common_noise_unless_the_pipeline_says_otherwise():
+    """Two of its rows differ by their factors alone; the plan says so, and nothing changes for other designs."""
+    over = {"design.method": "saltelli", "design.points": 2}
+    plan = plan_of(over)
+    keys = {ref: cell.key for ref, cell in plan.cells.items()}
+    assert {ref: cell.key for ref, cell in plan_of({**over, "camera.noise": "common"}).cells.items()} == keys
+    assert plan_of({**over, "camera.noise": "independent"}).cells["read_noise", (0,)].key not in keys.values()
+    assert summary(plan)["design"]["compared"] == {"noise": "common"}
+    assert any("noise = common in all rows" in line for line in design_lines(summary(plan)))
+    assert "noise" not in plan_of().pipeline.shared

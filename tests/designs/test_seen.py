@@ -51,7 +51,7 @@ def test_every_sample_is_drawn_with_its_factors_and_metrics(archive, kind):
     assert made.data("png").startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("kind", ["convergence", "yield"])
+@pytest.mark.parametrize("kind", ["indices", "convergence", "yield"])
 def test_studies_of_a_design_are_plots_too(archive, kind):
     made = draw(Holdings(opened(archive)), kind, PlotRequest(("airy_diameter",)))
     assert made.rows and made.data("png").startswith(b"\x89PNG")

@@ -1,4 +1,4 @@
-"""Plots of the studies of a design: convergence of indices, and the yield over a limit.
+"""Plots of the studies of a design: indices and their convergence, and the yield over a limit.
 
 In:  holdings of an archive of a design, the request.
 Out: a ``Plot``.
@@ -17,11 +17,13 @@ from etendue.present.plots.drawing.panels import wrapped
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import name_text, unit_text
 from etendue.present.plots.plot import Plot, new_figure
+from etendue.types.documents import Document
 from etendue_lab.designs.samples import Metric, Samples, samples_of
-from etendue_lab.designs.sensitivity import convergence
+from etendue_lab.designs.sensitivity import convergence, sensitivity
 from etendue_lab.designs.yields import units_of, wilson
 
 MOST = 10  # factors in a plot
+KINDS = {"first": "first-order index", "total": "total index", "regression": "standardised regression coefficient"}
 
 
 def samples_in(holdings: Holdings) -> Samples:
@@ -48,6 +50,47 @@ def _metric(samples: Samples, asked: PlotRequest) -> Metric:
 def _title(samples: Samples, metric: Metric, what: str) -> str:
     said = ", ".join(filter(None, [what, metric.title, metric.said]))
     return f"{samples.pipeline}: {said}" if samples.pipeline else said
+
+
+def index_bars(holdings: Holdings, asked: PlotRequest) -> Plot:
+    """Plot first-order and total indices of every factor, else regression coefficients, with their intervals."""
+    samples = samples_in(holdings)
+    metric = _metric(samples, asked)
+    (one,) = sensitivity(samples, [metric.name], {dim: str(value) for dim, value in metric.at.items()})["metrics"]
+    return bars(one, _title(samples, metric, "what matters"))
+
+
+def bars(one: Document, title: str) -> Plot:
+    """Plot what a study of sensitivity found for one metric."""
+    kinds = ("first", "total") if one["points"] else ("regression",)
+    factors = [row for row in one["factors"] if row[kinds[-1]]]
+    if not factors:
+        raise RequestError(f"no factor of {one['metric']} has numbers as values")
+    factors = sorted(factors, key=lambda row: abs(row[kinds[-1]]["value"]))[-MOST:]
+    figure = new_figure(7.0, 1.6 + 0.42 * len(factors))
+    axes = figure.add_subplot()
+    places, height = np.arange(len(factors)), 0.8 / len(kinds)
+    rows: list[list[Any]] = [[row["factor"]] for row in factors]
+    for number, kind in enumerate(kinds):
+        found = np.array([[row[kind][word] for word in ("value", "low", "high")] for row in factors])
+        ends = np.abs(found[:, 1:] - found[:, :1]).T
+        shift = places + (len(kinds) - 1) * height / 2 - number * height
+        look = {"xerr": ends, "error_kw": {"linewidth": 0.9, "capsize": 2, "ecolor": "0.25"}}
+        axes.barh(shift, found[:, 0], height * 0.92, color=f"C{number}", label=KINDS[kind], **look)
+        for row, own in zip(rows, found.tolist(), strict=True):
+            row += own
+    axes.set_yticks(places, [wrapped(name_text(row["factor"]), 2.0) for row in factors])
+    axes.axvline(0, color="0.5", linewidth=0.8)
+    axes.set_xlabel("share of the variance" if len(kinds) > 1 else KINDS["regression"], fontsize=8.5)
+    axes.grid(axis="x", color="0.92")
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8)
+    if len(kinds) > 1:
+        axes.legend(fontsize=7.5, loc="lower right")
+    axes.set_title(wrapped(title, 6.0), fontsize=9.5)
+    return Plot(
+        figure, ["factor", *(f"{kind} {word}".strip() for kind in kinds for word in ("", "low", "high"))], rows[::-1]
+    )
 
 
 def converging(holdings: Holdings, asked: PlotRequest) -> Plot:

@@ -7,6 +7,7 @@ Out: first-order and total indices of every factor (Saltelli et al. 2010, as ``s
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,8 @@ from etendue.types.arrays import Array
 
 RESAMPLED = 999
 LEVEL = 0.95
+OWN_STREAM = 0x5E5A  # resampling must not use the random numbers that drew the points
+MOST_COUNTS = 4_000_000  # numbers in the counts of one batch of resampled points
 
 
 @dataclass(frozen=True)
@@ -35,29 +38,76 @@ def mixed_of(metric: Array, factors: int) -> Array:
     return found[np.isfinite(found).all(axis=1)]
 
 
+def resampling(seed: int) -> np.random.Generator:
+    """Return the generator of resampled rows: a stream of its own, for a design may have been drawn with this seed."""
+    return np.random.default_rng([OWN_STREAM, seed])
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What the indices are ratios of means of, at every point; about the mean of the metric."""
+
+    above: Array  # (points, 2 factors): b (ab - a) and (a - ab)^2 / 2
+    below: Array  # (points): (a^2 + b^2) / 2
+    moved: Array  # (points, 2 factors): the change of the first with the mean, ab - a; 0 of the second
+    centre: Array  # (points): (a + b) / 2
+
+    @classmethod
+    def of(cls, mixed: Array) -> Terms:
+        mixed = mixed - mixed[:, :2].mean()
+        a, b, change = mixed[:, 0], mixed[:, 1], mixed[:, 2:] - mixed[:, :1]
+        above = np.concatenate([b[:, None] * change, 0.5 * change**2], axis=1)
+        return cls(above, (a * a + b * b) / 2, np.concatenate([change, 0 * change], axis=1), (a + b) / 2)
+
+    def ratios(self, weights: Array) -> Array:
+        """Return the indices, (.., 2 factors), of points with weights (.., points) whose sum is 1."""
+        mean = (weights @ self.centre)[..., None]
+        variance = (weights @ self.below)[..., None] - mean**2
+        return _ratio(weights @ self.above - mean * (weights @ self.moved), variance)
+
+    def errors(self, weights: Array, ratios: Array) -> Array:
+        """Return the standard errors of such indices: of a ratio of means, to first order."""
+        below = (weights @ self.below)[..., None]
+        square = weights @ self.above**2 - 2 * ratios * (weights @ (self.above * self.below[:, None]))
+        square = square + ratios**2 * (weights @ self.below**2)[..., None]
+        return np.asarray(np.sqrt(_ratio(np.maximum(square, 0) / len(self.below), below**2)))
+
+
+def _ratio(above: Array, below: Array) -> Array:
+    return np.asarray(np.divide(above, below, out=np.zeros(above.shape), where=below > 0))
+
+
 def saltelli(mixed: Array) -> Array:
-    """Return first-order and total indices, (.., 2, factors), of metrics (.., points, factors + 2)."""
-    a, b, ab = mixed[..., 0], mixed[..., 1], np.moveaxis(mixed[..., 2:], -1, -2)
-    both = np.concatenate([a, b], axis=-1)
-    mean, variance = both.mean(axis=-1, keepdims=True), both.var(axis=-1)
-    a, b, ab = a - mean, b - mean, ab - mean[..., None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        first = (b[..., None, :] * (ab - a[..., None, :])).mean(axis=-1) / variance[..., None]
-        total = 0.5 * ((a[..., None, :] - ab) ** 2).mean(axis=-1) / variance[..., None]
-    return np.asarray(np.nan_to_num(np.stack([first, total], axis=-2), nan=0.0, posinf=0.0, neginf=0.0))
+    """Return first-order and total indices, (2, factors), of a metric (points, factors + 2)."""
+    return Terms.of(mixed).ratios(np.full(len(mixed), 1 / len(mixed))).reshape(2, -1)
 
 
 def indices(mixed: Array, resampled: int = RESAMPLED, level: float = LEVEL, seed: int = 0) -> Indices:
-    """Return the indices with intervals: percentiles of indices of resampled points, centred on the estimate.
+    """Return the indices with intervals: a studentised bootstrap of the points.
 
-    Resampling takes points for independent. Those of a scrambled sequence fill space more evenly, so that the
-    intervals are too wide rather than too narrow.
+    Percentiles of resampled indices are too narrow with few points, for a resampled index whose error is small by
+    chance counts like any other; here each is divided by its own error. Resampling takes points for independent. Those
+    of a scrambled sequence fill space more evenly, so that the intervals are too wide rather than too narrow.
     """
-    found = saltelli(mixed)
-    points, generator = len(mixed), np.random.default_rng(seed)
-    again = np.empty((resampled, *found.shape))
-    for number in range(resampled):
-        again[number] = saltelli(mixed[generator.integers(0, points, points)])
-    ends = np.quantile(again, [(1 - level) / 2, (1 + level) / 2], axis=0)
-    whole = np.stack([found, *ends], axis=-1)
+    terms, points = Terms.of(mixed), len(mixed)
+    even = np.full(points, 1 / points)
+    found = terms.ratios(even)
+    errors = terms.errors(even, found)
+    scaled = np.concatenate(
+        [
+            _ratio(again - found, terms.errors(weights, again))
+            for weights in _resampled(points, resampled, resampling(seed))
+            for again in [terms.ratios(weights)]
+        ]
+    )
+    high, low = np.quantile(scaled, [(1 - level) / 2, (1 + level) / 2], axis=0)
+    whole = np.stack([found, found - low * errors, found - high * errors], axis=-1).reshape(2, -1, 3)
+    whole[1] = np.maximum(whole[1], 0)  # no total index is below 0
     return Indices(whole[0], whole[1], points)
+
+
+def _resampled(points: int, count: int, generator: np.random.Generator) -> Iterator[Array]:
+    """Yield weights of resampled points, (some, points)."""
+    batch = max(1, MOST_COUNTS // points)
+    for begin in range(0, count, batch):
+        yield generator.multinomial(points, np.full(points, 1 / points), min(batch, count - begin)) / points

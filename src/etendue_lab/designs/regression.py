@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from etendue.types.arrays import Array
-from etendue_lab.designs.indices import LEVEL
+from etendue_lab.designs.indices import LEVEL, resampling
 
 RESAMPLED = 400
 
@@ -32,7 +32,7 @@ def coefficients(factors: Array, metric: Array) -> tuple[Array, float]:
 
 def with_interval(factors: Array, metric: Array, seed: int = 0) -> Array:
     """Return the coefficients as (factors, 3): value, low, high."""
-    found, generator = coefficients(factors, metric)[0], np.random.default_rng(seed)
+    found, generator = coefficients(factors, metric)[0], resampling(seed)
     again = np.empty((RESAMPLED, len(found)))
     for number in range(RESAMPLED):
         chosen = generator.integers(0, len(metric), len(metric))

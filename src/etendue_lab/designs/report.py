@@ -11,15 +11,17 @@ from typing import Any
 
 import xarray
 
+from etendue.archive.read.studies import stored_studies
 from etendue.archive.records.rerun import recorded
 from etendue.errors import EtendueError
 from etendue.present.plots.asked import PlotRequest
 from etendue.present.plots.drawing.samples import parallel, scatter
 from etendue.present.plots.kinds import shown_at
 from etendue.types.documents import Document
-from etendue_lab.designs.drawing import converging, yield_curve
+from etendue_lab.designs.drawing import bars, converging, yield_curve
 from etendue_lab.designs.samples import Samples, samples_of
 from etendue_lab.designs.sensitivity import sensitivity
+from etendue_lab.designs.stored import STUDY
 from etendue_lab.designs.terminal import interval_text
 
 MOST_COLUMNS = 9  # of a scatter matrix that can be read on a page
@@ -40,7 +42,8 @@ def section(tree: xarray.DataTree) -> list[Document]:
     ]
     if len(lines.columns) - 1 <= MOST_COLUMNS:
         blocks.append(_picture(scatter(holdings, names, middle=middle), "factors and metrics against each other"))
-    for name in names:
+    studied = (one.attributes.get("metric") for one in stored_studies(Path(source).parent) if one.command == STUDY)
+    for name in dict.fromkeys([*names, *(str(one) for one in studied)]):
         blocks += _of_metric(samples, name, middle)
     return blocks
 
@@ -69,6 +72,13 @@ def _of_metric(samples: Samples, name: str, middle: Any) -> list[Document]:
     where = f" at {one['said']}" if one["said"] else ""
     said = f"{one['title']}{where}: which factor matters. {' '.join(f'{note}.' for note in one['notes'])}"
     found += [{"paragraph": said.strip()}, {"table": {"head": head, "rows": rows}}]
+    subjects = [
+        [own["subject"], ", ".join(own["factors"]), f"{own['sum']:.3f}", interval_text(own["closed"])]
+        for own in one["subjects"]
+    ]
+    if len(subjects) > 1:
+        found.append({"table": {"head": ["stage", "factors", "sum alone", "together"], "rows": subjects}})
+    found.append(_picture(bars(one, f"what matters, {one['title']}{where}"), f"indices of {name}"))
     for draw, alt in ((converging, f"convergence for {name}"), (yield_curve, f"yield over a limit of {name}")):
         found.append(_picture(draw(samples.holdings, asked), alt))
     return found

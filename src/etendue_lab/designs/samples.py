@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,11 @@ import numpy as np
 import xarray
 
 from etendue.archive.records.rerun import recorded
-from etendue.contract.registry import installed_stages
+from etendue.contract.registry import Registry, installed_stages
+from etendue.contract.stage import parameters_of
 from etendue.errors import RequestError
 from etendue.pipeline.derived import with_rows
+from etendue.pipeline.file import PipelineFile
 from etendue.pipeline.zipped import SAMPLE
 from etendue.plan.designs.asked import Asked, asked_of
 from etendue.plan.designs.distributions import Distribution
@@ -31,6 +33,7 @@ from etendue.present.plots.places import resolved
 from etendue.types.arrays import Array
 from etendue.types.documents import AxisValues, Document, DocumentView
 
+METRICS = ("figures", "resolution")  # roles of stages that light does not pass
 MOST_PLACES = 64  # combinations of the other axes
 
 
@@ -43,6 +46,7 @@ class Factor:
     units: str
     values: Array
     distribution: Distribution | None = None  # None: of a list
+    subject: str = ""  # role of the first stage that it is a parameter of
 
     @property
     def numeric(self) -> bool:
@@ -118,15 +122,19 @@ class Samples:
 
     def draws(self, metric: Metric) -> list[str]:
         """Return the stages whose noise, drawn anew in every row, is part of a metric."""
-        nodes = self.record.get("nodes", {})
-        found, open_ = dict[str, None](), [metric.name.partition(".")[0]]
+        behind = self.behind(metric)
+        return [n for n, own in behind.items() if own["seed"] is not None and own["shown"].get("noise") != "common"]
+
+    def behind(self, metric: Metric) -> Document:
+        """Return the records of the stages that a metric follows from, by name."""
+        nodes, found = self.record.get("nodes", {}), dict[str, Any]()
+        open_ = [metric.name.partition(".")[0]]
         while open_:
             name = open_.pop()
-            if name in found or name not in nodes:
-                continue
-            found[name] = None
-            open_ += nodes[name]["inputs"]
-        return [n for n in found if nodes[n]["seed"] is not None and nodes[n]["shown"].get("noise") != "common"]
+            if name in nodes and name not in found:
+                found[name] = nodes[name]
+                open_ += nodes[name]["inputs"]
+        return found
 
 
 def samples_of(folder: Path, name: str = "") -> Samples:
@@ -152,8 +160,23 @@ def samples_of(folder: Path, name: str = "") -> Samples:
     if asked is None:
         raise RequestError(faults)
     of = distributions(asked, pipeline, installed_stages(), faults)
-    factors = [found for key in asked.factors if (found := _factor(key, held, numbers, of.get(key))) is not None]
+    found = [one for key in asked.factors if (one := _factor(key, held, numbers, of.get(key))) is not None]
+    factors = [replace(one, subject=subject_of(one.key, pipeline, installed_stages())) for one in found]
     return Samples(holdings.pipeline, numbers, tuple(factors), asked, holdings, run.record)
+
+
+def subject_of(key: str, pipeline: PipelineFile, registry: Registry) -> str:
+    """Return the role of the first stage, in the order of the light, that has a factor among its parameters; stages
+    that compute metrics come last.
+    """
+    stage, dot, name = key.partition(".")
+    found = []
+    for entry in pipeline.stages:
+        if entry.use in registry and (entry.name == stage or not dot):
+            kind = registry.load(entry.use)
+            if name == "use" or (name or key) in parameters_of(kind):
+                found.append(kind.role or entry.name)
+    return next((role for role in found if role not in METRICS), (found or [""])[0])
 
 
 def _factor(key: str, held: Sequence[HeldVariable], numbers: tuple[int, ...], of: Distribution | None) -> Factor | None:

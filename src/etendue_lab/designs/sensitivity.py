@@ -54,6 +54,7 @@ def _of_metric(samples: Samples, metric: Metric) -> Document:
     rows = [
         {
             "factor": name,
+            "subject": samples.factors[n].subject,
             "first": _interval(own.first[n]) if own else None,
             "total": _interval(own.total[n]) if own else None,
             "main_effect": main_effect(columns[:, n], values),
@@ -74,6 +75,7 @@ def _of_metric(samples: Samples, metric: Metric) -> Document:
         "deviation": float(values.std()),
         "explained": explained,
         "factors": rows,
+        "subjects": subjects_of(rows),
         "pairs": [
             {"factors": [names[j], names[i]], "share": float(products[i, j])}
             for i in range(len(names))
@@ -83,6 +85,30 @@ def _of_metric(samples: Samples, metric: Metric) -> Document:
         "convergence": convergence(samples, metric),
         "notes": _notes(samples, metric, own),
     }
+
+
+def subjects_of(rows: Sequence[Document]) -> list[Document]:
+    """Return the sums of first-order indices, else main effects, by subject; and what the factors of a subject explain
+    together (the closed index of the group), where the design holds that: of one factor, of all, and of all but one.
+
+    Of all but one it is what the total index of that one leaves.
+    """
+    found = []
+    for subject in dict.fromkeys(row["subject"] for row in rows):
+        own, others = ([row for row in rows if (row["subject"] == subject) is here] for here in (True, False))
+        single = [row["first"]["value"] if row["first"] else row["main_effect"] for row in own]
+        closed = None
+        if rows[0]["first"]:
+            if not others:
+                closed = {"value": 1.0, "low": 1.0, "high": 1.0}
+            elif len(own) == 1:
+                closed = own[0]["first"]
+            elif len(others) == 1:
+                left = others[0]["total"]
+                closed = {"value": 1 - left["value"], "low": 1 - left["high"], "high": 1 - left["low"]}
+        names = [row["factor"] for row in own]
+        found.append({"subject": subject, "factors": names, "sum": float(sum(single)), "closed": closed})
+    return sorted(found, key=lambda one: -one["sum"])
 
 
 def _interval(found: Array) -> Document:
@@ -140,6 +166,8 @@ def _notes(samples: Samples, metric: Metric, own: Indices | None) -> list[str]:
             f"{metric.name}: the noise of {stages} is drawn anew in every sample, and is part of what is explained; "
             f"set noise = 'common' for indices of the factors alone"
         )
+    elif any(node["shown"].get("noise") == "common" for node in samples.behind(metric).values()):
+        notes.append(f"{metric.name}: noise = 'common': the same noise in every sample, so that indices are of factors")
     if samples.asked.correlated:
         notes.append("some factors are correlated: a coefficient is the effect of one at fixed values of the others")
     return notes

@@ -17,12 +17,14 @@ from etendue.result_files import finite
 from etendue.types.documents import Document
 from etendue_lab.designs.samples import samples_of
 from etendue_lab.designs.sensitivity import sensitivity
+from etendue_lab.designs.stored import store
 from etendue_lab.designs.yields import required, yields
 
 
 def sensitivity_command(place: Path | str, metrics: tuple[str, ...], at: tuple[str, ...], as_json: bool) -> None:
     with places.reading(place) as folder:
         document = finite(sensitivity(samples_of(folder, str(place)), metrics, read_at(at)))
+        document["stored"] = store(folder, place, document)
     say(document) if as_json else show(print_sensitivity, document)
 
 
@@ -68,11 +70,18 @@ def print_sensitivity(document: Document) -> None:
         title = escape(f"{one['metric']}{where}: {spread} over {one['samples']} samples")
         console.print(_table(title, *sensitivity_columns(rows), rows=rows))
         console.print(f"  a line through all factors explains {one['explained']:.0%} of the variance")
+        for own in one["subjects"] if 1 < len(one["subjects"]) else ():
+            closed = f"; together {interval_text(own['closed'])}" if own["closed"] and len(own["factors"]) > 1 else ""
+            names = ", ".join(own["factors"])
+            console.print(f"  {escape(own['subject'] or 'no stage')}: {own['sum']:.2f} alone{closed} ({escape(names)})")
         for pair in sorted(one["pairs"], key=lambda pair: -pair["share"])[:4]:
             console.print(f"  {escape(' x '.join(pair['factors']))} explains another {pair['share']:.1%}")
         notes |= dict.fromkeys(one["notes"])
     for note in notes:
         console.print(f"note: {escape(note)}")
+    stored = document["stored"]
+    said = f"stored as {', '.join(stored['groups'])}" if stored["groups"] else f"not stored: {stored['why']}"
+    console.print(escape(said), soft_wrap=True)
 
 
 def print_yields(document: Document) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from etendue.archive.journaling.journal import NAME as JOURNAL
 from etendue.archive.journaling.journal import Read, read
 from etendue.archive.read.stored import Stored
+from etendue.archive.read.studies import stored_studies
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import NAME, damaged, read_manifest
 from etendue.archive.records.owner import is_running
@@ -101,6 +102,10 @@ def describe_archive(folder: Path) -> Document:
         "bytes": sum((folder / path).lstat().st_size for path in files if (folder / path).exists()),
         "stages": _stages(folder, listing, journal, order_of(root, record)),
         "libraries": record["libraries"],
+        "studies": [
+            {"group": one.path, "cells": one.cells, "stale": one.stale or None}
+            for one in stored_studies(folder, journal)
+        ],
         "partial": left_by_compact(folder) or None,
         **progress(journal, str(record["began"]) if found.running else ""),
     }

@@ -90,8 +90,22 @@ def write_manifest(folder: Path, metadata: Mapping[str, bytes], durable: bool = 
         if (folder / path).is_file() and not path.endswith(disk.PARTIAL)
     }
     digests = {path: hashlib.sha256(data).hexdigest() for path, data in sorted(metadata.items())}
-    journal = digest_of(folder / "journal.jsonl")
-    whole = {"metadata": digests, "files": files, "journal": journal, "sum": _sum(digests, files, journal)}
+    _write(folder, Manifest(digests, files, digest_of(folder / "journal.jsonl")), durable)
+
+
+def rewrite_manifest(folder: Path, known: Manifest, metadata: Mapping[str, bytes]) -> None:
+    """Write a manifest again in which some files of the store are other ones."""
+    changed = {path: hashlib.sha256(data).hexdigest() for path, data in metadata.items()}
+    _write(folder, Manifest({**known.metadata, **changed}, known.files, known.journal), False)
+
+
+def _write(folder: Path, found: Manifest, durable: bool) -> None:
+    whole = {
+        "metadata": dict(found.metadata),
+        "files": dict(found.files),
+        "journal": found.journal,
+        "sum": _sum(found.metadata, found.files, found.journal),
+    }
     disk.write(folder, NAME, indented(whole, 1), durable)
 
 

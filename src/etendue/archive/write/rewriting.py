@@ -27,7 +27,7 @@ from etendue.archive.journaling.journal import Journal
 from etendue.archive.read.reading import StoredArchive, StoredCell, StoredChunk, StoredForm
 from etendue.archive.read.tree import ROOT, Tree
 from etendue.archive.records import disk
-from etendue.archive.records.manifest import DATA, write_manifest
+from etendue.archive.records.manifest import DATA, read_manifest, write_manifest
 from etendue.archive.records.manifest import NAME as MANIFEST
 from etendue.archive.records.owner import fresh_id
 from etendue.archive.sharding.shards import ChunkPlace, Shard, holds, index_bytes, index_size, read_bytes, read_index
@@ -109,9 +109,15 @@ class Anew:
         self._put("lock", b"")
         self._put("run.id", fresh_id().encode())
         self._journal(entries, shards)
-        write_manifest(self.target, {f"{DATA}/{path}": data for path, data in self.tree.held.items()}, self.shares)
+        write_manifest(self.target, {f"{DATA}/{path}": data for path, data in self._ours().items()}, self.shares)
         self.written += sum((self.target / name).stat().st_size for name in (JOURNAL, MANIFEST))
         return Compacted(self.target, len(self.archive.cells), len(shards), size, self.changed(), self.written)
+
+    def _ours(self) -> dict[str, bytes]:
+        """Return the files of the store that runs have written: groups of others are not of the manifest."""
+        known = read_manifest(self.old)
+        tops = {node.split("/")[0] for node in known.nodes()} if known else set(self.listing.folders[DATA])
+        return {path: data for path, data in self.tree.held.items() if path == ROOT or path.split("/")[0] in tops}
 
     def changed(self) -> dict[str, list[str]]:
         """Return the axes that must be sorted, by group."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 TABLES = ("ledger", "summary", "frames")  # groups of an archive that are not stages
+STUDY = "study"  # attribute of a group of an archive that a study has stored
 LOOKS = "looks"  # under `keep`: pictures and metrics, without light by band
 OWN = ("status",)  # an array in every group that is not a variable of the stage
 LONGEST = 100  # characters; with the axes of a cell added, a file name must stay within 255 bytes

@@ -26,6 +26,9 @@ class Quantity(Parameter):
 
     ``scales``: another quantity whose values it multiplies or explains. A preset's value of this one therefore does not
     fit a pipeline's own value of the other.
+
+    ``compared``: the value with which two samples differ by their factors alone; a design for Sobol' indices takes it
+    unless the pipeline gives one.
     """
 
     shared: bool = True
@@ -33,6 +36,7 @@ class Quantity(Parameter):
     prefix: str = ""
     off: float | None = None
     scales: str = ""
+    compared: str = ""
     default: Any = dataclasses.field(default_factory=lambda: MISSING)
 
     def __post_init__(self) -> None:

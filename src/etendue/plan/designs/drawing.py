@@ -14,10 +14,11 @@ from typing import Any
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
 from etendue.contract.values.parameter import Parameter
+from etendue.contract.values.quantities import Quantity
 from etendue.errors import Fault, PluginError
 from etendue.pipeline.file import PipelineFile, StageEntry
 from etendue.pipeline.zipped import SAMPLE, Zip, distinct
-from etendue.plan.designs.asked import Asked, asked_of
+from etendue.plan.designs.asked import Asked, asked_of, factors_of
 from etendue.plan.designs.distributions import Distribution, distribution_of
 from etendue.plan.designs.points import unit_points
 from etendue.plan.wiring.parameters import Unfit, resolve
@@ -41,11 +42,27 @@ def with_design(pipeline: PipelineFile, registry: Registry) -> PipelineFile:
     new = [fault for fault in faults if fault not in pipeline.faults]
     return replace(
         pipeline,
+        shared={**compared_of(pipeline, registry), **pipeline.shared},
         sweep={**drawn, **sweep},
         zipped={**zipped, **own},
         rows={**pipeline.rows, **rows},
         faults=(*pipeline.faults, *new),
     )
+
+
+def compared_of(pipeline: PipelineFile, registry: Registry) -> Document:
+    """Return the shared quantities that a design for Sobol' indices sets unless the pipeline does: two of its rows
+    must differ by their factors alone.
+    """
+    if pipeline.design.get("method") != "saltelli":
+        return {}
+    given = {*pipeline.shared, *pipeline.named, *pipeline.sweep, *factors_of(pipeline.design, pipeline)}
+    found: Document = {}
+    for kind in _kinds(pipeline.stages, pipeline, registry):
+        for name, (parameter, *_) in parameters_of(kind).items():
+            if isinstance(parameter, Quantity) and parameter.compared and name not in given:
+                found[name] = parameter.compared
+    return found
 
 
 def _in_units(asked: Asked, pipeline: PipelineFile, registry: Registry) -> Asked:

@@ -10,6 +10,7 @@ import math
 from typing import Any
 
 from etendue.contract.registry import installed_stages
+from etendue.contract.values import quantities
 from etendue.errors import Fault
 from etendue.pipeline.zipped import SAMPLE
 from etendue.plan.designs.asked import Asked, asked_of
@@ -59,6 +60,7 @@ def design_said(plan: Plan) -> Document | None:
         "rows": len(whole.values),
         "seed": asked.seed,
         "factors": {key: _factor(key, own.get(key), whole) for key in asked.factors},
+        "compared": {key: value for key, value in plan.pipeline.shared.items() if _compared(key, value)},
         "cells": len(plan.cells),
         "cells_unshared": sum(_unshared(plan, node.axes, len(whole.values)) for node in plan.nodes),
         "discrepancy": None,
@@ -69,6 +71,11 @@ def design_said(plan: Plan) -> Document | None:
         without, having = discrepancy(shares, levels)
         said |= {"discrepancy": having, "discrepancy_without_levels": without}
     return said
+
+
+def _compared(key: str, value: Any) -> bool:
+    """Return whether a shared quantity has the value with which rows differ by their factors alone."""
+    return key in quantities.names() and quantities.declared(key).compared == value != ""
 
 
 def _factor(key: str, own: Distribution | None, whole: Axis) -> Document:

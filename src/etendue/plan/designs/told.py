@@ -19,6 +19,10 @@ def design_lines(document: Document) -> list[str]:
     rows = f"{own['rows']} rows" if own["rows"] != own["points"] else f"{own['points']} points"
     texts = [f"design    {own['method']}, {rows}, seed {own['seed']}"]
     texts += [f"factor    {name}: {_said(one)}" for name, one in own["factors"].items()]
+    texts += [
+        f"set       {key} = {value} in all rows, which differ by their factors alone"
+        for key, value in own["compared"].items()
+    ]
     if own["cells_unshared"] > own["cells"]:
         share = own["cells"] / own["cells_unshared"]
         apart = f"{own['cells_unshared']} if no two rows had a value in common"

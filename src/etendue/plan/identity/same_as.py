@@ -3,8 +3,9 @@
 In:  cells with their decisions, the kept variables, and those of which a copy is asked for.
 Out: by stage and variable, the stage that has the values. It is computed, or it stores copies itself: never a chain.
 
-A variable keeps its own array if only some of its cells are left out, if no stage with the same values is kept, or if
-several stages have the values, for example different ones for the alternatives of an axis.
+A variable keeps its own array if only some of its cells are left out, if no stage with the same values is kept, if
+several stages have the values, for example different ones for the alternatives of an axis, or if the stage that has
+them lies along an axis that this one lacks: the samples of fewer factors of a design.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ def same_as(
 ) -> dict[StageVariable, str]:
     """Return the stage that has the values of each kept variable without an array of its own."""
     found: dict[StageVariable, str] = {}
+    axes = {node.name: set(node.axes) for node in nodes}
     for node in nodes:
         own = cells.get(node.name, ())
         if not own or any(cell.left_out is None for cell in own):
@@ -38,7 +40,7 @@ def same_as(
             if place not in kept or place in copied or declared.optional:
                 continue
             holder = _holder(own, variable, by_ref, kept, found)
-            if holder:
+            if holder and axes[holder] <= axes[node.name]:
                 found[place] = holder
     return found
 

@@ -18,7 +18,7 @@ from etendue.archive.read.left_out import tree_with_left_out
 from etendue.archive.structure.layout import BOUNDS, ROW
 from etendue.contract.arrays.variables import Variable, without
 from etendue.contract.arrays.variables import variable as known
-from etendue.contract.values.names import TABLES
+from etendue.contract.values.names import STUDY, TABLES
 from etendue.errors import ArchiveError, EtendueError, RequestError, nearest
 from etendue.types.arrays import Array
 from etendue.types.documents import AxisValue, AxisValues, Document, DocumentView
@@ -310,7 +310,7 @@ class Holdings:
 def _stages(tree: xarray.DataTree) -> list[tuple[str, list[xarray.Dataset]]]:
     """Return the stages in order, each with its non-empty groups."""
     found = []
-    tops = [child for name, child in tree.children.items() if name not in TABLES] or [tree]
+    tops = [one for name, one in tree.children.items() if name not in TABLES and STUDY not in one.attrs] or [tree]
     if "status" in tree.data_vars or (tree.data_vars and not tree.children):  # a single stage
         tops = [tree]
     for node in sorted(tops, key=lambda node: int(node.attrs.get("order", 10**6))):
