@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -23,6 +23,8 @@ from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.colour.encoding import srgb_decode
 from etendue_camera.picture_files import MOST_PIXELS, read_picture
 from etendue_camera.scene.stages.scene import Scene
+
+ROWS = 64  # of a picture that are given spectra at a time: they fit a core's cache
 
 
 def _linear_photograph(path: str, rows: int, columns: int) -> Any:
@@ -54,11 +56,16 @@ def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int])
     crop_rows, crop_columns = max(1, round(rows * scale)), max(1, round(columns * scale))
     top, left = (height - crop_rows) // 2, (width - crop_columns) // 2
     crop = picture.values[top : top + crop_rows, left : left + crop_columns]
-    linear = resampling.area_average(
-        crop, rows, columns, lambda values: srgb_decode(values.astype(float) / picture.full)
-    )
+    linear = resampling.area_average(crop, rows, columns, _decoder(crop.dtype, picture.full))
     linear.flags.writeable = False
     return np.broadcast_to(linear, (3, rows, columns)), picture.note
+
+
+def _decoder(kind: np.dtype[Any], full: float) -> Callable[[Array], np.ndarray[Any, np.dtype[np.float64]]]:
+    """Return the function from the values of a picture to linear light; of whole numbers a table."""
+    if kind.kind != "u" or kind.itemsize > 2:
+        return lambda values: srgb_decode(values.astype(float) / full)
+    return srgb_decode(np.arange(np.iinfo(kind).max + 1.0) / full).take
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,16 +127,21 @@ class Photograph(Scene):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[0][bands], prepared[1][bands]
 
-    def run(self, prepared: Any) -> dict[str, Array]:
+    def mixture(self, prepared: Any) -> tuple[Array, Array]:
+        """Return the red, green and blue of the picture, and the light of each by band."""
         white, basis = prepared
-        linear, _ = _linear_photograph(self.file, *self.size())
-        cube = np.zeros((len(white), *linear.shape[1:]))
-        lit = white > 0  # the other bands have no light
-        weights = (np.maximum(basis, 0.0) * white[:, None])[lit][:, :, None, None]
-        own = cube if lit.all() else np.empty((lit.sum(), *linear.shape[1:]))
-        np.multiply(weights[:, 0], linear[0], out=own)  # no matrix product: its rounding depends on the number of bands
-        own += weights[:, 1] * linear[1]
-        own += weights[:, 2] * linear[2]
-        if own is not cube:
-            cube[lit] = own
+        return _linear_photograph(self.file, *self.size())[0], np.maximum(basis, 0.0) * white[:, None]
+
+    def run(self, prepared: Any) -> dict[str, Array]:
+        (red, green, blue), weights = self.mixture(prepared)
+        white = prepared[0]
+        cube = np.zeros((len(white), *red.shape))
+        part = np.empty((ROWS, red.shape[1]))
+        for top in range(0, len(red), ROWS):
+            rows = slice(top, top + ROWS)
+            for band in np.flatnonzero(white > 0):  # the other bands have no light
+                own = cube[band, rows]
+                np.multiply(weights[band, 0], red[rows], out=own)  # no matrix product: bits depend on the bands
+                own += np.multiply(weights[band, 1], green[rows], out=part[: len(own)])
+                own += np.multiply(weights[band, 2], blue[rows], out=part[: len(own)])
         return {"radiance": cube, "white_radiance": white}
