@@ -131,6 +131,59 @@ def test_the_folder_of_another_search_is_refused_and_left_alone(tmp_path, text, 
 
 
 @needs_optuna
+@pytest.mark.parametrize(
+    ("goal", "limit", "says"),
+    [
+        ("mean_snr", "photon_rate[max] >= {}", "cannot be met by what its stage declares"),
+        ("edge_mtf50[mean]", "clipped_fraction <= 0.05", "is beyond the limit, which was computed first"),
+    ],
+)
+def test_what_cannot_meet_a_limit_is_not_computed_and_said(count, goal, limit, says):
+    """Undone, by computing the goal too: the limit is exceeded, by the declared excess at least."""
+    text = BARE + '[[stages]]\nuse = "edge_resolution"\n' if "edge" in goal else BARE
+    session = Session(load(text))
+    if "{}" in limit:
+        limit = limit.format(0.6 * session.metrics("photon_rate", f_number=1.4)["photon_rate"].max())
+    asked = request(maximise=[goal], subject=[limit], over=["f_number=1.4:8", "integration_time=1 ms:60 ms:log"])
+    found = search(load(text), asked, 12)
+    spared = [one for one in found.trials if one.spared]
+    assert 0 < len(spared) < 12
+    assert found.document()["spared"] == len(spared)
+    assert any(says in note for note in found.document()["notes"])
+    for one in spared:
+        assert (one.values, one.allowed) == ((), False)
+        record = session.metrics(asked.metrics, **one.settings)
+        assert asked.limits[0].excess(asked.limits[0].metric.of(record)) >= one.excess[0] > 0
+
+
+@needs_optuna
+def test_a_search_learns_where_the_camera_fails(monkeypatch):
+    """Of settings that fail in nine tenths of the range, chance tries nine in ten."""
+
+    def rows(self, settings, names):
+        for number, own in enumerate(settings):
+            bad = own["f_number"] > 1.4 + 0.1 * 6.6
+            yield Row(number, own, {} if bad else {"mean_snr": -abs(own["f_number"] - 1.7)}, "too far" if bad else "")
+
+    monkeypatch.setattr(Session, "rows", rows)
+    found = search(load(BARE), request(subject=[], over=["f_number=1.4:8"]), 60)
+    assert sum(bool(one.failed) for one in found.trials[-30:]) < 15
+
+
+@needs_optuna
+def test_the_setting_that_decides_is_the_important_one(monkeypatch):
+    def rows(self, settings, names):
+        for number, own in enumerate(settings):
+            yield Row(number, own, {"mean_snr": -((own["f_number"] - 3) ** 2) + 0.01 * own["pixel_pitch"]})
+
+    monkeypatch.setattr(Session, "rows", rows)
+    found = search(load(BARE), request(subject=[], over=["pixel_pitch=2:6", "f_number=1.4:8"]), 60)
+    assert next(iter(found.importance)) == "f_number"
+    assert sum(found.importance.values()) == pytest.approx(1)
+    assert found.importance["f_number"] > 0.7
+
+
+@needs_optuna
 def test_whole_numbers_and_choices_are_searched_as_such():
     over = ["bits=8:14", "pixel.rows=16,24", "demosaic.use=demosaic_bilinear,demosaic_nearest", "read_noise=1,2.5"]
     found = search(load(BARE), request(over=over, subject=[]), 25)
