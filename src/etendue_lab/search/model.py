@@ -110,7 +110,7 @@ class Model:
             return np.asarray((places[number] + draw.random(self.size)) / FIRST)
         anew = number % REFIT == 0
         there = np.isfinite(goals).all(axis=1)
-        allowed = there & ~(excess > 0).any(axis=1)
+        allowed = there & np.all(~(excess > 0), axis=1)
         limits = []
         for limit in range(excess.shape[1]):
             known = np.isfinite(excess[:, limit])
@@ -120,7 +120,7 @@ class Model:
                 limits.append(process)
         best, centre = np.inf, points[int(np.argmin(np.nansum(np.maximum(excess, 0), axis=1)))]
         if there.sum() > 1:
-            values = _scaled(goals, allowed if allowed.any() else there, draw)
+            values = _scaled(goals, np.asarray(allowed if allowed.any() else there), draw)
             self.goal.fit(points[there], values[there], anew)
             if allowed.any():
                 best = float(values[allowed].min())
