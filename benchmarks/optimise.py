@@ -118,8 +118,8 @@ def main() -> None:
         met = [one for one in needed if one is not None]
         if needed:
             print(
-                f"{sampler}: within 0.5 % of the best in {len(met)} of {asked.seeds} seeds of {asked.trials} "
-                f"trials (median trial {np.median(met) if met else float('nan'):.0f}); smallest share {min(ratios):.4f}; "
+                f"{sampler}: within 0.5 % of the best in {len(met)} of {asked.seeds} seeds, {asked.trials} "
+                f"trials (median trial {np.median(met) if met else float('nan'):.0f}); smallest {min(ratios):.4f}; "
                 f"{(time.process_time() - began) / (asked.seeds * asked.trials) * 1e3:.0f} CPU ms a trial",
                 flush=True,
             )
