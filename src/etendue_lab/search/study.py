@@ -19,6 +19,7 @@ from etendue.contract.registry import installed_stages
 from etendue.errors import Fault, RequestError
 from etendue.evaluation.session import Session
 from etendue.pipeline.file import PipelineFile
+from etendue.plan.identity.code import code_at
 from etendue.plan.identity.keys import digest, version_of
 from etendue.types.documents import Document, DocumentView
 from etendue_lab.search import bounds
@@ -131,6 +132,8 @@ def search(
     known_first = bounds.of_a_search(plan, asked.limits)
     keys = digest("\n".join(plan.cells[ref].key for ref in sorted(plan.cells)).encode())
     request = {**asked.document(), "pipeline": keys, "optuna": version_of("optuna")}
+    if asked.sampler == "model":
+        request["code of the model"] = code_at("etendue_lab.search.model")
     memory = Memory(folder, request)
     study = optuna.create_study(
         directions=["maximize" if goal.largest else "minimize" for goal in asked.goals],
