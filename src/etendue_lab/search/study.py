@@ -25,7 +25,7 @@ from etendue.types.documents import Document, DocumentView
 from etendue_lab.search import bounds
 from etendue_lab.search.asked import Asked, Limit, Range, read_request
 from etendue_lab.search.memory import Memory
-from etendue_lab.search.model import Model
+from etendue_lab.search.model import Model, Process
 
 if TYPE_CHECKING:
     from etendue.builder.pipeline import Pipeline
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 SAMPLERS = ("model", "tpe", "nsga2", "random")
 FIRST = 15  # trials of the first, spread ones
 NEVER = 1e6  # excess that a failed trial is told with
+SAMPLES = 1024  # settings over all ranges by which importance is judged
 FEW = 30  # trials below which nothing is said of the importance of settings
 
 
@@ -164,23 +165,28 @@ def search(
         best = Found(pipeline.name, asked, tuple([*leading, trial])).best
         told(trial, trial in best)
         leading = best
-    return Found(pipeline.name, asked, tuple(made), recalled, _importance(optuna, study, made, asked))
+    return Found(pipeline.name, asked, tuple(made), recalled, _importance(made, asked))
 
 
-def _importance(optuna: Any, study: Any, made: list[Trial], asked: Asked) -> dict[str, float]:
-    """Return by how much each setting decides whether a trial is among the best tenth for the first goal (PED-ANOVA,
-    Watanabe 2023, https://doi.org/10.24963/ijcai.2023/488); largest first. Nothing of few trials.
+def _importance(made: list[Trial], asked: Asked) -> dict[str, float]:
+    """Return by how much each setting, with its interactions, changes the first goal over the ranges, by a model of the
+    trials: its total share of the variance (Sobol'), of a sum of 1; largest first. Nothing of few trials.
     """
-    whole = [one for one, trial in zip(study.trials, made, strict=True) if trial.values]
+    whole = [one for one in made if one.values]
     if len(whole) < FEW or len(asked.ranges) < 2:
         return {}
-    first = optuna.create_study(direction="maximize" if asked.goals[0].largest else "minimize")
-    for one in whole:
-        first.add_trial(
-            optuna.trial.create_trial(params=one.params, distributions=one.distributions, value=one.values[0])
-        )
-    shares = optuna.importance.get_param_importances(first, evaluator=optuna.importance.PedAnovaImportanceEvaluator())
-    return {name: float(share) for name, share in shares.items()}
+    points = np.array([_point(asked, one.settings) for one in whole])
+    process = Process()
+    process.fit(points, np.array([one.values[0] for one in whole]), True)
+    one, other = np.random.Generator(np.random.Philox(key=[asked.seed, FEW])).random((2, SAMPLES, points.shape[1]))
+    found, start = dict[str, float](), 0
+    for setting in asked.ranges:
+        changed, own = one.copy(), slice(start, start + _places(setting))
+        changed[:, own] = other[:, own]
+        found[setting.key] = float(((process.at(one)[0] - process.at(changed)[0]) ** 2).mean())
+        start = own.stop
+    total = sum(found.values()) or 1.0
+    return {name: value / total for name, value in sorted(found.items(), key=lambda item: -item[1])}
 
 
 def _evaluated(session: Session, asked: Asked, first: bounds.First, number: int, settings: Document) -> Trial:
@@ -232,7 +238,7 @@ def _places(one: Range) -> int:
 
 def _modelled(model: Model, asked: Asked, made: list[Trial]) -> Document:
     """Return the settings of the next trial by the model of those before."""
-    points = np.array([[place for one in asked.ranges for place in _placed(one, t.settings[one.key])] for t in made])
+    points = np.array([_point(asked, one.settings) for one in made])
     signs = [-1.0 if goal.largest else 1.0 for goal in asked.goals]
     goals = [np.multiply(signs, t.values) if t.values else np.full(len(signs), np.nan) for t in made]
     # Whether a trial failed is one more limit; of a spared one only the exceeded limits are known.
@@ -254,6 +260,10 @@ def _modelled(model: Model, asked: Asked, made: list[Trial]) -> Document:
         settings[one.key] = _value(one, found[start : start + _places(one)])
         start += _places(one)
     return settings
+
+
+def _point(asked: Asked, settings: DocumentView) -> list[float]:
+    return [place for one in asked.ranges for place in _placed(one, settings[one.key])]
 
 
 def _placed(one: Range, value: Any) -> list[float]:
