@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from etendue.transfer import mixtures, sampling
 from etendue.transfer import rings as scene_rings
-from etendue.transfer import sampling
 
 SIZES = st.tuples(st.integers(5, 70), st.integers(5, 70))
 
@@ -102,3 +102,24 @@ def test_low_terms_of_a_spectrum_evaluate_to_the_plane_where_there_is_nothing_be
     rows = sampling.frequencies(ny, 1.0, half=False, share=0.5)
     assert rows.size == shape[0]
     assert_allclose(np.sort(rows), -np.sort(-rows)[::-1])
+
+
+@settings(max_examples=30, deadline=None)
+@given(sizes=SIZES, seed=st.integers(0, 999), level=st.sampled_from((1e-9, 1.0, 1e9)))
+def test_a_mixture_has_the_content_of_each_of_its_bands(sizes, seed, level):
+    """Both transform in single precision, in another order: 1e-5 of the largest number of a band."""
+    random = np.random.default_rng(seed)
+    planes, weights = random.random((3, *sizes)), level * random.random((4, 3))
+    weights[2] = 0  # a band without light
+    step = (0.7, 1.1)
+    edges, widths = scene_rings.ring_edges(*sizes, *step), scene_rings.blur_widths(*sizes, *step)
+    found = mixtures.looked_at(planes, weights, step, edges, widths)
+    for plane, numbers in zip(np.tensordot(weights, planes, 1), found, strict=True):
+        high = plane.max() or 1.0
+        own = (plane / high).astype(np.float32)
+        power, amplitude = scene_rings.ring_sums(own, *step, edges)
+        peaks = scene_rings.largest_behind(own, *step, widths) * (plane.max() > 0)
+        truth = (plane.min(), plane.mean(), plane.max(), power * high**2, amplitude * high, peaks * high)
+        for one, other in zip(numbers, truth, strict=True):
+            assert_allclose(one, other, atol=1e-5 * float(np.max(np.abs(other), initial=0.0)), rtol=0)
+    assert mixtures.looked_at(planes, np.full_like(weights, np.inf), step, edges, widths) is None

@@ -16,6 +16,7 @@ from etendue.errors import RequestError
 from etendue.evaluation.session import Row, Session
 from etendue.session import load
 from etendue_lab.search.asked import Goal, Limit, Metric, read_request
+from etendue_lab.search.model import Model
 from etendue_lab.search.study import Found, Trial, search
 from tests.run.small import BARE, command
 
@@ -66,7 +67,7 @@ def known(x, y):
 
 @needs_optuna
 def test_a_search_finds_what_a_grid_of_known_cells_has_and_chance_does_not(monkeypatch):
-    """The best of 100 x 100 cells within 0.5 %, in 150 trials: in five of six seeds at least, by chance in fewer."""
+    """The best of 100 x 100 cells within 0.5 %, in 60 trials: in every one of four seeds, by chance in fewer."""
 
     def rows(self, settings, names):
         for number, own in enumerate(settings):
@@ -85,13 +86,47 @@ def test_a_search_finds_what_a_grid_of_known_cells_has_and_chance_does_not(monke
     met = {
         sampler: sum(
             found[0].values[0] <= 1.005 * best
-            for seed in range(6)
-            if (found := search(load(BARE), replaced(asked, seed=seed, sampler=sampler), 150).best)
+            for seed in range(4)
+            if (found := search(load(BARE), replaced(asked, seed=seed, sampler=sampler), 60).best)
         )
-        for sampler in ("tpe", "random")
+        for sampler in ("model", "random")
     }
-    assert met["tpe"] >= 5
-    assert met["random"] < met["tpe"]
+    assert met["model"] == 4
+    assert met["random"] < 4
+
+
+def test_the_model_finds_the_front_of_two_goals():
+    """Two paraboloids: every point of their front lies between the two minima. Nine tenths of the area that it leaves
+    free are reached in 60 trials.
+    """
+    ends, model = np.array([[0.2, 0.3], [0.8, 0.7]]), Model(2, 5)
+    points, goals = np.zeros((0, 2)), np.zeros((0, 2))
+    for number in range(60):
+        point = model.next(points, goals, np.full((number, 1), -1.0))
+        points = np.vstack([points, point])
+        goals = np.vstack([goals, ((point - ends) ** 2).sum(axis=1)])
+
+    def area(values):
+        reached, total = 0.6, 0.0
+        for first, second in sorted(map(tuple, values)):
+            if first < 0.6 and second < reached:
+                total += (0.6 - first) * (reached - second)
+                reached = second
+        return total
+
+    share = np.linspace(0, 1, 400)[:, None]
+    front = ends[0] + share * (ends[1] - ends[0])
+    assert area(goals) > 0.9 * area(((front[:, None, :] - ends) ** 2).sum(axis=2))
+
+
+def test_the_next_point_follows_from_the_trials_and_their_number():
+    draw = np.random.default_rng(3)
+    points, goals = draw.random((20, 3)), draw.random((20, 1))
+    excess = np.where(draw.random((20, 2)) < 0.3, np.nan, draw.normal(size=(20, 2)))
+    first = Model(3, 1).next(points, goals, excess)
+    assert np.array_equal(first, Model(3, 1).next(points, goals, excess))
+    assert not np.array_equal(first, Model(3, 2).next(points, goals, excess))
+    assert ((first >= 0) & (first <= 1)).all()
 
 
 def replaced(asked, **changes):
@@ -128,6 +163,60 @@ def test_the_folder_of_another_search_is_refused_and_left_alone(tmp_path, text, 
     with pytest.raises(RequestError, match=rf"is of another search \({differs} differ\)"):
         search(load(text), other, 3, tmp_path / "a")
     assert before == {path: path.read_bytes() for path in (tmp_path / "a").iterdir()}
+
+
+@needs_optuna
+@pytest.mark.parametrize(
+    ("goal", "limit", "says"),
+    [
+        ("mean_snr", "photon_rate[max] >= {}", "cannot be met by what its stage declares"),
+        ("edge_mtf50[mean]", "clipped_fraction <= 0.05", "is beyond the limit, which was computed first"),
+    ],
+)
+def test_what_cannot_meet_a_limit_is_not_computed_and_said(count, goal, limit, says):
+    """Undone, by computing the goal too: the limit is exceeded, by the declared excess at least."""
+    text = BARE + '[[stages]]\nuse = "edge_resolution"\n' if "edge" in goal else BARE
+    session = Session(load(text))
+    if "{}" in limit:
+        limit = limit.format(0.6 * session.metrics("photon_rate", f_number=1.4)["photon_rate"].max())
+    asked = request(maximise=[goal], subject=[limit], over=["f_number=1.4:8", "integration_time=1 ms:60 ms:log"])
+    found = search(load(text), asked, 12)
+    spared = [one for one in found.trials if one.spared]
+    assert 0 < len(spared) < 12
+    assert found.document()["spared"] == len(spared)
+    assert any(says in note for note in found.document()["notes"])
+    for one in spared:
+        assert (one.values, one.allowed) == ((), False)
+        record = session.metrics(asked.metrics, **one.settings)
+        assert asked.limits[0].excess(asked.limits[0].metric.of(record)) >= one.excess[0] > 0
+
+
+@needs_optuna
+def test_a_search_learns_where_the_camera_fails(monkeypatch):
+    """Settings fail in nine tenths of the range. By chance one in six searches comes as close to the best as this."""
+
+    def rows(self, settings, names):
+        for number, own in enumerate(settings):
+            bad = own["f_number"] > 1.4 + 0.1 * 6.6
+            yield Row(number, own, {} if bad else {"mean_snr": -abs(own["f_number"] - 1.7)}, "too far" if bad else "")
+
+    monkeypatch.setattr(Session, "rows", rows)
+    for seed in range(2):
+        found = search(load(BARE), replaced(request(subject=[], over=["f_number=1.4:8"]), seed=seed), 40)
+        assert found.best[0].values[0] > -0.01
+
+
+@needs_optuna
+def test_the_setting_that_decides_is_the_important_one(monkeypatch):
+    def rows(self, settings, names):
+        for number, own in enumerate(settings):
+            yield Row(number, own, {"mean_snr": -((own["f_number"] - 3) ** 2) + 0.01 * own["pixel_pitch"]})
+
+    monkeypatch.setattr(Session, "rows", rows)
+    found = search(load(BARE), request(subject=[], over=["pixel_pitch=2:6", "f_number=1.4:8"]), 60)
+    assert next(iter(found.importance)) == "f_number"
+    assert sum(found.importance.values()) == pytest.approx(1)
+    assert found.importance["f_number"] > 0.7
 
 
 @needs_optuna

@@ -123,6 +123,10 @@ class Banded(Stage):
         """Return, for a source, its outputs that have no position."""
         return {}
 
+    def mixture(self, prepared: Any) -> tuple[Array, Array] | None:
+        """Return, for a source, planes (k, y, x) and weights (band, k) that add up to its light; None: it has none."""
+        return None
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Haloed(Stage):
@@ -258,10 +262,7 @@ def no_coordinates(kind: type[Stage]) -> str:
     for dim, one in wrong:
         if isinstance(one, list | tuple) and all(isinstance(entry, str | int | float) for entry in one):
             return f"{said} a coordinate for {dim!r}: Labels({tuple(one)!r}), from etendue.api import Labels"
-    return (
-        f"{said} dims and their coordinates, such as {{'channel': RGB}} or {{'angle': Labels((0.0, 90.0), 'deg')}}, "
-        f"of etendue.api"
-    )
+    return f"{said} dims and coordinates, such as {{'channel': RGB}} or {{'angle': Labels((0.0, 90.0), 'deg')}}"
 
 
 METHODS = ("run", "grid", "carry", "growth", "error", "prepare", "warn", "warn_among", "assumes")  # of every stage
@@ -280,8 +281,7 @@ def check_class(kind: type[Stage]) -> None:
         raise TypeError(f"{name}.working is {working!r}; expected a number of at least 0")
     if issubclass(kind, Sampled):
         mean_arguments_of(kind)
-    own_methods = [method for method, base in CAPABILITIES.items() if issubclass(kind, base)]
-    for attribute in (*METHODS, *own_methods):
+    for attribute in (*METHODS, *(method for method, base in CAPABILITIES.items() if issubclass(kind, base))):
         own = inspect.getattr_static(kind, attribute, None)
         if own is not None and not callable(own):
             raise TypeError(f"{name}.{attribute} is {own!r}; expected a method")

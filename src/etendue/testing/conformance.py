@@ -54,7 +54,7 @@ from etendue.testing.laws.state_laws import StateLaws
 from etendue.testing.laws.window_laws import WindowLaws
 from etendue.testing.laws.word_laws import WordLaws
 from etendue.testing.measured import hold, ratio_of, within
-from etendue.testing.transfer_checks import check_single_bands, check_transfer
+from etendue.testing.transfer_checks import check_mixture, check_single_bands, check_transfer
 
 
 class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, PlaceLaws, StateLaws, RangeLaws):
@@ -318,6 +318,8 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, Pla
         job = bench.job()
         given_arrays = bench.given(bench.arrays("ordinary"), "float64")
         whole_run = bench.result(bench.arrays("ordinary")).arrays
+        if is_source(bench.kind):
+            check_mixture(bench, whole_run[next(iter(bench.writes))])
         for bands in (slice(0, 1), slice(2, 4)):
             part = run_bands(job, given_arrays, bands)
             for variable, declaration in bench.writes.items():

@@ -6,6 +6,8 @@ Out: nothing, or ``LawBroken``.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from etendue.compute.tables import prepared_of
@@ -14,6 +16,7 @@ from etendue.testing.bench import Bench
 from etendue.testing.examples import edges
 from etendue.testing.measured import hold, within
 from etendue.transfer.products import Product
+from etendue.types.arrays import Array
 
 
 def check_transfer(bench: Bench) -> None:
@@ -99,3 +102,13 @@ def check_single_bands(bench: Bench) -> None:
     wanted = whole[2] if whole.ndim == 3 and whole.shape[0] > 1 else whole.reshape(one.shape[-2:])
     apart = np.abs(one.reshape(wanted.shape) - wanted).max()
     within(apart, 1e-12, f"{bench.name}.transfer at one band differs by {apart:.2g} from its value among others")
+
+
+def check_mixture(bench: Bench, light: Array) -> None:
+    """Check that the planes that a source states add up to the light that it writes."""
+    source: Any = bench.stage
+    mixture = source.mixture(prepared_of(source, bench.input_grids(), bench.job().grids))
+    if mixture is not None:
+        planes, weights = mixture
+        apart = np.abs(np.tensordot(weights, planes, 1) - light).max() / (np.abs(light).max() or 1.0)
+        within(apart, 1e-6, f"{bench.name}.mixture differs by {apart:.2g} of the largest value from what run writes")

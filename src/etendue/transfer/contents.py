@@ -23,6 +23,7 @@ from etendue.contract.values.bounds import MOST_VALUES
 from etendue.errors import EtendueError
 from etendue.process import unwarned
 from etendue.telling import foreign
+from etendue.transfer import mixtures
 from etendue.transfer import rings as scene_rings
 from etendue.types.arrays import Array, FloatArray
 
@@ -58,6 +59,11 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
         return None
     edges = scene_rings.ring_edges(y.size, x.size, y.step, x.step)
     widths = scene_rings.blur_widths(y.size, x.size, y.step, x.step)
+    if (mixture := _mixture(source, grids)) is not None:
+        planes, weights = mixture
+        found = mixtures.looked_at(planes, weights, (y.step, x.step), edges, widths)
+        whole = _content(found, edges, widths, len(found)) if found else None
+        return whole and replace(whole, white=_white(source, grids))
     rows: list[Any] = []
     for planes in _planes(source, grids, variable):
         if not isinstance(planes, np.ndarray) or planes.dtype.kind != "f" or planes.shape[1:] != (y.size, x.size):
@@ -71,6 +77,14 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
             peaks = scene_rings.largest_behind(own, y.step, x.step, widths) if high > 0 else 0 * widths
             rows.append((low, mean, high, power * high**2, amplitude * abs(high), peaks * high))
     return replace(_content(rows, edges, widths, grid.bands().size), white=_white(source, grids))
+
+
+def _mixture(source: Source, grids: Mapping[str, Grid]) -> tuple[FloatArray, FloatArray] | None:
+    if not isinstance(source, Banded):
+        return None
+    given = {**coordinates_of(grids), **coordinates_of(grids, "out_")}
+    with foreign(f"{type(source).__name__}.mixture"):
+        return source.mixture(source.prepare(given))
 
 
 def _white(source: Source, grids: Mapping[str, Grid]) -> tuple[float, ...]:

@@ -8,6 +8,7 @@ Sources: Parseval's theorem; the triangle inequality for the largest value.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import scipy
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 
 from etendue.transfer import sampling
 from etendue.types.arrays import FloatArray
+
+ComplexArray = NDArray[np.complexfloating]
 
 PER_OCTAVE = 6
 BLOCK = 1 << 19  # values of a transform processed at a time
@@ -65,10 +68,7 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
     half = sampling.transform(np.ascontiguousarray(plane))
     half[0, 0] = 0
     total_y, total_x = sampling.padded_size(ny), sampling.padded_size(nx)
-    twice = np.full(half.shape[1], 2.0)
-    twice[0] = 1.0
-    if total_x % 2 == 0:
-        twice[-1] = 1.0
+    twice = counted(half.shape[1], total_x)
     rows = sampling.frequencies(ny, step_y, half=False)
     columns = sampling.frequencies(nx, step_x, half=True)
     power, amplitude = np.zeros(edges.size - 1), np.zeros(edges.size - 1)
@@ -79,6 +79,17 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
         amplitude += np.bincount(ring, (part * twice).ravel(), edges.size - 1)
         power += np.bincount(ring, (part * part * twice).ravel(), edges.size - 1)
     return power * (total_y * total_x / (ny * nx)), amplitude
+
+
+def counted(columns: int, total: int) -> FloatArray:
+    """Return how often each column of a half transform counts: twice, but for frequency 0 and the highest of an even
+    number.
+    """
+    twice = np.full(columns, 2.0)
+    twice[0] = 1.0
+    if total % 2 == 0:
+        twice[-1] = 1.0
+    return twice
 
 
 def blur_widths(size_y: int, size_x: int, step_y: float, step_x: float) -> FloatArray:
@@ -99,23 +110,31 @@ def largest_behind(plane: FloatArray, step_y: float, step_x: float, widths: Floa
     only as many samples as these frequencies need, and all widths together cost about two transforms. The largest
     sample within the frame is a lower bound, because the largest value may lie between samples.
     """
-    ny, nx = plane.shape
     half = sampling.transform(np.ascontiguousarray(plane))
+    found = [float(plane.max())]
+    for own in blurred(half, plane.shape, (step_y, step_x), widths):
+        found.append(float(own.max()) - ROUNDING * float(np.abs(own).max()))
+    return np.minimum.accumulate(np.array(found))
+
+
+def blurred(
+    half: ComplexArray, shape: tuple[int, ...], steps: tuple[float, float], widths: FloatArray
+) -> Iterator[FloatArray]:
+    """Yield a plane of this half transform behind each blur but the first, of width 0: samples within the frame, as
+    many as its frequencies need.
+    """
+    ny, nx = shape
     total_y, total_x = sampling.padded_size(ny), sampling.padded_size(nx)
-    found = []
-    for width in map(float, widths):
-        if width == 0:
-            found.append(float(plane.max()))
-            continue
+    for width in map(float, widths[1:]):
         rows, columns = (
             min(math.ceil(CUT * total * step / width), total // 2)
-            for total, step in ((total_y, step_y), (total_x, step_x))
+            for total, step in ((total_y, steps[0]), (total_x, steps[1]))
         )
         down, across = np.concatenate([np.arange(rows + 1), np.arange(-rows, 0)]), np.arange(columns + 1)
         if 2 * rows == total_y:
             down = np.delete(down, rows + 1)
-        fy, fx = down / (total_y * step_y), across / (total_x * step_x)
-        weights = [np.exp(-2 * (math.pi * width * f) ** 2).astype(plane.dtype) for f in (fy, fx)]
+        fy, fx = down / (total_y * steps[0]), across / (total_x * steps[1])
+        weights = [np.exp(-2 * (math.pi * width * f) ** 2).astype(half.real.dtype) for f in (fy, fx)]
         few_y, few_x = (
             min(sampling.fast_length(2 * rows + 1), total_y),
             min(sampling.fast_length(2 * columns + 1), total_x),
@@ -123,9 +142,7 @@ def largest_behind(plane: FloatArray, step_y: float, step_x: float, widths: Floa
         low = np.zeros((few_y, few_x // 2 + 1), dtype=half.dtype)
         low[down, : columns + 1] = half[down, : columns + 1] * weights[0][:, None] * weights[1]
         small = scipy.fft.irfft2(low, s=(few_y, few_x), workers=1) * (few_y * few_x / (total_y * total_x))
-        own = small[: (ny - 1) * few_y // total_y + 1, : (nx - 1) * few_x // total_x + 1]
-        found.append(float(own.max()) - ROUNDING * float(np.abs(own).max()))
-    return np.minimum.accumulate(np.array(found))
+        yield small[: (ny - 1) * few_y // total_y + 1, : (nx - 1) * few_x // total_x + 1]
 
 
 def rings_of(radial: FloatArray, edges: FloatArray) -> NDArray[np.intp]:

@@ -27,10 +27,10 @@ def _texts(name: str, metavar: str, help: str) -> options.Adds:
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0), metavar="N", help="Seed of the search.")
 @click.option(
     "--sampler",
-    default="tpe",
+    default="model",
     show_default=True,
-    type=click.Choice(["tpe", "nsga2", "random"]),
-    help="How optuna chooses the next settings; random: for comparison.",
+    type=click.Choice(["model", "tpe", "nsga2", "random"]),
+    help="How the next settings are chosen: by a model of the trials, by optuna's tpe or nsga2, or at random.",
 )
 @options.output("Folder for the trials and the picture of their history. Default: ./<name>-search.")
 @options.JSON

@@ -114,7 +114,7 @@ class Asked:
     limits: tuple[Limit, ...]
     ranges: tuple[Range, ...]
     seed: int = 0
-    sampler: str = "tpe"
+    sampler: str = "model"
     notes: tuple[str, ...] = ()
 
     @property

@@ -1,4 +1,5 @@
-"""The history of a search as a plot: every trial, and the best so far; of two goals, their front.
+"""The history of a search as a plot: every trial, and the best so far; of two goals, their front. Beside it the
+importance of the settings.
 
 In:  the document of a search.
 Out: a plot.
@@ -15,9 +16,13 @@ from etendue.types.documents import Document
 def drawn(document: Document) -> Plot:
     """Plot the trials of a search."""
     goals = [*document["minimise"], *document["maximise"]]
-    finished = [one for one in document["trials"] if not one["failed"]]
-    figure = new_figure(7.0, 4.0)
-    axes = figure.add_subplot()
+    finished = [one for one in document["trials"] if one["values"]]
+    figure = new_figure(9.0 if document["importance"] else 7.0, 4.0)
+    if document["importance"]:
+        axes, beside = figure.subplots(1, 2, width_ratios=[3, 1])
+        _importance(beside, document, goals[0])
+    else:
+        axes = figure.add_subplot()
     if len(goals) > 1:
         _front(axes, document, finished, goals)
     else:
@@ -30,6 +35,13 @@ def drawn(document: Document) -> Plot:
         [one["number"], *(one["settings"][name] for name in names), *one["values"], one["allowed"]] for one in finished
     ]
     return Plot(figure, ["trial", *names, *goals, "within limits"], rows)
+
+
+def _importance(axes: Any, document: Document, goal: str) -> None:
+    names = list(reversed(document["importance"]))
+    axes.barh(names, [100 * document["importance"][name] for name in names], color="C0")
+    axes.set(xlabel="importance, %", title=f"for {goal}", xlim=(0, 100))
+    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _apart(finished: list[Document]) -> list[tuple[str, str, list[Document]]]:

@@ -78,7 +78,7 @@ class Memory:
                 [
                     Fault(
                         str(self.folder),
-                        f"trial {number} had other settings, {known['settings']}; this version of optuna searches "
+                        f"trial {number} had other settings, {known['settings']}; this version searches "
                         f"otherwise: choose another --output",
                     )
                 ]

@@ -7,40 +7,52 @@ Out: the trials, the best of them, or the front of several goals.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from etendue.contract.registry import installed_stages
 from etendue.errors import Fault, RequestError
 from etendue.evaluation.session import Session
 from etendue.pipeline.file import PipelineFile
+from etendue.plan.identity.code import code_at
 from etendue.plan.identity.keys import digest, version_of
 from etendue.types.documents import Document, DocumentView
-from etendue_lab.search.asked import Asked, Range, read_request
+from etendue_lab.search import bounds
+from etendue_lab.search.asked import Asked, Limit, Range, read_request
 from etendue_lab.search.memory import Memory
+from etendue_lab.search.model import Model, Process
 
 if TYPE_CHECKING:
     from etendue.builder.pipeline import Pipeline
 
-SAMPLERS = ("tpe", "nsga2", "random")
+SAMPLERS = ("model", "tpe", "nsga2", "random")
 FIRST = 15  # trials of the first, spread ones
+NEVER = 1e6  # excess that a failed trial is told with
+SAMPLES = 1024  # settings over all ranges by which importance is judged
+FEW = 30  # trials below which nothing is said of the importance of settings
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One evaluation. ``excess``: by how much each limit is exceeded, as a share of its bound."""
+    """One evaluation. ``excess``: by how much each limit is exceeded, as a share of its bound. ``spared``: the limit
+    that is exceeded for certain, so that the goals were not computed.
+    """
 
     number: int
     settings: DocumentView
     values: tuple[float, ...] = ()
     excess: tuple[float, ...] = ()
     failed: str = ""
+    spared: str = ""
 
     @property
     def allowed(self) -> bool:
-        return not self.failed and all(one <= 0 for one in self.excess)
+        return not (self.failed or self.spared) and all(one <= 0 for one in self.excess)
 
 
 @dataclass(frozen=True)
@@ -51,6 +63,7 @@ class Found:
     asked: Asked
     trials: tuple[Trial, ...]
     recalled: int = 0  # of these, the ones that an earlier call has made
+    importance: Mapping[str, float] = field(default_factory=dict)  # of the settings for the first goal, sum 1
 
     @property
     def best(self) -> list[Trial]:
@@ -73,8 +86,10 @@ class Found:
             "trials": [asdict(one) | {"allowed": one.allowed} for one in self.trials],
             "best": [self._row(one) for one in self.best],
             "failed": sum(bool(one.failed) for one in self.trials),
+            "spared": sum(bool(one.spared) for one in self.trials),
             "outside": sum(not one.failed and not one.allowed for one in self.trials),
             "recalled": self.recalled,
+            "importance": dict(self.importance),
             "notes": [*self.asked.notes, *self._why()],
         }
 
@@ -89,6 +104,8 @@ class Found:
     def _why(self) -> Iterator[str]:
         reasons = dict.fromkeys(one.failed for one in self.trials if one.failed)
         yield from (f"failed: {text}" for text in list(reasons)[:3])
+        spared = Counter(one.spared for one in self.trials if one.spared)
+        yield from (f"{count} trials: {text}; nothing else was computed" for text, count in spared.items())
         if not self.best:
             yield "no trial meets all limits; more trials, other limits or wider ranges may help"
 
@@ -113,39 +130,75 @@ def search(
     optuna = _optuna()
     session = Session(pipeline)
     plan = session.plan(asked.metrics, {})  # refuses metrics that nobody writes, before any trial
+    known_first = bounds.of_a_search(plan, asked.limits)
     keys = digest("\n".join(plan.cells[ref].key for ref in sorted(plan.cells)).encode())
     request = {**asked.document(), "pipeline": keys, "optuna": version_of("optuna")}
+    if asked.sampler == "model":
+        request["code of the model"] = code_at("etendue_lab.search.model")
     memory = Memory(folder, request)
     study = optuna.create_study(
         directions=["maximize" if goal.largest else "minimize" for goal in asked.goals],
         sampler=_sampler(optuna, asked),
     )
     made: list[Trial] = []
+    model = Model(sum(map(_places, asked.ranges)), asked.seed) if asked.sampler == "model" else None
     recalled, leading = 0, list[Trial]()
     for number in range(trials):
+        if model is not None:
+            study.enqueue_trial(_modelled(model, asked, made))
         asking = study.ask()
         settings = {one.key: _suggested(asking, one) for one in asked.ranges}
         known = memory.of(number, settings)
         if known is None:
-            trial = _evaluated(session, asked, number, settings)
+            trial = _evaluated(session, asked, known_first, number, settings)
             memory.add(asdict(trial))
         else:
             recalled += 1
             trial = replace(_as_trial(known), settings=settings)
         for limit, over in zip(asked.limits, trial.excess, strict=False):  # a failed trial has none
             asking.set_constraint(str(limit), over)
-        if trial.failed:
-            study.tell(asking, state=optuna.trial.TrialState.FAIL)
-        else:
-            study.tell(asking, list(trial.values))
+        # A failed trial is told as one far beyond a limit: of those marked as failed the samplers would learn nothing,
+        # and ask for the like again. Of trials beyond a limit they look at the excess only, not at the values.
+        asking.set_constraint("failed", NEVER if trial.failed else 0.0)
+        study.tell(asking, list(trial.values) or [0.0] * len(asked.goals))
         made.append(trial)
         best = Found(pipeline.name, asked, tuple([*leading, trial])).best
         told(trial, trial in best)
         leading = best
-    return Found(pipeline.name, asked, tuple(made), recalled)
+    return Found(pipeline.name, asked, tuple(made), recalled, _importance(made, asked))
 
 
-def _evaluated(session: Session, asked: Asked, number: int, settings: Document) -> Trial:
+def _importance(made: list[Trial], asked: Asked) -> dict[str, float]:
+    """Return by how much each setting, with its interactions, changes the first goal over the ranges, by a model of the
+    trials: its total share of the variance (Sobol'), of a sum of 1; largest first. Nothing of few trials.
+    """
+    whole = [one for one in made if one.values]
+    if len(whole) < FEW or len(asked.ranges) < 2:
+        return {}
+    points = np.array([_point(asked, one.settings) for one in whole])
+    process = Process()
+    process.fit(points, np.array([one.values[0] for one in whole]), True)
+    one, other = np.random.Generator(np.random.Philox(key=[asked.seed, FEW])).random((2, SAMPLES, points.shape[1]))
+    found, start = dict[str, float](), 0
+    for setting in asked.ranges:
+        changed, own = one.copy(), slice(start, start + _places(setting))
+        changed[:, own] = other[:, own]
+        found[setting.key] = float(((process.at(one)[0] - process.at(changed)[0]) ** 2).mean())
+        start = own.stop
+    total = sum(found.values()) or 1.0
+    return {name: value / total for name, value in sorted(found.items(), key=lambda item: -item[1])}
+
+
+def _evaluated(session: Session, asked: Asked, first: bounds.First, number: int, settings: Document) -> Trial:
+    """Return a trial: bounds of its limits first, then limits that cost little, then the rest."""
+    if first.bounded and (spared := _bounded(session, asked, number, settings)) is not None:
+        return spared
+    if first.cheap:
+        (row,) = session.rows([settings], list(dict.fromkeys(one.metric.name for one in first.cheap)))
+        if not row.failed:
+            known = {one: one.excess(one.metric.of(row.metrics)) for one in first.cheap}
+            if any(over > 0 for over in known.values()):
+                return _spared(asked, number, settings, known, "is beyond the limit, which was computed first")
     (row,) = session.rows([settings], asked.metrics)
     if row.failed:
         return Trial(number, settings, failed=row.failed)
@@ -156,8 +209,83 @@ def _evaluated(session: Session, asked: Asked, number: int, settings: Document) 
     return Trial(number, settings, values, excess)
 
 
+def _bounded(session: Session, asked: Asked, number: int, settings: Document) -> Trial | None:
+    try:
+        known = bounds.bounded(session.plan(asked.metrics, settings), asked.limits)
+    except RequestError as error:
+        return Trial(number, settings, failed=str(error))
+    if not any(over > 0 for over in known.values()):
+        return None
+    return _spared(asked, number, settings, known, "cannot be met by what its stage declares")
+
+
+def _spared(asked: Asked, number: int, settings: Document, known: Mapping[Limit, float], why: str) -> Trial:
+    excess = tuple(known.get(limit, 0.0) for limit in asked.limits)
+    if not all(map(math.isfinite, excess)):
+        return Trial(number, settings, failed="a metric is not a finite number")
+    worst = max(known, key=lambda limit: known[limit])
+    return Trial(number, settings, (), excess, spared=f"{worst} {why}")
+
+
 def _as_trial(known: DocumentView) -> Trial:
-    return Trial(known["number"], known["settings"], tuple(known["values"]), tuple(known["excess"]), known["failed"])
+    return Trial(**{**known, "values": tuple(known["values"]), "excess": tuple(known["excess"])})
+
+
+def _places(one: Range) -> int:
+    """Return how many dimensions of the model's cube a range takes: one for each choice."""
+    return len(one.choices) or 1
+
+
+def _modelled(model: Model, asked: Asked, made: list[Trial]) -> Document:
+    """Return the settings of the next trial by the model of those before."""
+    points = np.array([_point(asked, one.settings) for one in made])
+    signs = [-1.0 if goal.largest else 1.0 for goal in asked.goals]
+    goals = [np.multiply(signs, t.values) if t.values else np.full(len(signs), np.nan) for t in made]
+    # Whether a trial failed is one more limit; of a spared one only the exceeded limits are known.
+    excess = [
+        [
+            1.0 if t.failed else -1.0,
+            *([e if t.values or e > 0 else np.nan for e in t.excess] or [np.nan] * len(asked.limits)),
+        ]
+        for t in made
+    ]
+    rows = len(made)
+    found = model.next(
+        points.reshape(rows, model.size),
+        np.array(goals).reshape(rows, len(signs)),
+        np.array(excess).reshape(rows, 1 + len(asked.limits)),
+    )
+    settings, start = {}, 0
+    for one in asked.ranges:
+        settings[one.key] = _value(one, found[start : start + _places(one)])
+        start += _places(one)
+    return settings
+
+
+def _point(asked: Asked, settings: DocumentView) -> list[float]:
+    return [place for one in asked.ranges for place in _placed(one, settings[one.key])]
+
+
+def _placed(one: Range, value: Any) -> list[float]:
+    if one.choices:
+        return [float(value == choice) for choice in one.choices]
+    low, high, value = (math.log(v) if one.logarithmic else v for v in (one.low, one.high, value))
+    return [(value - low) / (high - low) if high > low else 0.5]
+
+
+def _value(one: Range, places: Any) -> Any:
+    if one.choices:
+        return one.choices[int(np.argmax(places))]
+    share = float(places[0])
+    if one.whole:
+        return round(min(max(_between(one, share), one.low), one.high))
+    return min(max(_between(one, share), one.low), one.high)
+
+
+def _between(one: Range, share: float) -> float:
+    if one.logarithmic:
+        return math.exp(math.log(one.low) + share * (math.log(one.high) - math.log(one.low)))
+    return one.low + share * (one.high - one.low)
 
 
 def _suggested(asking: Any, one: Range) -> Any:
@@ -169,7 +297,7 @@ def _suggested(asking: Any, one: Range) -> Any:
 
 
 def _sampler(optuna: Any, asked: Asked) -> Any:
-    if asked.sampler == "random":
+    if asked.sampler in ("random", "model"):
         return optuna.samplers.RandomSampler(seed=asked.seed)
     if asked.sampler == "nsga2":
         return optuna.samplers.NSGAIISampler(seed=asked.seed)
@@ -195,7 +323,7 @@ def optimise(
     trials: int = 100,
     output: str | Path | None = None,
     seed: int = 0,
-    sampler: str = "tpe",
+    sampler: str = "model",
     **texts: str | Iterable[str],
 ) -> Found:
     """Search for settings, as ``etendue optimise`` does: ``minimise``, ``maximise``, ``subject`` and ``over`` are

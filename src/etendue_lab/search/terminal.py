@@ -34,6 +34,9 @@ def print_search(document: Document) -> None:
     )
     console.print(_table(escape(title), *columns, rows=best))
     count, failed, outside = len(document["trials"]), document["failed"], document["outside"]
+    if document["importance"]:
+        shares = (f"{name} {100 * share:.0f} %" for name, share in document["importance"].items())
+        console.print(f"importance for {goals[0]}: {', '.join(shares)}")
     console.print(
         f"{count} trials, {document['recalled']} of them from an earlier call: {outside} beyond a limit, "
         f"{failed} failed; seed {document['seed']}, {document['sampler']}"

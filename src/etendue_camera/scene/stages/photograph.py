@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
@@ -56,11 +56,16 @@ def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int])
     crop_rows, crop_columns = max(1, round(rows * scale)), max(1, round(columns * scale))
     top, left = (height - crop_rows) // 2, (width - crop_columns) // 2
     crop = picture.values[top : top + crop_rows, left : left + crop_columns]
-    linear = resampling.area_average(
-        crop, rows, columns, lambda values: srgb_decode(values.astype(float) / picture.full)
-    )
+    linear = resampling.area_average(crop, rows, columns, _decoder(crop.dtype, picture.full))
     linear.flags.writeable = False
     return np.broadcast_to(linear, (3, rows, columns)), picture.note
+
+
+def _decoder(kind: np.dtype[Any], full: float) -> Callable[[Array], np.ndarray[Any, np.dtype[np.float64]]]:
+    """Return the function from the values of a picture to linear light; of whole numbers a table."""
+    if kind.kind != "u" or kind.itemsize > 2:
+        return lambda values: srgb_decode(values.astype(float) / full)
+    return srgb_decode(np.arange(np.iinfo(kind).max + 1.0) / full).take
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,11 +127,15 @@ class Photograph(Scene):
     def by_band(self, prepared: tuple[FloatArray, FloatArray], bands: slice) -> tuple[FloatArray, FloatArray]:
         return prepared[0][bands], prepared[1][bands]
 
-    def run(self, prepared: tuple[FloatArray, FloatArray]) -> dict[str, Array]:
+    def mixture(self, prepared: tuple[FloatArray, FloatArray]) -> tuple[Array, Array]:
+        """Return the red, green and blue of the picture, and the light of each by band."""
         white, basis = prepared
-        linear, _ = _linear_photograph(self.file, *self.size())
+        return _linear_photograph(self.file, *self.size())[0], np.maximum(basis, 0.0) * white[:, None]
+
+    def run(self, prepared: tuple[FloatArray, FloatArray]) -> dict[str, Array]:
+        white, _ = prepared
+        linear, weights = self.mixture(prepared)
         cube = np.zeros((len(white), *linear.shape[1:]))
-        weights = np.maximum(basis, 0.0) * white[:, None]
         rows = max(BLOCK // linear.shape[2], 1)
         for plane, own, lit in zip(cube, weights, white > 0, strict=True):
             for start in range(0, len(plane) if lit else 0, rows):  # the other bands have no light

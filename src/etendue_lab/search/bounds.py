@@ -1,0 +1,88 @@
+"""What is known of limits before the goals are computed: bounds that stages declare, and metrics that cost little.
+
+In:  the plan of a trial, the limits.
+Out: limits that cannot be met; limits whose metrics cost at most half of all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from etendue.contract.capabilities import is_random, rounds
+from etendue.plan.ancestry import ancestry
+from etendue.plan.cost import cell_seconds
+from etendue.plan.model import CellRef, Plan
+from etendue_lab.search.asked import Limit
+
+CHEAP = 0.5  # share of the seconds of all metrics up to which limits are computed before the goals
+
+
+@dataclass(frozen=True)
+class First:
+    """What a search looks at before the goals. ``bounded``: whether there are bounds of a limit."""
+
+    bounded: bool
+    cheap: tuple[Limit, ...]
+
+
+def of_a_search(plan: Plan, limits: Iterable[Limit]) -> First:
+    """Return what the limits of a search allow to look at first, judged by the camera as it is written."""
+    return First(bool(bounded(plan, limits)), cheap(plan, limits))
+
+
+def bounded(plan: Plan, limits: Iterable[Limit]) -> dict[Limit, float]:
+    """Return by how much limits are exceeded at least, as a share of their bounds; 0 or less if they may be met. Limits
+    on variables of which no bound is known are not in it.
+
+    A bound is what the stage carries of the values of its first variable without noise: the smallest and the largest.
+    It counts where nothing before draws or rounds; the margin is the tolerance for every cell before.
+    """
+    found = {}
+    for limit in limits:
+        ends = _ends(plan, limit)
+        if ends is not None:
+            low, high, margin = ends
+            found[limit] = limit.excess(low - margin if limit.most else high + margin)
+    return found
+
+
+def _ends(plan: Plan, limit: Limit) -> tuple[float, float, float] | None:
+    """Return the smallest and largest value that a variable can have, and the margin of both; None if unknown."""
+    for stage, variable in plan.wanted:
+        if limit.metric.name not in (variable, f"{stage}.{variable}"):
+            continue
+        cells = plan.of(stage)
+        every = [plan.cells[ref] for ref in ancestry(plan, {cell.ref for cell in cells}, set())]
+        uncertain = any(is_random(type(cell.stage)) or rounds(type(cell.stage)) for cell in every)
+        facts = [cell.facts for cell in cells]
+        if uncertain or variable != next(iter(plan.node(stage).writes)):
+            return None
+        lows, highs = [own.low for own in facts if own.low is not None], [o.high for o in facts if o.high is not None]
+        if not len(lows) == len(highs) == len(facts):
+            return None
+        return min(lows), max(highs), len(every) * plan.pipeline.tolerance * max(map(abs, (*lows, *highs)))
+    return None
+
+
+def cheap(plan: Plan, limits: Iterable[Limit]) -> tuple[Limit, ...]:
+    """Return the limits whose metrics together cost at most half of the seconds of all wanted ones."""
+    own = {limit: {cell.ref for stage in _stages(plan, limit) for cell in plan.of(stage)} for limit in limits}
+    whole = _seconds(plan, {cell.ref for stage, _ in plan.wanted for cell in plan.of(stage)})
+    chosen: list[Limit] = []
+    for limit in sorted(own, key=lambda one: _seconds(plan, own[one])):
+        refs = set[CellRef]().union(*(own[one] for one in (*chosen, limit)))
+        if _seconds(plan, refs) <= CHEAP * whole:
+            chosen.append(limit)
+    return tuple(chosen)
+
+
+def _stages(plan: Plan, limit: Limit) -> list[str]:
+    return [stage for stage, name in plan.wanted if limit.metric.name in (name, f"{stage}.{name}")]
+
+
+def _seconds(plan: Plan, refs: set[CellRef]) -> float:
+    return sum(
+        cell_seconds(plan.node(cell.node), cell, plan.precision)
+        for cell in (plan.cells[ref] for ref in ancestry(plan, refs, set()))
+    )
