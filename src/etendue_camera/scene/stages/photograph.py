@@ -61,7 +61,7 @@ def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int])
     return np.broadcast_to(linear, (3, rows, columns)), picture.note
 
 
-def _decoder(kind: np.dtype[Any], full: float) -> Callable[[Array], np.ndarray[Any, np.dtype[np.float64]]]:
+def _decoder(kind: np.dtype, full: float) -> Callable[[Array], FloatArray]:
     """Return the function from the values of a picture to linear light; of whole numbers a table."""
     if kind.kind != "u" or kind.itemsize > 2:
         return lambda values: srgb_decode(values.astype(float) / full)
