@@ -12,7 +12,7 @@ from etendue import telling
 from etendue.contract.arrays.facts import Content, Facts
 from etendue.contract.arrays.grid import Bands, Grid, Line
 from etendue.contract.values import bounds
-from etendue.plan import cost, omissions
+from etendue.plan import cost, marks, omissions
 from etendue.plan.agreement import taken_differently
 from etendue.plan.expansion import leave_out
 from etendue.plan.expansion.approximate import _allowed, open_knobs
@@ -200,3 +200,15 @@ def test_the_last_line_of_a_long_error_is_kept_and_marks_of_direction_are_not():
     assert lines[-2] == f"... ({100 - telling.MOST_LINES + 1} more lines)"
     assert telling.plain("\n".join(["x" * 1000] * 100 + ["the cause"])).endswith("\nthe cause")
     assert telling.printable("a\u202eb\u2066c\x1bd\n") == "abcd\n"
+
+
+@pytest.mark.parametrize(
+    ("bounds_of_cells", "named"), [((0.0, 0.0), ()), ((0.0, None), ("sharpen",)), ((0.0, 0.1), ("sharpen",))], ids=str
+)
+def test_a_stage_that_does_nothing_in_any_cell_is_not_named_beside_a_figure(bounds_of_cells, named):
+    cells = [SimpleNamespace(left_out=None if b is None else LeftOut(b, "so")) for b in bounds_of_cells]
+    kind, probe = SimpleNamespace(role="sharpening"), SimpleNamespace(unseen={"v": ("sharpening",)})
+    other = SimpleNamespace(name="sharpen", alternatives=[SimpleNamespace(kind=kind)], is_probe=False, writes={})
+    node = SimpleNamespace(name="figure", alternatives=[SimpleNamespace(kind=probe)], looks_at=())
+    plan = SimpleNamespace(nodes=[other], of=lambda name: cells)
+    assert marks.not_in_it(plan, node, "v") == named
