@@ -1,7 +1,7 @@
 """Bytes and errors of archives whose digits follow the tolerance, beside all digits: ``sweep.toml``, and a camera at
 three f-numbers with everything kept.
 
-    python benchmarks/digits.py            # both, about 2 minutes
+    python benchmarks/digits.py            # both, some minutes
     python benchmarks/digits.py camera     # the camera alone
 
 Bytes are those of data.zarr, and with the journal those of the whole archive. ``light`` and ``picture`` are measured
@@ -27,7 +27,7 @@ from etendue.session import Options, execute
 PIPELINES = Path(__file__).parents[1] / "pipelines"
 CASES = {
     "sweep": ("sweep.toml", {}),
-    "camera": ("paper_physical.toml", {"sweep.f_number": [2.8, 4, 8]}),
+    "camera": ("smallest.toml", {"sweep.pixel_pitch": ["2.8 um"], "sweep.integration_time": ["10 ms"]}),
 }
 ERRORS = {"photon_rate": "light", "rgb_linear": "picture"}
 SETTINGS = ((1e-3, "exact"), (1e-3, "stated"), (1e-4, "exact"), (1e-4, "stated"))
