@@ -23,7 +23,7 @@ from etendue.session import Options, execute
 
 FILE = Path(__file__).parents[1] / "pipelines" / "sweep.toml"
 FACTORS = {
-    "pixel_pitch": {"from": "3 um", "to": "6 um"},
+    "pixel_pitch": ["3 um", "4.2 um", "5.4 um"],  # a continuous one reaches the pixel in every sample
     "integration_time": {"from": "2 ms", "to": "16 ms", "spacing": "log"},
     "read_noise": {"normal": [4, 0.8], "at_least": 0},
     "dsnu": {"from": 0.5, "to": 2},
