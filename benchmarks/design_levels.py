@@ -77,7 +77,7 @@ def means(levels: int, points: int, seed: int) -> list[float]:
     found = []
     for name in METRICS:
         data = next(one for one in outcome.tree.subtree if name in one.data_vars).to_dataset(inherit=False)
-        for row in [str(word) for word in data.coords if str(word).endswith("_row")]:
+        for row in [str(word) for word in data.variables if str(word).endswith("_row")]:
             dim = row.removesuffix("_row")
             data = data.sel({dim: data[row]}) if dim in data[name].dims else data
         values = data[name].isel(stage=0) if "stage" in data[name].dims else data[name]
