@@ -23,7 +23,7 @@ from etendue.session import Options, execute
 
 FILE = Path(__file__).parents[1] / "pipelines" / "sweep.toml"
 FACTORS = {
-    "pixel_pitch": {"from": "3 um", "to": "6 um"},
+    "pixel_pitch": ["3 um", "4.2 um", "5.4 um"],  # a continuous one reaches the pixel in every sample
     "integration_time": {"from": "2 ms", "to": "16 ms", "spacing": "log"},
     "read_noise": {"normal": [4, 0.8], "at_least": 0},
     "dsnu": {"from": 0.5, "to": 2},
@@ -77,7 +77,7 @@ def means(levels: int, points: int, seed: int) -> list[float]:
     found = []
     for name in METRICS:
         data = next(one for one in outcome.tree.subtree if name in one.data_vars).to_dataset(inherit=False)
-        for row in [str(word) for word in data.coords if str(word).endswith("_row")]:
+        for row in [str(word) for word in data.variables if str(word).endswith("_row")]:
             dim = row.removesuffix("_row")
             data = data.sel({dim: data[row]}) if dim in data[name].dims else data
         values = data[name].isel(stage=0) if "stage" in data[name].dims else data[name]

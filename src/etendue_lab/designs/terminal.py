@@ -79,9 +79,9 @@ def print_sensitivity(document: Document) -> None:
         notes |= dict.fromkeys(one["notes"])
     for note in notes:
         console.print(f"note: {escape(note)}")
-    stored = document["stored"]
-    said = f"stored as {', '.join(stored['groups'])}" if stored["groups"] else f"not stored: {stored['why']}"
-    console.print(escape(said), soft_wrap=True)
+    if stored := document.get("stored"):
+        said = f"stored as {', '.join(stored['groups'])}" if stored["groups"] else f"not stored: {stored['why']}"
+        console.print(escape(said), soft_wrap=True)
 
 
 def print_yields(document: Document) -> None:
