@@ -42,8 +42,8 @@ def optimise() -> None:
     Every trial runs the camera at other settings and costs what changed. Finished trials are in the folder: the same
     command after an interruption reads them and goes on, and gives the trials of an uninterrupted search; with more
     --trials it continues. A limit on a searched setting narrows its range. Trials beyond a limit are told to the
-    optimiser by how far they are beyond it, trials that the stages refuse or that fail as very far beyond. With several goals the
-    result is the front of trials that no other trial beats in all of them.
+    optimiser by how far they are beyond it, trials that the stages refuse or that fail as very far beyond.
+    With several goals the result is the front of trials that no other trial beats in all of them.
 
     Needs optuna: pip install 'etendue[optimise]'.
 
