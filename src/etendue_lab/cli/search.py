@@ -41,9 +41,9 @@ def optimise() -> None:
 
     Every trial runs the camera with new settings and recomputes only what they change. Finished trials are kept in the
     folder: after an interruption the same command continues, and ends with the same trials as an uninterrupted search;
-    a larger --trials extends a finished search. A limit on a searched setting narrows its range. A trial that a stage
-    refuses, or that fails, is reported to the optimiser as failed; a trial beyond a limit with the amount by which it
-    exceeds the limit. With several goals, the result is the front: the trials that no other trial beats in all of them.
+    a larger --trials extends a finished search. A limit on a searched setting narrows its range. A trial beyond a
+    limit is reported to the optimiser with the amount by which it exceeds the limit; one that a stage refuses, or that
+    fails, as very far beyond. With several goals, the result is the front: the trials that no other trial beats in all of them.
 
     Needs optuna: pip install 'etendue[optimise]'.
 
