@@ -178,7 +178,7 @@ def _with_toe(curve: NDArray, value: NDArray, end: float, slope: float, divide: 
     line = np.minimum(value, end, out=np.empty_like(curve))
     (np.divide if divide else np.multiply)(line, slope, out=line)
     line *= straight
-    curve *= np.subtract(1, straight, out=straight)
+    curve *= 1 - straight
     curve += line
     return curve
 

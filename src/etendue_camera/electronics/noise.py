@@ -65,7 +65,7 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
     _drawn(counts, flat, (0.0, tabled), lambda some: poisson_table.quantiles(some, rng.random(some.size)))
     _drawn(counts, flat, (tabled, exact_below), rng.poisson)
     _drawn(
-        counts, flat, (exact_below, math.inf), lambda some: cornish_fisher(some, _normals(rng, some.size, some.dtype))
+        counts, flat, (exact_below, math.inf), lambda some: cornish_fisher(some, _normals(rng, some.shape, some.dtype))
     )
     return counts.reshape(mean.shape)
 

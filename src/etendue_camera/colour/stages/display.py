@@ -244,7 +244,7 @@ class Encode(_Encoding):
             part = flat[start : start + BLOCK]
             inside = np.clip(part, kind(0), kind(1))
             if (part != inside).any():
-                clipped += np.count_nonzero(np.abs(part - inside) > BEYOND)
+                clipped += int(np.count_nonzero(np.abs(part - inside) > BEYOND))
             if self.encoding == "power":
                 curve = transfer.gamma_signed(inside, self.exponent)
             else:
