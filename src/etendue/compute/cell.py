@@ -136,6 +136,7 @@ def compute(
         group = common(groups, job) if groups is not None else None
         if group is not None:
             arrays = group.made(job, results, clipped, check)
+            arrays = handed_on(job, arrays) if job.steps else arrays
             return kept(job, Result(lowest=undefined(job, arrays)), arrays, clipped, lambda: time.thread_time() - began)
         with guests_of(job):
             result, arrays = undisturbed(_made, job, results, clipped)

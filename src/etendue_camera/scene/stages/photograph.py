@@ -14,6 +14,7 @@ from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from etendue.api import Facts, Grid, param
 from etendue.contract.values.bounds import beyond
@@ -61,7 +62,7 @@ def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int])
     return np.broadcast_to(linear, (3, rows, columns)), picture.note
 
 
-def _decoder(kind: np.dtype, full: float) -> Callable[[Array], FloatArray]:
+def _decoder(kind: np.dtype, full: float) -> Callable[[Array], NDArray[np.float64]]:
     """Return the function from the values of a picture to linear light; of whole numbers a table."""
     if kind.kind != "u" or kind.itemsize > 2:
         return lambda values: srgb_decode(values.astype(float) / full)
