@@ -377,7 +377,14 @@ def test_tables_fit_eighty_columns_and_cut_no_name(file, tmp_path, command):
     done = etendue(*command, cwd=tmp_path, env={"COLUMNS": "80"})
     assert done.returncode == 0
     lines = done.stdout.splitlines()
-    unbroken = ("open it:", "archive ", "contact sheet ", "contact_sheet ", "plot it ")  # for copying
+    unbroken = (
+        "open it:",
+        "archive ",
+        "contact sheet ",
+        "contact_sheet ",
+        "plot it ",
+        "for smaller errors: ",
+    )  # for copying
     assert max(len(line.rstrip()) for line in lines if not line.startswith(unbroken)) <= 80
     first_words = {line.split()[0] for line in lines if line.strip()}
     if command[0] != "stages":

@@ -57,10 +57,10 @@ def test_the_bound_of_a_coarser_knob_is_that_of_its_worst_setting():
     settings = [knob(64, at_stage=0.01, bound=0.02), knob(32, at_stage=0.03, bound=0.09)]
     for every in (settings, settings[::-1]):
         (text,) = omissions.told("blur", None, every)
-        assert "at most 0.03 of full scale at this stage, 0.09 at what is wanted" in text
+        assert "at most 0.03 of full scale at this stage, 0.09 in the results" in text
 
 
-def test_a_bound_is_told_at_the_stage_and_at_what_is_wanted_where_they_differ():
+def test_a_bound_is_told_at_the_stage_and_in_the_results_where_they_differ():
     plan = plan_of(TEXT)
     node, (cell,) = plan.node("diffraction"), plan.of("diffraction")
     for growth in (1.0, 3.0):
@@ -69,7 +69,7 @@ def test_a_bound_is_told_at_the_stage_and_at_what_is_wanted_where_they_differ():
         assert (found["cells"], found["of"], found["at_stage"]) == (1, 2, 0.01)
         assert found["bound"] == pytest.approx(0.01 * growth)
         (said,) = omissions.told("diffraction", found, None)
-        assert ("0.03 at what is wanted" in said) == ("wanted" in said) == (growth > 1)
+        assert ("0.03 in the results" in said) == ("results" in said) == (growth > 1)
         coarse = replace(cell, approximated=(Approximated("obstruction", 0.1, 0.0, 0.01),), growth=growth)
         (one,) = omissions.approximated(node, [coarse], plan.precision)
         assert (one["at_stage"], one["bound"]) == (0.01, pytest.approx(0.01 * growth))

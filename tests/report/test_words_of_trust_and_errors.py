@@ -73,7 +73,7 @@ def test_runs_are_numbered_from_one_without_gaps(there, missing, tmp_path):
 
 
 def error(parts, **more):
-    known = {"variable": "v", "unit": "dB", "rms": 0.1, "max": 0.2, "parts": parts, "open": {}, "fixed": {}}
+    known = {"variable": "v", "unit": "dB", "rms": 0.1, "max": 0.1, "parts": parts, "open": {}, "fixed": {}}
     return known | {"points": 1, "scaled": 1.0, "noise": None} | more
 
 
@@ -83,7 +83,7 @@ def part(rms, basis="refined"):
 
 def test_parts_below_a_fiftieth_of_the_error_are_not_listed():
     said = plus_minus(error({"bins": part(0.1), "spacing": part(0.0021), "margin": part(0.0019)}), "dB")
-    assert said == "\u00b10.1 dB (bins 0.1, spacing 0.002)"
+    assert said == "\u00b10.1 dB (bins 0.1, spacing 0.0021)"
 
 
 def test_an_error_of_omissions_alone_says_nothing_while_others_are_not_measured_and_noise_is_no_part():
@@ -96,13 +96,18 @@ def test_an_error_of_omissions_alone_says_nothing_while_others_are_not_measured_
 
 @pytest.mark.parametrize(
     ("points", "factor", "said"),
-    [(1, 1.0, "measured on"), (1, 2.0, "at 1 point of"), (3, 1.0, "at 3 points of"), (3, 2.0, "at 3 points of")],
+    [
+        (1, 1.0, "measured without noise"),
+        (1, 2.0, "at 1 point of"),
+        (3, 1.0, "at 3 points of"),
+        (3, 2.0, "at 3 points of"),
+    ],
 )
 def test_where_errors_were_measured_is_said_unless_it_was_everywhere(points, factor, said):
     found = {"errors": {"v": error({"bins": part(0.1)}, scaled=factor)}, "points": points, "remembered": False}
     first, *_ = notes(found | {"seconds": 1.0, "dear": None})
     assert said in first
-    assert (f"{factor:g} times as large" in first) == (factor > 1)
+    assert (f"errors of the whole sweep are {factor:g} times those" in first) == (factor > 1)
 
 
 @pytest.mark.parametrize(("norm", "times"), [("rms", "3 times"), ("max", "5 times")])

@@ -186,7 +186,7 @@ def test_what_cannot_be_refined_is_named_and_never_zero() -> None:
     error = found.errors["photon_rate"]
     assert "margin" in error.fixed
     assert "margin" not in error.parts
-    assert any("in no error here: margin" in text for text in notes(found.document()))
+    assert any("in none of these errors: margin" in text for text in notes(found.document()))
 
 
 def test_without_time_nothing_is_claimed() -> None:

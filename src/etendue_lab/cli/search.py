@@ -43,7 +43,8 @@ def optimise() -> None:
     folder: after an interruption the same command continues, and ends with the same trials as an uninterrupted search;
     a larger --trials extends a finished search. A limit on a searched setting narrows its range. A trial beyond a
     limit is reported to the optimiser with the amount by which it exceeds the limit; one that a stage refuses, or that
-    fails, as very far beyond. With several goals, the result is the front: the trials that no other trial beats in all of them.
+    fails, as very far beyond. With several goals, the result is the front: the trials that no other trial
+    beats in all of them.
 
     Needs optuna: pip install 'etendue[optimise]'.
 

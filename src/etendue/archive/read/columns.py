@@ -27,6 +27,7 @@ from etendue.types.arrays import Array
 
 LARGEST_CELL = 4096  # bytes; larger cells cost more to copy than to decode
 LARGEST = 64 << 20  # bytes of a variable that is read as a whole
+_READING = threading.Lock()  # of the module: a column can be pickled and copied
 
 
 class Verified(Protocol):
@@ -72,7 +73,7 @@ class _Column(BackendArray):
     """A small variable: all its cells are read when any of them is."""
 
     def __init__(self, store: Verified, folder: str, variable: xarray.Variable) -> None:
-        self.store, self.folder, self.lock = store, folder, threading.Lock()
+        self.store, self.folder = store, folder
         self.shape, self.dtype = variable.shape, variable.dtype
         self.fill = variable.encoding.get("fill_value")
 
@@ -80,7 +81,7 @@ class _Column(BackendArray):
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self._part)
 
     def _part(self, key: tuple[Any, ...]) -> Any:
-        with self.lock:
+        with _READING:
             whole = self.whole
         return whole[key].copy()
 

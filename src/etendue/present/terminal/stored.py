@@ -51,7 +51,7 @@ def print_archive(document: Document) -> None:
     axes = {re.sub(r"\.use$", "", key).replace(".", "_"): name for key, name in short_axes(document["axes"]).items()}
     for stage in document["stages"]:
         _print_stage(console, document, stage, axes)
-    for study in document["studies"]:
+    for study in document.get("studies", ()):
         stale = f"; out of date: {study['stale']}; run the command again" if study["stale"] else ""
         console.print(escape(f"study {short(study['group'])}, of {study['cells']} cells{stale}"), soft_wrap=True)
     console.print(f"open it: xarray.open_datatree('{document['store']}', engine='zarr')", soft_wrap=True)

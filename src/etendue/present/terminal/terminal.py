@@ -202,7 +202,7 @@ def print_plan(document: Document) -> None:
         f"time, "
         f"peak memory {human_bytes(document['peak_memory'])}, {document['precision']}"
     )
-    if (digits := document["digits"]) is not None:
+    if (digits := document.get("digits")) is not None:
         console.print(
             f"digits    stated: within {digits['tolerance']:g} of full scale, about {human_bytes(digits['bytes'])}; "
             f"exact: {human_bytes(document['bytes'])}, both before compression"
