@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 import etendue
-from etendue.archive.read.verified_store import VouchedStore
+from etendue.archive.read.vouched.verified_store import VouchedStore
 from etendue.archive.sharding import partition
 from etendue.archive.sharding.chunks import CODEC, RAW, CellFiles, Chunk, encode
 from etendue.archive.sharding.partition import BANDS, Cutter, chunk_of, joined, pieces_of, windows_of

@@ -194,7 +194,7 @@ def open_archive(place: str | Path) -> xarray.DataTree:
         it too.
     """
     if not is_url(place):
-        from etendue.archive.read.verified_store import open_archive as opened
+        from etendue.archive.read.vouched.verified_store import open_archive as opened
 
         return opened(place)
     import xarray

@@ -12,8 +12,8 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from etendue.plan.planner import summary
+from etendue.present.html_tables import rows_of
 from etendue.present.terminal.cells import Column
-from etendue.present.terminal.html_tables import rows_of
 from etendue.present.terminal.terminal import expected_seconds, plan_columns
 from etendue.run.peak_memory import peak_memory, workers_of
 from etendue.telling import human_bytes

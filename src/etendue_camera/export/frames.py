@@ -19,7 +19,7 @@ import xarray
 from etendue.archive.checks.describe import describe_archive
 from etendue.archive.read.reading import metadata_of
 from etendue.archive.read.stored import Stored
-from etendue.archive.read.verified_store import VouchedStore
+from etendue.archive.read.vouched.verified_store import VouchedStore
 from etendue.archive.records.provenance import latest_record
 from etendue.archive.structure.layout import ROW, STATUS
 from etendue.archive.structure.naming import cell_label

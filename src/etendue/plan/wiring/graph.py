@@ -76,9 +76,7 @@ def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
     _try_values(request, nodes, axes, shared.values)
     wanted = _wanted_of(request, nodes)
     nodes = _as_asked(nodes, wanted)
-    for text in pipeline.keep or ():
-        if text != LOOKS and text not in (pipeline.wanted or ()):
-            _find_variable(request, text, nodes, "keep")
+    _check_kept(request, nodes)
     if wanted and request.whole:
         nodes = _prune(nodes, wanted)
         reached = {dim for node in nodes for dim in node.axes}
@@ -243,6 +241,13 @@ def _wanted_of(request: Request, nodes: list[Node]) -> tuple[tuple[str, str], ..
         for v, d in n.writes.items()
         if not d.optional and (n.is_probe or ((n.name, v) not in used and last[v] == n.name))
     )
+
+
+def _check_kept(request: Request, nodes: list[Node]) -> None:
+    """Report unknown names under ``keep``; those that are wanted too are reported there."""
+    for text in request.pipeline.keep or ():
+        if text != LOOKS and text not in (request.pipeline.wanted or ()):
+            _find_variable(request, text, nodes, "keep")
 
 
 def _find_variable(request: Request, text: str, nodes: list[Node], place: str) -> tuple[tuple[str, str], ...]:

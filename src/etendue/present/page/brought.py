@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint
 from typing import Any
 
-from etendue.archive.read.verified_store import open_archive
+from etendue.archive.read.vouched.verified_store import open_archive
 from etendue.contract import wording
 from etendue.contract.arrays import dims
 from etendue.contract.values import quantities

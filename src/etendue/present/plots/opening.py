@@ -11,7 +11,7 @@ from pathlib import Path
 import xarray
 
 from etendue.archive.checks.describe import checked
-from etendue.archive.read.verified_store import open_archive
+from etendue.archive.read.vouched.verified_store import open_archive
 from etendue.archive.records.remembered import ANSWER, latest
 from etendue.present.plots.stated import stated
 

@@ -22,7 +22,7 @@ import xarray
 from etendue.archive.checks.describe import refuse_changed
 from etendue.archive.journaling.journal import NAME as JOURNAL
 from etendue.archive.journaling.journal import read
-from etendue.archive.read.verified_store import open_archive
+from etendue.archive.read.vouched.verified_store import open_archive
 from etendue.archive.records.manifest import DATA
 from etendue.archive.records.owner import is_running
 from etendue.archive.records.provenance import latest_record

@@ -13,10 +13,10 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from etendue.contract.wording import words as called
+from etendue.present.html_tables import table
 from etendue.present.plots.drawing.strip import Tile
 from etendue.present.plots.summary.contents import MOST_PICTURES, MOST_ROWS, Glance
 from etendue.present.terminal.cells import Column
-from etendue.present.terminal.html_tables import table
 from etendue.telling import human_seconds, printable
 
 SIDE = 128  # largest side of a small picture, in dots

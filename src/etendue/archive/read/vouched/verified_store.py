@@ -30,11 +30,11 @@ from zarr.storage import LocalStore, WrapperStore
 
 from etendue.archive.journaling.journal import Read
 from etendue.archive.read import reading
-from etendue.archive.read.assembled import Assembled
-from etendue.archive.read.columns import with_columns
 from etendue.archive.read.left_out_arrays import LeftOutArrays
 from etendue.archive.read.reading import StoredArchive, StoredChunk
 from etendue.archive.read.tree import ROOT, Tree
+from etendue.archive.read.vouched.assembled import Assembled
+from etendue.archive.read.vouched.columns import with_columns
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA, damaged, digest_of, read_manifest
 from etendue.archive.records.owner import is_running
