@@ -189,6 +189,14 @@ def test_what_cannot_be_refined_is_named_and_never_zero() -> None:
     assert any("in none of these errors: margin" in text for text in notes(found.document()))
 
 
+def test_with_common_draws_omissions_are_measured_against_the_best_that_the_stages_accept() -> None:
+    made = pipeline()
+    made["camera"] |= {"noise": "common"}
+    errors = stated(made).errors
+    assert "omissions" in errors["photon_rate"].parts
+    assert not any("omissions" in one.open for one in errors.values())
+
+
 def test_without_time_nothing_is_claimed() -> None:
     found = stated(pipeline(), budget=0.0)
     error = found.errors["photon_rate"]

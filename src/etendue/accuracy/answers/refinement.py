@@ -135,10 +135,23 @@ class Point:
 
     @cached_property
     def knobs(self) -> list[PipelineKnob]:
-        """The knobs of the stages in use that the reference sets."""
+        """The knobs of the stages in use that the reference sets, with the settings that the stages accept."""
         used = {node.name: node.alternatives[0].use for node in self.base.nodes}
         every = reference_of(self.pipeline, self.registry).knobs
-        return [knob for knob in every if knob.settings and used.get(knob.stage) == knob.use]
+        own = [self._accepted(knob) for knob in every if knob.settings and used.get(knob.stage) == knob.use]
+        return [knob for knob in own if knob.settings]
+
+    def _accepted(self, knob: PipelineKnob) -> PipelineKnob:
+        """Return a knob whose best setting is one that its stage accepts: with common draws, ``inf`` is none."""
+        stage = self.base.of(knob.stage)[0].stage
+        for count in range(len(knob.settings), 0, -1):
+            try:
+                replace(stage, **{knob.name: knob.settings[count - 1]})
+            except (ValueError, TypeError):
+                continue
+            whole = count == len(knob.settings)
+            return knob if whole else replace(knob, settings=knob.settings[:count], closed_form=False)
+        return replace(knob, settings=())
 
     @cached_property
     def best(self) -> dict[str, dict[str, Any]]:
