@@ -174,7 +174,8 @@ def _texts(errors: DocumentView) -> Document:
 def _pictures(errors: DocumentView) -> list[str]:
     """Return sentences about the pictures and curves with the largest errors."""
     own = sorted(
-        (one for one in errors.values() if not one["unit"] and says_enough(one)), key=lambda one: -number(one["rms"])
+        (one for one in errors.values() if not one["unit"] and says_enough(one) and number(one["rms"])),
+        key=lambda one: -number(one["rms"]),
     )
     return [
         f"{one['variable']}: {number(one['rms']):.1g} of full scale rms, {number(one['max']):.1g} at most"
