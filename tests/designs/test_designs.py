@@ -198,7 +198,7 @@ FAULTS = {
     "no points": ({"design.points": 0}, "whole number of at least 1"),
     "unknown key": ({"design.point": 8}, "did you mean 'points'"),
     "unknown factor": ({"design.factors.f_nummber": {"from": 1, "to": 2}}, "did you mean 'f_number'"),
-    "negative": ({"design.factors.read_noise": {"normal": [3, 0.3]}}, "give at_least"),
+    "negative": ({"design.factors.read_noise": {"normal": [3, 0.5]}}, "give at_least"),
     "two shapes": ({"design.factors.read_noise": {"normal": [3, 0.3], "uniform": [1, 2]}}, "expected one of"),
     "falling": ({"design.factors.f_number": {"from": 8, "to": 2}}, "rising numbers"),
     "unit": ({"design.factors.f_number": {"from": "1 um", "to": 2}}, "um"),

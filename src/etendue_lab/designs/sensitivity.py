@@ -19,6 +19,7 @@ from etendue_lab.designs.regression import coefficients, main_effect, pairs, ran
 from etendue_lab.designs.samples import Metric, Samples
 
 FEWEST = 8  # rows or points; of fewer, nothing is said
+WIDE = 0.4  # an interval that leaves open what matters
 TOLD = 0.01  # a product of two factors that explains less is not listed
 
 
@@ -160,6 +161,11 @@ def _notes(samples: Samples, metric: Metric, own: Indices | None) -> list[str]:
         notes.append("Sobol' indices need a design with method = 'saltelli'; main effects are first-order estimates")
     elif own is None:
         notes.append(f"too few complete points for indices: at least {FEWEST} are needed")
+    elif (width := float(np.ptp(np.concatenate([own.first, own.total])[:, 1:], axis=1).max())) > WIDE:
+        notes.append(
+            f"{metric.name}: {own.points} points leave intervals {width:.2g} wide; to extend the design, run it again "
+            f"with --set design.points={4 * own.points}"
+        )
     if draws := samples.draws(metric):
         stages = ", ".join(draws)
         notes.append(

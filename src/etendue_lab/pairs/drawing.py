@@ -168,7 +168,7 @@ def pairs_of(
     ranges = read_ranges(pipeline, registry, over)
     if pipeline.sweep.keys() - {one.key for one in ranges}:
         axes = ", ".join(pipeline.sweep.keys() - {one.key for one in ranges})
-        raise RequestError([Fault("sweep", f"a pair is one camera: remove the axes {axes}, or draw them with over")])
+        raise RequestError([Fault("sweep", f"a pair is one camera: fix {axes} (--set), or draw it (--over)")])
     found = Pairs(pipeline, photographs_of(photographs), ranges, names, seed, count, _scene_of(pipeline, registry))
     plan = found.session.plan(list(names), found.settings(0))
     for stage, variable in plan.wanted:

@@ -52,7 +52,8 @@ class Metric:
                     Fault(
                         str(self),
                         f"{self.name} has {values.size} values; name one of them, {self.name}[0] to "
-                        f"{self.name}[{values.size - 1}], or {self.name}[mean], [min] or [max]",
+                        f"{self.name}[{values.size - 1}], or {self.name}[mean], [min] or [max]; if these are the "
+                        f"points of a sweep, search its axes (--over) or fix them (--set)",
                     )
                 ]
             )

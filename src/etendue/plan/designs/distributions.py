@@ -75,7 +75,7 @@ class Distribution:
         if self.levels:
             share = (math.floor(share * self.levels) + 0.5) / self.levels
         low, high = self._below(self.low), self._below(self.high)
-        found = min(max(self._at(low + share * (high - low)), self.low), self.high)
+        found = min(max(self.at(low + share * (high - low)), self.low), self.high)
         return float(round(found)) if self.whole else found
 
     def share_below(self, value: float) -> float:
@@ -86,7 +86,7 @@ class Distribution:
     def edges(self) -> list[float]:
         """Return the edges of its strata of equal probability, whose middles are its levels."""
         low, high = self._below(self.low), self._below(self.high)
-        inner = [self._at(low + step / self.levels * (high - low)) for step in range(1, self.levels)]
+        inner = [self.at(low + step / self.levels * (high - low)) for step in range(1, self.levels)]
         return [-math.inf, *inner, math.inf]
 
     def density(self, value: float) -> float:
@@ -107,7 +107,7 @@ class Distribution:
         rising = (value - first) / (mode - first) if value < mode else (last - value) / (last - mode or 1.0)
         return max(rising, 0.0) * 2 / width / room
 
-    def _at(self, share: float) -> float:
+    def at(self, share: float) -> float:
         """Return the value below which a share of the untruncated probability lies."""
         first, *_, last = self.numbers
         if self.shape == "normal":
@@ -202,13 +202,14 @@ def _number(value: Any, parameter: Parameter, folder: Path) -> float:
 
 
 def _check_ends(found: Distribution, parameter: Parameter) -> None:
-    """Refuse a distribution that reaches values which the parameter cannot have."""
-    low, high = found.low, found.high
-    if found.shape != "normal":
-        low, high = max(low, found.numbers[0]), min(high, found.numbers[-1])
-    for value, word, name in ((low, "below", "at_least"), (high, "above", "at_most")):
-        limits = parameter.range_text()
-        bare = value if math.isfinite(value) else math.copysign(1e29, value)
-        if not parameter.allows(bare) and not (value == low and parameter.above == value):
-            least = f"; give {name}" if math.isinf(value) else ""
-            raise Unfit(f"reaches values {word} what is allowed ({limits}){least}")
+    """Refuse a distribution whose draws reach values that the parameter cannot have."""
+    first, last = (found.at(0.0), found.at(1.0)) if found.shape == "normal" else (found.numbers[0], found.numbers[-1])
+    ends = {"at_least": max(found.low, first), "at_most": min(found.high, last)}
+    beyond = [
+        name
+        for name, value in ends.items()
+        if not parameter.allows(value) and not (name == "at_least" and parameter.above == value)
+    ]
+    if beyond:
+        remedy = f"; give {' and '.join(beyond)}" if found.shape == "normal" else ""
+        raise Unfit(f"reaches values outside what is allowed ({parameter.range_text()}){remedy}")

@@ -24,6 +24,9 @@ def next_commands(outcome: Any) -> list[str]:
         [f"map {chosen[0].variable}", "pareto"] if len(chosen) > 1 else [f"map {chosen[0].variable}"] if chosen else []
     )
     kinds += ["strip", "budget"]
+    if any(axis.rows for axis in outcome.plan.axes):  # a map of samples shows nothing
+        metric = chosen[0].variable if chosen else "METRIC"
+        return [f"what matters   etendue sensitivity {place} {metric}  (or plot {place} scatter; see plot --list)"]
     return [f"plot it        etendue plot {place} {kinds[0]}  (or {', '.join(kinds[1:])}; see --list)"]
 
 
