@@ -232,7 +232,7 @@ class Encode(_Encoding):
     rounding: white that is clipped in the camera is 1 up to the last bits, on either side."""
 
     role: ClassVar = "display encoding"
-    working: ClassVar = 2.3
+    working: ClassVar = 1.5
     reads: ClassVar = {"rgb_linear": "channel y x [1]"}
     writes: ClassVar = {"rgb_display": "channel y x [1]", "gamut_clipped": "[1]"}
     keeps: ClassVar = ("order",)
