@@ -52,6 +52,11 @@ def owns() -> bool:
     return _SignalState.owner == os.getpid()
 
 
+def noted() -> bool:
+    """Return whether a signal has come that is not handled yet."""
+    return bool(_SignalState.noted)
+
+
 def ends() -> None:
     """Record that only the exit handlers remain."""
     _SignalState.ending = True

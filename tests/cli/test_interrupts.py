@@ -12,9 +12,12 @@ import sys
 import threading
 from pathlib import Path
 
+import click
 import pytest
+from click.testing import CliRunner
 
 from etendue import interrupts
+from etendue.cli import main
 from etendue.errors import ArchiveInUse
 from tests.run.small import environment
 
@@ -144,3 +147,15 @@ def test_whose_keyboard_interrupt_it_is():
     assert found == [False]  # no signal reaches a thread beside the main one
     assert interrupts.is_ours(interrupts.Interrupted(2))
     assert not interrupts.is_ours(SystemExit(0)) and not interrupts.is_ours(ArchiveInUse("x"))
+
+
+@pytest.mark.parametrize(("number", "code"), [(0, 1), (signal.SIGTERM, 143)])
+def test_an_error_that_follows_a_signal_is_told_as_the_signal(monkeypatch, number, code):
+    def end(code):
+        raise SystemExit(code)
+
+    monkeypatch.setattr(interrupts._SignalState, "noted", number)
+    monkeypatch.setattr(interrupts, "end_now", end)
+    failing = click.Command("show", callback=lambda: {}[4])
+    monkeypatch.setattr(type(main), "get_command", lambda self, ctx, name: failing)
+    assert CliRunner().invoke(main, ["show"]).exit_code == code

@@ -89,6 +89,8 @@ class _Main(click.Group):
         except Exception as error:
             if os.environ.get("ETENDUE_TRACEBACK"):
                 raise
+            if interrupts.noted():  # what a library raises when it is stopped in the middle is no fault of its own
+                interrupts.leave()
             text = (
                 f"internal error in etendue: {where(error)}{said(error)}; please report it with the output of "
                 f"ETENDUE_TRACEBACK=1"
