@@ -37,3 +37,13 @@ def write(kind: str, key: str, data: bytes) -> None:
         os.replace(file.name, path)
     except (OSError, RuntimeError):
         return
+
+
+def keep_newest(kind: str, most: int) -> None:
+    """Remove all entries of a kind but those written last."""
+    try:
+        entries = sorted((folder() / kind).iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+        for path in entries[most:]:
+            path.unlink(missing_ok=True)
+    except (OSError, RuntimeError):
+        return

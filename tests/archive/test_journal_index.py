@@ -90,3 +90,23 @@ def test_a_damaged_entry_costs_time_alone(written, monkeypatch, damage):
     (entry,) = (written / "cache" / index.KIND).iterdir()
     entry.write_bytes(entry.read_bytes()[:-9] if damage == "cut" else damage)
     assert lines_read(written, monkeypatch) == plain
+
+
+def test_a_flipped_bit_anywhere_in_an_entry_costs_time_alone(written, monkeypatch):
+    plain = lines_read(written, monkeypatch)
+    (entry,) = (written / "cache" / index.KIND).iterdir()
+    whole = entry.read_bytes()
+    for at in range(0, len(whole), 7):
+        entry.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        assert lines_read(written, monkeypatch) == plain, at
+
+
+def test_the_entries_written_last_stay(written, monkeypatch):
+    monkeypatch.setattr(index, "MOST", 2)
+    for number in range(4):
+        folder = written / f"copy{number}"
+        folder.mkdir()
+        (folder / NAME).write_bytes((written / NAME).read_bytes())
+        lines_read(folder, monkeypatch)
+    kept = {path.name for path in (written / "cache" / index.KIND).iterdir()}
+    assert kept == {index._key(written / f"copy{number}" / NAME) for number in (2, 3)}

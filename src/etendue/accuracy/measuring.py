@@ -18,7 +18,7 @@ from typing import Any
 
 from etendue.accuracy.differences import difference
 from etendue.accuracy.pilot import MOST, chosen_places, narrowed
-from etendue.accuracy.reference import PipelineKnob, ReferencePipeline, reference_of, with_settings
+from etendue.accuracy.reference import PipelineKnob, ReferencePipeline, reference_of, with_settings, within
 from etendue.archive.read.differing import Difference
 from etendue.archive.records.remembered import recall, remember
 from etendue.contract.arrays.variables import variable as known
@@ -29,7 +29,7 @@ from etendue.errors import RequestError
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import behind
 from etendue.plan.cost import cell_seconds
-from etendue.plan.expansion.search import Means
+from etendue.plan.expansion.search import Means, Value
 from etendue.plan.identity.keys import digest
 from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.planner import make_plan
@@ -186,17 +186,16 @@ class Measurement:
         return reference_of(self.pipeline, self.registry, [self.within(knob) for knob in reference.knobs])
 
     def within(self, knob: PipelineKnob) -> PipelineKnob:
-        """Return a knob with only the settings that its stage accepts; if the best is not among them, its reference is
-        finite.
-        """
-        for count in range(len(knob.settings), 0, -1):
+        """Return a knob with only the settings with which the pipeline can be planned."""
+
+        def takes(setting: Value) -> bool:
             try:
-                self.plan(with_settings(self.pipeline, {(knob.stage, knob.use, knob.name): knob.settings[count - 1]}))
+                self.plan(with_settings(self.pipeline, {(knob.stage, knob.use, knob.name): setting}))
             except RequestError:
-                continue
-            whole = count == len(knob.settings)
-            return knob if whole else replace(knob, settings=knob.settings[:count], closed_form=False)
-        return replace(knob, settings=())
+                return False
+            return True
+
+        return within(knob, takes)
 
     @cached_property
     def exact(self) -> Plan:

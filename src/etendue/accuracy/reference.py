@@ -10,7 +10,7 @@ the scene (``Parameter.studied``): its samples and bands are those of the stored
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -106,6 +106,15 @@ def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
         steps = [4 * default, 2 * default, default, default / 2, default / 4]
     low, high = parameter.held or (-math.inf, math.inf)
     return tuple(dict.fromkeys(step for step in steps if parameter.allows(step) and low <= step <= high))
+
+
+def within(knob: PipelineKnob, takes: Callable[[Value], bool]) -> PipelineKnob:
+    """Return a knob up to the best setting that its stage takes; if settings are lost, its reference is finite."""
+    for count in range(len(knob.settings), 0, -1):
+        if takes(knob.settings[count - 1]):
+            whole = count == len(knob.settings)
+            return knob if whole else replace(knob, settings=knob.settings[:count], closed_form=False)
+    return replace(knob, settings=())
 
 
 def reference_of(

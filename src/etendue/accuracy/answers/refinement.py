@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from etendue.accuracy.answers.error import is_number
 from etendue.accuracy.pilot import narrowed
-from etendue.accuracy.reference import PipelineKnob, reference_of
+from etendue.accuracy.reference import PipelineKnob, reference_of, within
 from etendue.contract.capabilities import Sampled, Source
 from etendue.contract.discretised import Discretised
 from etendue.contract.ports import Progress
@@ -23,6 +23,7 @@ from etendue.contract.stage import looks_at_stages
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.derived import wanting
 from etendue.plan.ancestry import behind, in_front
+from etendue.plan.expansion.search import Value
 from etendue.plan.model import CellRef, Plan, StageVariable
 from etendue.plan.variants import at_point, variant, with_draw
 from etendue.present.terminal.answer_texts import shortened
@@ -144,14 +145,15 @@ class Point:
     def _accepted(self, knob: PipelineKnob) -> PipelineKnob:
         """Return a knob whose best setting is one that its stage accepts: with common draws, ``inf`` is none."""
         stage = self.base.of(knob.stage)[0].stage
-        for count in range(len(knob.settings), 0, -1):
+
+        def takes(setting: Value) -> bool:
             try:
-                replace(stage, **{knob.name: knob.settings[count - 1]})
+                replace(stage, **{knob.name: setting})
             except (ValueError, TypeError):
-                continue
-            whole = count == len(knob.settings)
-            return knob if whole else replace(knob, settings=knob.settings[:count], closed_form=False)
-        return replace(knob, settings=())
+                return False
+            return True
+
+        return within(knob, takes)
 
     @cached_property
     def best(self) -> dict[str, dict[str, Any]]:

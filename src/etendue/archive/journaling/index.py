@@ -3,9 +3,9 @@
 In:  the path of a journal; what its first bytes say.
 Out: the same, if these bytes are still those that were read.
 
-There is one entry for each path. It holds the length and the digest of the bytes that it stands for; lines appended
-since are read on top of it. A journal that differs in any of these bytes is read anew, and so is one for which the
-entry cannot be read, so that a wrong answer takes an equal digest.
+There is one entry for each path. It holds the length and the digest of the bytes that it stands for, and begins with
+a digest of itself; lines appended since are read on top of it. A journal that differs in any of these bytes is read
+anew, and so is one whose entry is damaged, so that a wrong answer takes an equal digest. The newest entries stay.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from etendue.archive.journaling.entries import KEY, Entries, WrittenChunks
 KIND = "journals"
 SMALLEST = 1 << 20  # bytes of lines that are worth an entry
 FORM = 1  # of an entry; raised whenever the meaning of a field changes
+MOST = 16  # entries, of 21 MB for 137,000 cells; the oldest are removed
+SUM = 32  # bytes of a digest
 BLOCK = 1 << 20
 Digest = hashlib.blake2b
 _COLUMNS = ("path", "part", "slot", "offset", "size", "digest")
@@ -55,7 +57,7 @@ def _key(path: Path) -> str:
 
 
 def fresh_digest() -> Digest:
-    return hashlib.blake2b(digest_size=32)
+    return hashlib.blake2b(digest_size=SUM)
 
 
 def known(path: Path, file: BinaryIO, size: int) -> tuple[Index | None, Digest]:
@@ -64,8 +66,8 @@ def known(path: Path, file: BinaryIO, size: int) -> tuple[Index | None, Digest]:
     """
     data = cache.read(KIND, _key(path)) if size >= SMALLEST else None
     try:
-        found = _decode(data) if data else None
-    except (msgspec.DecodeError, ValueError):
+        found = _decode(data[SUM:]) if data and _sum(data[SUM:]) == data[:SUM] else None
+    except (msgspec.DecodeError, ValueError):  # of another version
         found = None
     if found and found.form == FORM and found.length <= size:
         digest, left = fresh_digest(), found.length
@@ -81,7 +83,13 @@ def known(path: Path, file: BinaryIO, size: int) -> tuple[Index | None, Digest]:
 def keep(path: Path, length: int, digest: bytes, index: Index) -> None:
     """Keep an entry for the first bytes of a journal."""
     index.length, index.digest = length, digest
-    cache.write(KIND, _key(path), _encode(index))
+    data = _encode(index)
+    cache.write(KIND, _key(path), _sum(data) + data)
+    cache.keep_newest(KIND, MOST)
+
+
+def _sum(data: bytes) -> bytes:
+    return hashlib.blake2b(data, digest_size=SUM).digest()
 
 
 def index_of(entries: Entries, ended: set[str], outdated: set[str], lines: list[bytes]) -> Index:
