@@ -110,11 +110,9 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, Ce
     port, ref, variable = job.inputs[0]
     grid = job.input_grids[port]
     y, x = grid.line("y"), grid.line("x")
-    if job.segment is not None and job.segment.previous is not None:
-        light = results[ref].light
-        assert light is not None
-    else:
-        light = Light(untouched=results[ref].arrays[variable])
+    first = job.segment is None or job.segment.previous is None
+    light = Light(untouched=results[ref].arrays[variable]) if first else results[ref].light
+    assert light is not None
     transform, lit = light.transformed()
     (name,) = job.writes
     stage = job.stage
@@ -127,7 +125,10 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, Ce
         if otf.shape[0] == 1:
             channels = channels * otf
         return Result(), {name: sampling.sample(channels, y.size, x.size, *places(grid, job.grids[name]))}
-    transform = transform * _on_grid(job, stage, lit)
+    otf = _on_grid(job, stage, lit)
+    # Only this cell has the transform that it made itself; others read that of a previous stage.
+    alone = first and np.result_type(transform, otf) == transform.dtype
+    transform = np.multiply(transform, otf, out=transform) if alone else transform * otf
     arrays = {}
     if job.store or job.deliver:
         arrays = {name: among_all(sampling.planes_of(transform, y.size, x.size), lit, grid.bands().size)}
