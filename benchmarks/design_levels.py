@@ -24,7 +24,7 @@ from etendue.session import Options, execute
 FILE = Path(__file__).parents[1] / "pipelines" / "sweep.toml"
 FACTORS = {
     "pixel_pitch": ["3 um", "4.2 um", "5.4 um"],  # a continuous one reaches the pixel in every sample
-    "integration_time": {"from": "2 ms", "to": "16 ms", "spacing": "log"},
+    "integration_time": {"from": "4 ms", "to": "64 ms", "spacing": "log"},
     "read_noise": {"normal": [4, 0.8], "at_least": 0},
     "dsnu": {"from": 0.5, "to": 2},
     "dark_current_density": {"from": 1e-11, "to": 1e-9, "spacing": "log"},

@@ -115,10 +115,8 @@ class Running:
         keeper = self.keeper
         if keeper.draws and (self.arrays or keeper.lacks_pictures(self.shown.values())):
             for one in self.there:
-                self.small |= {
-                    ref: thumbnails.only(self.looks[ref](found))
-                    for ref, found in (keeper.stored([one]) if one in self.looks else {}).items()
-                }
+                if one in self.looks:
+                    self.small[one] = thumbnails.only(keeper.look_at(one, self.looks[one]))
             return pictures.sheet(self.plan, self.shown, self.small, at, self._maps)
         mapped = (ref for one in small_maps.small_maps(self.plan) for ref in one.cells) if keeper.folder else ()
         if keeper.folder and any(ref in self.reports and ref in self.work.todo for ref in mapped):

@@ -24,6 +24,7 @@ from etendue.evaluation.session import Session
 from etendue.pipeline.file import overridden
 from etendue.plan import cost
 from etendue.plan.planner import make_plan, plan_again
+from etendue.present.pictures import thumbnails
 from etendue.session import load
 from tests.documents.pages import ROOT
 from tests.run.small import BARE, SWEEP, assert_same_bits, environment, plan_of, run
@@ -350,6 +351,23 @@ def test_simulate_in_a_loop_gives_the_same_trees_and_keeps_results(memory):
     assert memory.results.bytes <= memory.results.most
     tree["sharpen"]["rgb_camera"].values[:] = 0  # a tree is the caller's
     assert float(abs(simulate(load(BARE), errors=False, **CHANGES["noise"])["sharpen"]["rgb_camera"]).max()) > 0
+
+
+def test_a_loop_reduces_only_pictures_that_changed(memory, monkeypatch):
+    reduced = []
+    own = thumbnails._View.of
+    monkeypatch.setattr(thumbnails._View, "of", lambda view, array: reduced.append(array.ndim) or own(view, array))
+    simulate(load(BARE), errors=False, read_noise=9)
+    whole = len(reduced)
+    reduced.clear()
+    later = simulate(load(BARE), errors=False, sharpen__strength=0.3, read_noise=9)
+    assert 0 < len(reduced) < whole
+    assert len(reduced) == len({"sharpen", "camera_to_xyz", "balance", "display", "encode"} & set(later.children))
+    memory.clear(64 << 20)
+    anew = simulate(load(BARE), errors=False, sharpen__strength=0.3, read_noise=9)
+    assert len(anew["frames"].data_vars) > 1
+    for name, one in anew["frames"].data_vars.items():
+        assert_same_bits(one.values, later["frames"][name].values, name)
 
 
 def test_a_stage_that_fails_is_named_and_its_result_is_not_kept(monkeypatch):

@@ -87,6 +87,10 @@ class ContactSheet:
     at: str  # their axis values
 
 
+Seen = dict[str, Any]  # small pictures and metrics of a cell, by variable
+Look = Callable[[Mapping[str, Any]], Seen]  # from the arrays of a cell to what is shown of it
+
+
 class Keeper(Protocol):
     """The store of a run's results, with those of earlier runs. The owner of the run uses it as a context manager.
 
@@ -136,6 +140,9 @@ class Keeper(Protocol):
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool: ...
 
+    def look_at(self, ref: CellRef, look: Look) -> Seen:
+        """Return what a look at a finished cell gives."""
+
     def interrupted(self, tables: DocumentView, abandoned: bool) -> None: ...
 
     def close(
@@ -164,5 +171,8 @@ class Passing:
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
     ) -> dict[CellRef, dict[str, Array]]:
         return {}
+
+    def look_at(self, ref: CellRef, look: Look) -> Seen:
+        return look(self.stored([ref]).get(ref, {}))
 
     def interrupted(self, tables: DocumentView, abandoned: bool) -> None: ...

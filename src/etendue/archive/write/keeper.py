@@ -19,7 +19,7 @@ from etendue.archive.records import crate, inputs, provenance
 from etendue.archive.sharding.chunks import CellFiles
 from etendue.archive.write import keeping, moving
 from etendue.archive.write.store import ArchiveWriter
-from etendue.contract.ports import CellReport, ContactSheet
+from etendue.contract.ports import CellReport, ContactSheet, Look, Seen
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select
@@ -176,6 +176,9 @@ class ArchiveKeeper:
         return self.store.shown() != self._keys(shown) or not earlier_pictures.sheet_is_whole(
             self.store.folder, self.store.manifest
         )
+
+    def look_at(self, ref: CellRef, look: Look) -> Seen:
+        return look(self.stored([ref])[ref])
 
     def _keys(self, refs: Iterable[CellRef]) -> list[str]:
         return [self.store.plan.cells[ref].key for ref in refs]
