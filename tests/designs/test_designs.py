@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import xarray
 
 from etendue.cli.options import Given, overrides
 from etendue.errors import ArchiveError, RequestError
+from etendue.plan.designs.asked import factors_of
 from etendue.plan.designs.told import design_lines
 from etendue.plan.planner import summary
 from etendue.present.terminal.outcome import replay
@@ -285,3 +287,27 @@ def test_a_design_for_indices_sets_common_noise_unless_the_pipeline_says_otherwi
     assert summary(plan)["design"]["compared"] == {"noise": "common"}
     assert any("noise = common in all rows" in line for line in design_lines(summary(plan)))
     assert "noise" not in plan_of().pipeline.shared
+
+
+@pytest.mark.parametrize(
+    ("over", "factors"),
+    [
+        ({"design.factors.f_number.levels": 2}, {"f_number": {"from": 2, "to": 8, "spacing": "log", "levels": 2}}),
+        ({"design.factors.camera.f_number.to": 4}, {"f_number": {"from": 2, "to": 4, "spacing": "log", "levels": 3}}),
+        (
+            {"design.factors.read_noise.at_most": 3.2},
+            {"read_noise": {"normal": ["3 electron", Decimal("0.3")], "at_least": 0, "at_most": 3.2}},
+        ),
+        (
+            {
+                "design.factors.dark_current_density": {"from": 1e-10, "to": 3e-10},
+                "design.factors.dark_current_density.levels": 2,
+            },
+            {"dark_current_density": {"from": 1e-10, "to": 3e-10, "levels": 2}},
+        ),
+    ],
+)
+def test_one_word_of_a_factor_can_be_set(over, factors):
+    own, before = (factors_of(plan_of(one).pipeline.design, plan_of().pipeline) for one in (over, {}))
+    assert own == before | factors
+    assert own != before

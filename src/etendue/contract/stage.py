@@ -101,8 +101,8 @@ class Stage:
     unseen: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     @property
-    def common_draws(self) -> bool:
-        """Whether random numbers are the same for all parameter values."""
+    def common_draws(self) -> bool | str:
+        """Whether random numbers are the same for all parameter values; a text chooses which of many such draws."""
         return False
 
     def grid(self, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:

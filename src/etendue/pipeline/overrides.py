@@ -111,6 +111,11 @@ def apply_overrides(document: Document, overrides: DocumentView, file: str = "")
         if tail and (head in (*tables(), "sweep", "design", "about") or (head == ARCHIVE and head not in named)):
             if not isinstance(document.setdefault(head, {}), dict):
                 continue  # a fault of form, reported later
+            factor, word = _factor_in(document, tail) if head == "design" else (None, "")
+            if factor is not None:
+                factor[word] = value
+                places.append(key)
+                continue
             document[head][tail] = value
             places.append(key)
             _only_here(document, head, tail)
@@ -129,6 +134,25 @@ def apply_overrides(document: Document, overrides: DocumentView, file: str = "")
     if faults:
         raise RequestError(faults, file)
     return places
+
+
+def _factor_in(document: DocumentView, tail: str) -> tuple[Document | None, str]:
+    """Return the table of a factor of the design, and which word of it ``factors.NAME.WORD`` sets; None if there is no
+    such table.
+    """
+    design = document["design"]
+    name, dot, word = tail.removeprefix("factors.").rpartition(".")
+    if not dot or not tail.startswith("factors."):
+        return None, ""
+    given = design.get("factors")
+    known = {axis_name(key, document): one for key, one in (given if isinstance(given, dict) else {}).items()}
+    known |= {
+        axis_name(key.removeprefix("factors."), document): one
+        for key, one in design.items()
+        if key.startswith("factors.")
+    }
+    found = known.get(axis_name(name, document))
+    return (found, word) if isinstance(found, dict) else (None, "")
 
 
 def _only_here(document: Document, head: str, key: str) -> None:

@@ -232,6 +232,14 @@ def _form(parameter: Parameter, default: Any, kind: Any) -> Document:
             {"minItems": parameter.length, "maxItems": parameter.length} if parameter.length is not None else {}
         )
         return {"anyOf": [whole, item]} if parameter.one_for_all else whole
+    if parameter.numbered:
+        return {
+            "anyOf": [
+                {"enum": list(parameter.choices or ())},
+                {"type": "integer", "minimum": 0},
+                {"type": "string", "pattern": "^[0-9]+$"},
+            ]
+        }
     if parameter.choices:
         return {"enum": list(parameter.choices)}
     if kind is bool or (kind is None and isinstance(default, bool)):

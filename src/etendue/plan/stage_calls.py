@@ -192,11 +192,11 @@ def texts(stage: Stage, method: str, *given: Any) -> list[str]:
     return [plain(text) for text in found]
 
 
-def common_draws(stage: Stage) -> bool:
+def common_draws(stage: Stage) -> bool | str:
     with foreign(_name(stage, "common_draws")):
         found = stage.common_draws
-    if not isinstance(found, bool):
-        raise _nonsense(stage, "common_draws", found, "True or False")
+    if not isinstance(found, bool | str):
+        raise _nonsense(stage, "common_draws", found, "True, False or a text")
     return found
 
 

@@ -34,6 +34,7 @@ from etendue.types.arrays import Array
 from etendue.types.documents import AxisValues, Document, DocumentView
 
 METRICS = ("figures", "resolution")  # roles of stages that light does not pass
+DRAWS = "noise"  # the quantity that chooses draws: a factor of its own, with that name as its subject
 MOST_PLACES = 64  # combinations of the other axes
 
 
@@ -121,9 +122,11 @@ class Samples:
         return Metric(held.name, held.title, held.units, place, said, values)
 
     def draws(self, metric: Metric) -> list[str]:
-        """Return the stages whose noise, drawn anew in every row, is part of a metric."""
+        """Return the stages whose noise, drawn anew in every row, is part of a metric; none if noise is a factor."""
+        if DRAWS in self.asked.factors:
+            return []
         behind = self.behind(metric)
-        return [n for n, own in behind.items() if own["seed"] is not None and own["shown"].get("noise") != "common"]
+        return [n for n, own in behind.items() if own["seed"] is not None and own["shown"].get(DRAWS) != "common"]
 
     def behind(self, metric: Metric) -> Document:
         """Return the records of the stages that a metric follows from, by name."""
@@ -169,6 +172,8 @@ def subject_of(key: str, pipeline: PipelineFile, registry: Registry) -> str:
     """Return the role of the first stage, in the order of the light, that has a factor among its parameters; stages
     that compute metrics come last.
     """
+    if key == DRAWS:
+        return DRAWS
     stage, dot, name = key.partition(".")
     found = []
     for entry in pipeline.stages:

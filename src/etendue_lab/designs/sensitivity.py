@@ -16,7 +16,7 @@ from etendue.types.arrays import Array
 from etendue.types.documents import AxisValues, Document
 from etendue_lab.designs.indices import Indices, indices, mixed_of
 from etendue_lab.designs.regression import coefficients, main_effect, pairs, rank_correlations, with_interval
-from etendue_lab.designs.samples import Metric, Samples
+from etendue_lab.designs.samples import DRAWS, Metric, Samples
 
 FEWEST = 8  # rows or points; of fewer, nothing is said
 WIDE = 0.4  # an interval that leaves open what matters
@@ -170,9 +170,11 @@ def _notes(samples: Samples, metric: Metric, own: Indices | None) -> list[str]:
         stages = ", ".join(draws)
         notes.append(
             f"{metric.name}: the noise of {stages} is drawn anew in every sample, and is part of what is explained; "
-            f"set noise = 'common' for indices of the factors alone"
+            f"set noise = 'common' for indices of the factors alone, or noise = {{ from = 0, to = 9999 }} as a factor"
         )
-    elif any(node["shown"].get("noise") == "common" for node in samples.behind(metric).values()):
+    elif DRAWS in samples.asked.factors:
+        notes.append(f"{metric.name}: the total index of the factor noise is the share of the random draws")
+    elif any(node["shown"].get(DRAWS) == "common" for node in samples.behind(metric).values()):
         notes.append(f"{metric.name}: noise = 'common': the same noise in every sample, so that indices are of factors")
     if samples.asked.correlated:
         notes.append("some factors are correlated: a coefficient is the effect of one at fixed values of the others")

@@ -23,6 +23,7 @@ class Parameter:
     below: float | None = None
     at_most: float | None = None
     choices: tuple[str, ...] | None = None
+    numbered: bool = False  # beside its choices, whole numbers from 0, which a stage gets as text
     shared: bool = False
     fidelity: bool = False
     reference: str = ""

@@ -8,7 +8,7 @@ Out: ``Distribution``: values at shares of the probability, and densities; ``Unf
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import NormalDist
@@ -151,6 +151,8 @@ def distribution_of(written: Any, parameter: Parameter, kind: Any, folder: Path)
         if not written:
             raise Unfit("expected at least one choice, got []")
         return Distribution("choices", (len(written),))
+    if parameter.numbered:
+        return Distribution("choices", (len(choices_of(written)),))
     if not isinstance(written, Mapping):
         raise Unfit(f"expected a list of choices, or a table such as {{ from, to }}, got {as_written(written)}")
     for name in written:
@@ -169,6 +171,16 @@ def distribution_of(written: Any, parameter: Parameter, kind: Any, folder: Path)
         raise Unfit("nothing of its probability lies between at_least and at_most")
     _check_ends(found, parameter)
     return found
+
+
+def choices_of(written: Any) -> Sequence[Any]:
+    """Return the choices of a factor in equal shares: those listed, or all whole numbers ``{ from, to }``."""
+    if isinstance(written, list | tuple):
+        return written
+    ends = (written.get("from"), written.get("to")) if isinstance(written, Mapping) and len(written) == 2 else ()
+    if len(ends) == 2 and all(type(end) is int for end in ends) and 0 <= ends[0] < ends[1]:
+        return range(ends[0], ends[1] + 1)
+    raise Unfit(f"expected a list of choices, or two whole numbers {{ from, to }}, got {as_written(written)}")
 
 
 def _shaped(written: DocumentView, parameter: Parameter, folder: Path) -> Distribution:

@@ -19,7 +19,7 @@ from etendue.errors import Fault, PluginError
 from etendue.pipeline.file import PipelineFile, StageEntry
 from etendue.pipeline.zipped import SAMPLE, Zip, distinct
 from etendue.plan.designs.asked import Asked, asked_of, factors_of
-from etendue.plan.designs.distributions import Distribution, distribution_of
+from etendue.plan.designs.distributions import Distribution, choices_of, distribution_of
 from etendue.plan.designs.points import unit_points
 from etendue.plan.wiring.parameters import Unfit, resolve
 from etendue.types.arrays import Array
@@ -107,7 +107,7 @@ def _drawn(asked: Asked, found: dict[str, Distribution]) -> tuple[Document, dict
         drawn = [one.quantile(share) for share in shares[:, column].tolist()]
         if one.shape == "choices":
             places, at = distinct([int(place) for place in drawn])
-            values[key] = [asked.factors[key][place] for place in places]
+            values[key] = [choices_of(asked.factors[key])[place] for place in places]
         else:
             values[key], at = distinct([Decimal(f"{value:.12g}") for value in drawn])
         mixed = asked.method == "saltelli"  # every value is in several rows

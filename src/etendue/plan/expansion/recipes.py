@@ -190,8 +190,8 @@ class Recipes:
         name, stage = draft.node.name, draft.stage
         if not draws_anew(type(stage)) or (self.expected and isinstance(stage, Sampled)):
             return b"", ()
-        if stage_calls.common_draws(stage):
-            return f"{self.pipeline_seed}|{name}|".encode(), ()
+        if common := stage_calls.common_draws(stage):
+            return f"{self.pipeline_seed}|{name}|{common if isinstance(common, str) else ''}".encode(), ()
         quantities = quantities_of(type(stage))
         read = [ref for port, ref, _ in draft.inputs if port not in quantities]
         read += [ref for _, refs in draft.looks_at for ref in refs]

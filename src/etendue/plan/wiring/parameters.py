@@ -150,6 +150,8 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
         return value
     if kind in (int, float):
         return _number(value, parameter, kind is int)
+    if parameter.numbered and not (isinstance(value, str) and value in (parameter.choices or ())):
+        return _numbered(value, parameter)
     if (
         isinstance(value, int | float | Decimal)
         and not isinstance(value, bool)
@@ -166,6 +168,15 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
     if value and (parameter.file or (parameter.table and is_table_file(value))):
         return str(resolve_file(value, folder, parameter.folder))
     return value
+
+
+def _numbered(value: Any, parameter: Parameter) -> str:
+    """Return a whole number from 0 as text."""
+    try:
+        return str(_number(value, Parameter(at_least=0), True))
+    except Unfit:
+        names = ", ".join(parameter.choices or ())
+        raise Unfit(f"expected one of {names}, or a whole number from 0, got {as_written(value)}") from None
 
 
 def _several(value: Any, parameter: Parameter) -> Sequence[Any]:

@@ -173,13 +173,13 @@ class ShotNoise(Sampled, Noisy, Haloed):
     def __post_init__(self) -> None:
         if self.common_draws and self.exact_below > noise.LARGEST_INVERTED:
             raise ValueError(
-                f"exact_below is {self.exact_below:g} electron; noise = 'common' inverts the distribution only up to "
-                f"{noise.LARGEST_INVERTED:g}: lower it, or use noise = 'independent'"
+                f"exact_below is {self.exact_below:g} electron; noise = '{self.noise}' inverts the distribution only "
+                f"up to {noise.LARGEST_INVERTED:g}: lower it, or use noise = 'independent'"
             )
 
     @property
-    def common_draws(self) -> bool:
-        return self.noise == "common"
+    def common_draws(self) -> bool | str:
+        return noise.common_draws(self.noise)
 
     def variance(self, charge: float) -> float:
         return charge

@@ -16,6 +16,7 @@ import numpy as np
 from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, param, proved, quantity
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics import amplifier, converter, response
+from etendue_camera.electronics.noise import common_draws
 from etendue_camera.electronics.stages.gain_chain import GainChain, ReadOut, analogue_gain
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.roles import Scaled
@@ -44,8 +45,8 @@ class ReadNoise(ReadOut, Bounded, Sampled, Noisy, Datasheet, Haloed):
     noise: str = quantity("noise")
 
     @property
-    def common_draws(self) -> bool:
-        return self.noise == "common"
+    def common_draws(self) -> bool | str:
+        return common_draws(self.noise)
 
     def variance(self, charge: float) -> float:
         return self.read_sigma() ** 2 + self.dsnu**2
@@ -130,8 +131,8 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
         return self.sensor_column_noise if self.sensor_column_noise > 0 else self.column_noise
 
     @property
-    def common_draws(self) -> bool:
-        return self.noise == "common"
+    def common_draws(self) -> bool | str:
+        return common_draws(self.noise)
 
     def variance(self, charge: float) -> float:
         return self.of_row_pattern**2 + self.of_column_pattern**2 + self.of_row_noise**2 + self.of_column_noise**2
