@@ -17,6 +17,7 @@ from etendue.plan.designs.told import design_lines
 from etendue.plan.planner import summary
 from etendue.present.terminal.outcome import replay
 from etendue.session import Options
+from etendue_camera.export.frames import Shelf, chosen
 from tests.archive.tiny import store_of
 from tests.designs.given import DESIGN, SERIAL, STAGES, plan_of, ran
 from tests.run.small import assert_same_archives, command
@@ -311,3 +312,24 @@ def test_one_word_of_a_factor_can_be_set(over, factors):
     own, before = (factors_of(plan_of(one).pipeline.design, plan_of().pipeline) for one in (over, {}))
     assert own == before | factors
     assert own != before
+
+
+def test_a_picture_is_exported_by_the_sample_or_its_combination_of_factors(archive, tmp_path):
+    """A stage that f_number and pixel_pitch reach has six combinations; each of eight rows names one of them."""
+    shelf = Shelf(archive)
+    rows = shelf.groups("photocurrent", "mosaic")[0].data
+    dim = next(str(dim) for dim in rows["photocurrent"].dims if str(dim).startswith("sample_"))
+    assert not {"f_number", "pixel_pitch", f"{dim}_row"} & set(shelf.variables)  # coordinates are not variables
+    frames = shelf.frames("photocurrent", "mosaic")
+    for row, combination in enumerate(rows[f"{dim}_row"].values.tolist()):
+        (by_row,) = chosen(frames, {"sample": str(row)})
+        (by_combination,) = chosen(frames, {dim: str(combination)})
+        assert by_row.labels == by_combination.labels
+        assert shelf.white(by_row) > 0
+        assert shelf.parameter(by_row, "f_number") == rows["f_number"].sel({dim: combination}).item()
+    with pytest.raises(RequestError, match="no such row; sample is 0, 1"):
+        chosen(frames, {"sample": "8"})
+    done = command(
+        "export", archive, "--png", "--variable", "photocurrent", "--at", "sample=3", "-o", tmp_path / "a.png"
+    )
+    assert done.returncode == 0 and (tmp_path / "a.png").stat().st_size

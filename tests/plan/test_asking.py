@@ -156,7 +156,7 @@ NONSENSE = {
     ),
     "warn": ("dark", [1], None, 3, [None]),
     "warn_among": ("dark", [b"dark"], None),
-    "common_draws": (None, "yes", 1),
+    "common_draws": (None, ["yes"], 1),
 }
 
 

@@ -24,11 +24,6 @@ SMALLEST_NORMAL_MEAN = 10.0  # below, the cubic of `cornish_fisher` folds inside
 BLOCK = 1 << 16  # number of pixels whose temporaries fit into the cache
 
 
-def common_draws(noise: str) -> bool | str:
-    """Return whether all cells have the same draws, for a value of the quantity ``noise``; a number chooses others."""
-    return noise if noise.isdigit() else noise == "common"
-
-
 def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0) -> NDArray:
     """Draw Poisson counts: exact for small means, a corrected normal for large ones.
 

@@ -139,7 +139,11 @@ def _chosen(shelf: Shelf, asked: ExportRequest, wanted: Picks) -> list[tuple[str
 
 
 def _has(frames: list[ArchivedFrame], name: str) -> bool:
-    return any(is_called(name, dim, f.group.parameters.get(dim, dim)) for f in frames for dim in f.labels)
+    return any(
+        is_called(name, dim, f.group.parameters.get(dim, dim)) or name == f.group.row_dim(dim)
+        for f in frames
+        for dim in f.labels
+    )
 
 
 # -- targets ----------------------------------------------------------------------------------------------------

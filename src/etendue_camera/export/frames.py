@@ -25,7 +25,7 @@ from etendue.archive.structure.layout import ROW, STATUS
 from etendue.archive.structure.naming import cell_label
 from etendue.errors import ArchiveError, Fault, RequestError, nearest
 from etendue.present.plots.drawing.strip import white_of
-from etendue.present.plots.holdings import Holdings
+from etendue.present.plots.holdings import Holdings, rows_of
 from etendue.present.plots.opening import opened
 from etendue.present.plots.places import is_called, is_value
 from etendue.types.documents import AxisValues, Document, DocumentView
@@ -52,6 +52,11 @@ class StageGroup:
             for dim in self.data.coords
             if dim in self.data.dims
         }
+
+    def row_dim(self, dim: str) -> str:
+        """Return the dim of the rows of a design that have the combinations of factors along a dim; '' for others."""
+        rows = rows_of(self.data, dim)
+        return "" if rows is None else str(rows.dims[0])
 
 
 @dataclass(frozen=True)
@@ -183,15 +188,17 @@ class Shelf:
     def white(self, frame: ArchivedFrame) -> float:
         """Return the linear value shown as white in a picture, as in plots."""
         held = self.holdings.find(f"{frame.group.stage}.{frame.variable}", "picture")
-        return white_of(self.holdings, held, {dim: frame.labels[dim] for dim in held.axes})
+        labels = {**frame.labels, **_first_rows(frame)}
+        return white_of(self.holdings, held, {dim: labels[dim] for dim in held.axes})
 
     # -- metadata of a picture -----------------------------------------------------------------------
 
     def parameter(self, frame: ArchivedFrame, name: str, default: Any = None) -> Any:
         """Return a parameter in the cell of a frame: from its axis, its stage, the camera, or any other stage."""
-        for dim, key in frame.group.parameters.items():
-            if dim in frame.labels and key.rpartition(".")[2] == name:
-                return frame.labels[dim]
+        for coordinate in frame.group.data.coords.values():
+            key = str(coordinate.attrs.get("parameter", coordinate.name))
+            if key.rpartition(".")[2] == name and set(coordinate.dims) <= set(frame.labels):
+                return coordinate.sel({dim: frame.labels[str(dim)] for dim in coordinate.dims}).item()
         nodes = self.record["nodes"]
         own = [nodes.get(frame.group.stage, {}), *nodes.values()]
         for shown in [own[0].get("shown", {}), self.record["shared"], *(node["shown"] for node in own[1:])]:
@@ -259,6 +266,16 @@ def _finished_cell(data: xarray.Dataset, known: DocumentView) -> Document | None
     return whole if STATUS[int(cell["status"])] in FINISHED else None
 
 
+def _first_rows(frame: ArchivedFrame) -> Document:
+    """Return the first row of a design that has the combination of factors of a frame, by the dim of the rows."""
+    found = {}
+    for dim, value in frame.labels.items():
+        if row := frame.group.row_dim(dim):
+            rows = frame.group.data[f"{dim}{ROW}"]
+            found[row] = rows[row].values[rows.values == value][0].item()
+    return found
+
+
 def _values(data: xarray.Dataset | xarray.DataArray, dim: str) -> list[Any]:
     if dim not in data.coords:
         return list(range(data.sizes[dim]))
@@ -296,8 +313,9 @@ def chosen(frames: list[ArchivedFrame], at: Mapping[str, str]) -> list[ArchivedF
 
 def _place(frames: list[ArchivedFrame], name: str, text: str) -> tuple[str, list[Any]] | Fault:
     """Return the axis with this name, and its values that match a text."""
-    axes = {dim: key for frame in frames for dim, key in frame.group.parameters.items() if dim in frame.labels}
-    axes |= {dim: dim for frame in frames for dim in frame.labels if dim not in axes}
+    axes = _axes(frames)
+    if combined := next((dim for dim in axes if name == frames[0].group.row_dim(dim)), ""):
+        return _row_place(frames[0].group, combined, name, text)
     dim = next((dim for dim, key in axes.items() if is_called(name, dim, key)), "")
     if not dim:
         why = nearest(name, axes) if axes else "; nothing was swept"
@@ -309,6 +327,21 @@ def _place(frames: list[ArchivedFrame], name: str, text: str) -> tuple[str, list
         return dim, match
     shown = ", ".join(map(plain, values[:12])) + (", ..." if len(values) > 12 else "")
     return Fault(f"--at {name}={text}", f"not computed; {dim} is {shown}{'' if unit == '1' else ' ' + unit}")
+
+
+def _axes(frames: list[ArchivedFrame]) -> dict[str, str]:
+    """Return the parameter that each axis of some frames sets; for one that sets none, its own name."""
+    axes = {dim: key for frame in frames for dim, key in frame.group.parameters.items() if dim in frame.labels}
+    return axes | {dim: dim for frame in frames for dim in frame.labels if dim not in axes}
+
+
+def _row_place(group: StageGroup, dim: str, name: str, text: str) -> tuple[str, list[Any]] | Fault:
+    """Return the combination of factors that a row of a design has, along the dim of combinations."""
+    rows = group.data[f"{dim}{ROW}"]
+    of_row = dict(zip(map(str, _values(rows, name)), rows.values.tolist(), strict=True))
+    if text in of_row:
+        return dim, [of_row[text]]
+    return Fault(f"--at {name}={text}", f"no such row; {name} is {', '.join(list(of_row)[:12])}, ...")
 
 
 def described(shelf: Shelf, frame: ArchivedFrame) -> str:

@@ -96,7 +96,11 @@ def print_yields(document: Document) -> None:
             )
         )
         columns = (
-            ("requirement", "left", "requirement"),
+            (
+                "requirement",
+                "left",
+                lambda row: row["requirement"] + (f" at {row['stage']}" if row["stage"] else ""),
+            ),
             ("fail", "right", "failed", ".1%"),
             ("fail only this", "right", "alone", ".1%"),
             (

@@ -124,6 +124,7 @@ def _at_place(samples: Samples, requirements: Sequence[Requirement], metrics: Se
     fails = [
         {
             "requirement": one.text,
+            "stage": metric.at.get("stage"),
             "failed": float((~own_holds).mean()),
             "alone": float((~own_holds & np.delete(holds, number, axis=0).all(axis=0)).mean()),
             "at_risk": float(np.quantile(one.margin(metric)[there], 0.05)),

@@ -18,6 +18,7 @@ from etendue.archive.records import disk
 from etendue.archive.records.manifest import NAME, damaged, read_manifest
 from etendue.archive.records.owner import is_running
 from etendue.archive.records.provenance import latest_record, record_paths
+from etendue.archive.structure.layout import ROW
 from etendue.archive.write.compact import left_by_compact
 from etendue.errors import ArchiveError
 from etendue.types.documents import Document
@@ -231,7 +232,7 @@ def _variables(folder: Path, listing: disk.Listing, stage: str) -> list[Document
             and len(dims) == len(shape)
         ):
             raise damaged(folder, [path])
-        if dims == [name] or name.endswith(("_um", "_at", "_bounds")):
+        if dims == [name] or "parameter" in attributes or name.endswith(("_um", "_at", "_bounds", ROW)):
             continue
         sizes = {str(dim): size for dim, size in zip(dims, shape, strict=True)}
         units, dtype = str(attributes.get("units", "")), str(document.get("data_type"))

@@ -177,9 +177,10 @@ def choices_of(written: Any) -> Sequence[Any]:
     """Return the choices of a factor in equal shares: those listed, or all whole numbers ``{ from, to }``."""
     if isinstance(written, list | tuple):
         return written
-    ends = (written.get("from"), written.get("to")) if isinstance(written, Mapping) and len(written) == 2 else ()
-    if len(ends) == 2 and all(type(end) is int for end in ends) and 0 <= ends[0] < ends[1]:
-        return range(ends[0], ends[1] + 1)
+    if isinstance(written, Mapping) and set(written) == {"from", "to"}:
+        first, last = written["from"], written["to"]
+        if type(first) is int and type(last) is int and 0 <= first < last:
+            return range(first, last + 1)
     raise Unfit(f"expected a list of choices, or two whole numbers {{ from, to }}, got {as_written(written)}")
 
 

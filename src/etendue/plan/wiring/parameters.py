@@ -150,7 +150,7 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
         return value
     if kind in (int, float):
         return _number(value, parameter, kind is int)
-    if parameter.numbered and not (isinstance(value, str) and value in (parameter.choices or ())):
+    if parameter.numbered:
         return _numbered(value, parameter)
     if (
         isinstance(value, int | float | Decimal)
@@ -171,7 +171,9 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
 
 
 def _numbered(value: Any, parameter: Parameter) -> str:
-    """Return a whole number from 0 as text."""
+    """Return one of the choices, or a whole number from 0 as text."""
+    if isinstance(value, str) and value in (parameter.choices or ()):
+        return value
     try:
         return str(_number(value, Parameter(at_least=0), True))
     except Unfit:

@@ -48,7 +48,9 @@ def print_archive(document: Document) -> None:
     for axis, values in document["axes"].items():
         shown = ", ".join(map(short, values[:8])) + (f", ... ({len(values)})" if len(values) > 8 else "")
         console.print(f"axis {short(axis)}: {shown}")
-    axes = {re.sub(r"\.use$", "", key).replace(".", "_"): name for key, name in short_axes(document["axes"]).items()}
+    parts = {key for key in document["axes"] for whole in document["axes"] if key.startswith(f"{whole}_")}
+    short_names = short_axes(key for key in document["axes"] if key not in parts) | {key: key for key in parts}
+    axes = {re.sub(r"\.use$", "", key).replace(".", "_"): name for key, name in short_names.items()}
     for stage in document["stages"]:
         _print_stage(console, document, stage, axes)
     for study in document.get("studies", ()):

@@ -16,7 +16,7 @@ import numpy as np
 from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, ends, param, proved, quantity
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics import amplifier, distributions, dynamic_range, noise
-from etendue_camera.electronics.stages.gain_chain import Well
+from etendue_camera.electronics.stages.gain_chain import Well, common_draws
 
 if TYPE_CHECKING:
     from etendue.compute.tables import PatternRandom
@@ -179,7 +179,7 @@ class ShotNoise(Sampled, Noisy, Haloed):
 
     @property
     def common_draws(self) -> bool | str:
-        return noise.common_draws(self.noise)
+        return common_draws(self.noise)
 
     def variance(self, charge: float) -> float:
         return charge

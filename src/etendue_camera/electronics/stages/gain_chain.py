@@ -18,6 +18,11 @@ def analogue_gain(stage: Amplifier) -> float:
     return amplifier.gain_of_speed(stage.analogue_gain, stage.iso, stage.base_iso)
 
 
+def common_draws(noise: str) -> bool | str:
+    """Return whether all cells have the same draws, for a value of the quantity ``noise``; a number chooses others."""
+    return noise if noise.isdigit() else noise == "common"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Amplifier(Stage):
     """A stage that uses the gain before the ADC."""

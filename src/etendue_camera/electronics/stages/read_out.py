@@ -16,8 +16,7 @@ import numpy as np
 from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, param, proved, quantity
 from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics import amplifier, converter, response
-from etendue_camera.electronics.noise import common_draws
-from etendue_camera.electronics.stages.gain_chain import GainChain, ReadOut, analogue_gain
+from etendue_camera.electronics.stages.gain_chain import GainChain, ReadOut, analogue_gain, common_draws
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.roles import Scaled
 
