@@ -142,6 +142,9 @@ def measured(name: str, what: str, picture: bool, pipeline: PipelineFile, regist
     said = ", ".join(refined) or "nothing"
     for text in (found.chosen.needed, str(found.needed) if found.needed else ""):
         said += f"; needs: {text}" if text else ""
+    if not found.held and found.blame:
+        cause, share = max(found.blame.items(), key=lambda one: one[1])
+        said += f"; cause: {cause}: {share:.2g}"
     true = math.nan
     if found.held:
         exact = truth_of(plan, registry, plan.nodes[0].name)

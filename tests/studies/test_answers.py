@@ -189,6 +189,18 @@ def test_what_cannot_be_refined_is_named_and_never_zero() -> None:
     assert any("in none of these errors: margin" in text for text in notes(found.document()))
 
 
+@pytest.mark.parametrize(("tolerance", "named"), [(1e-3, True), (0.2, False)])
+def test_a_knob_that_no_study_refines_is_named_where_its_stage_is_above_the_tolerance(
+    tolerance: float, named: bool
+) -> None:
+    document = pipeline() | {"tolerance": tolerance}
+    document["stages"][2] = {"use": "aberrations", "accuracy": 0.1, "heights": 2}
+    found = stated(document)
+    texts = [text for text in notes(found.document()) if "aberrations (accuracy)" in text]
+    assert bool(texts) == named
+    assert all("in none of these errors" in text and "of full scale" in text for text in texts)
+
+
 def test_with_common_draws_omissions_are_measured_against_the_best_that_the_stages_accept() -> None:
     made = pipeline()
     made["camera"] |= {"noise": "common"}

@@ -19,7 +19,7 @@ from etendue.contract.capabilities import Sampled, Source
 from etendue.contract.discretised import Discretised
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
-from etendue.contract.stage import looks_at_stages
+from etendue.contract.stage import looks_at_stages, parameters_of
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.derived import wanting
 from etendue.plan.ancestry import behind, in_front
@@ -62,8 +62,16 @@ class Point:
         self.silent = [name for name, one in here.items() if isinstance(one, Source) and name not in self.stages]
 
     def fixed(self) -> dict[str, str]:
-        """Return the discretisations that cannot be refined, each with the reason."""
+        """Return what cannot be refined, each with the reason: discretisations, and knobs whose finer settings are too
+        costly, where their stage states an error above the tolerance.
+        """
         found = {name: why for _, name, why in self._discretisations() if why}
+        for cell in self.base.cells.values():
+            knobs = [name for name, (one, _, _) in parameters_of(type(cell.stage)).items() if one.dear]
+            error = cell.error[0] or 0.0
+            if knobs and cell.left_out is None and error > self.base.pipeline.tolerance:
+                costly = f"finer settings are too costly; the stage states an error of {error:.2g} of full scale"
+                found[f"{cell.node} ({', '.join(knobs)})"] = costly
         return found | {f"discretisation of {name}": "the stage does not say how it is refined" for name in self.silent}
 
     def names(self) -> list[str]:
