@@ -145,7 +145,7 @@ def headlines():
         "2.4393398": f"{diffraction.AIRY_DIAMETER:.7f}",
         "11 gives 14.89 µm": f"11 gives {diffraction.airy_diameter(0.555, 11):.2f} µm",
         "68.05 dB": f"{float(dynamic_range.dynamic_range_elgamal(6e4, 1e-17 / 1.602176634e-19, 20, 10)):.2f} dB",
-        "a Z of 1.298 for 1.089": f"a Z of {printed[2]:.3f} for {right[2]:.3f}",
+        "a Z of 1.298 instead of 1.089": f"a Z of {printed[2]:.3f} instead of {right[2]:.3f}",
     }
 
 

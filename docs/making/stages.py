@@ -12,6 +12,11 @@ from etendue.plugins import discovery
 from etendue.present.terminal.catalogue import first_sentence, quantity_document, stage_document
 from making.markdown import paragraphs, shown, table, toctree
 
+SEEN = {
+    "*.transfer": "the transfer functions of the earlier stages",
+    "*.datasheet": "the data sheets of the earlier stages",
+}
+
 
 def pages(root: Path, pictures: Mapping[str, str]) -> dict[str, str]:
     """Return pages by name: ``stages/index``, one for each stage, and ``quantities``. ``pictures`` gives the pictured
@@ -103,19 +108,22 @@ def _page(document: dict[str, Any], every: list[dict[str, Any]], used: list[str]
 
 def _declared(one: Any) -> tuple[str, ...]:
     unit = "" if one.unit in ("", "1") else f"`{one.unit}`"
-    said = (
-        "the transfer functions of the earlier stages"
-        if one.variable.startswith("*.")
-        else variable(one.variable).long_name
-    )
-    return f"`{one.variable}`", " ".join(one.dims), unit, shown(said)
+    dims = " ".join(dim for dim in one.dims if dim != ":")
+    return f"`{one.variable}`", dims, unit, shown(_said(one.variable))
+
+
+def _said(name: str) -> str:
+    if name in SEEN:
+        return SEEN[name]
+    of_all = name.removeprefix("*.")
+    return variable(of_all).long_name + (", of every earlier stage that writes it" if of_all != name else "")
 
 
 def _parameter(name: str, p: dict[str, Any]) -> tuple[str, ...]:
     units = "" if p["units"] in ("", "1") else f"`{p['units']}`"
     default = "required" if p["required"] else "`''`" if p["default"] == "" else f"`{p['default']}`"
     allowed = ", ".join(f"`{one}`" for one in p["choices"]) if p["choices"] else shown(p["range"])
-    knob = f"accuracy setting (finer costs time); reference: {p['fidelity']}" if p["fidelity"] else ""
+    knob = f"accuracy setting (finer takes more time); reference: {p['fidelity']}" if p["fidelity"] else ""
     return f"`{name}`", units, default, allowed, shown("; ".join(filter(None, [p["doc"].rstrip("."), knob])))
 
 

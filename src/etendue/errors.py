@@ -108,7 +108,7 @@ class PluginError(EtendueError):
 
 
 class ArchiveError(EtendueError):
-    """An archive cannot be used for what was requested."""
+    """An archive cannot be used for the request."""
 
     exit_code = 2
 

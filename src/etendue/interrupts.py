@@ -105,8 +105,8 @@ def leave() -> None:
 
 
 def check() -> None:
-    """Raise ``Interrupted`` if a signal was noted. In another program's process only the main thread raises; other
-    threads go on.
+    """Raise ``Interrupted`` if a signal was noted. In the process of another program only the main thread raises; other
+    threads continue.
     """
     if (
         _SignalState.noted

@@ -90,7 +90,7 @@ def table(path: str | Path, most: int = LARGEST_TABLE) -> bytes:
 def unfolds_to(head: bytes, tail: bytes, length: int) -> int | None:
     """Return the size that compressed data states for its decompressed content, from its first 18 and last 8 bytes.
 
-    Return 0 if the format is unknown, None for Zstandard data that does not state it. A chunk may be followed by a
+    Return 0 if the format is unknown, None if Zstandard data does not state the size. A chunk may be followed by a
     checksum; gzip has its own checksum before the size, so for gzip the smaller of the two is taken.
     """
     if length < 18:

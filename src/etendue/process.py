@@ -4,8 +4,8 @@ In:  a temporary change of the process; foreign code that may leave the process 
 Out: the change, made for the first user and undone after the last; the process as it was before any of the foreign code
      ran.
 
-If every thread saved and restored the state itself, a change could stay for ever: the second thread would save what the
-first had changed, and restore that last.
+If every thread saved and restored the state itself, a change could stay for ever: the second thread would save the
+state that the first has changed, and restore it last.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def _set(filters: Any, wanted: list[Any]) -> None:
 
 
 def return_to(folder: str) -> None:
-    """Change back to a working folder; '' if it had been removed."""
+    """Change back to a working folder; '' if it was removed."""
     if folder and here() != folder:
         os.chdir(folder)
 

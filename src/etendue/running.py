@@ -111,7 +111,9 @@ class Running:
         return [ref for ref in self.shown.values() if ref not in self.work.todo]
 
     def sheet(self, at: str) -> ContactSheet | None:
-        """Return pictures of the shown cells, whose axis values are ``at``; None if those of an earlier run stay."""
+        """Return pictures of the shown cells, whose axis values are ``at``; None if the pictures of an earlier run
+        stay.
+        """
         keeper = self.keeper
         if keeper.draws and (self.arrays or keeper.lacks_pictures(self.shown.values())):
             for one in self.there:

@@ -271,7 +271,7 @@ def collect(
     progress: Progress | None = None,
     known: Mapping[CellRef, Mapping[str, Array]] = MappingProxyType({}),
 ) -> Collected:
-    """Compute some variables of some cells of a plan, and what they need, in memory; store nothing.
+    """Compute some variables of some cells of a plan, with everything that they need, in memory; store nothing.
 
     ``known``: arrays of cells that need not be computed again.
 
@@ -322,7 +322,7 @@ def _keeper(archive: str | Path | None, options: Options) -> Keeper:
 
 
 def check_timeout(options: Options) -> None:
-    """Refuse a time limit with a scheduler that cannot stop a cell: that takes a process of its own."""
+    """Refuse a time limit with a scheduler that cannot stop a cell, which requires a separate process."""
     if options.cell_timeout is not None and scheduler_of(options.scheduler).here:
         what = f"--scheduler {options.scheduler} cannot stop a cell"
         raise RequestError(f"--cell-timeout {options.cell_timeout:g}: {what}; use --scheduler processes")

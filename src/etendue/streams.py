@@ -73,7 +73,7 @@ def _is_fd_1(stream: IO[str]) -> bool:
 
 
 def _flush_c() -> None:
-    """Flush what C code has printed and its library still buffers, so that it goes where it was meant to go."""
+    """Flush the output of C code that its library still buffers, so that it reaches its intended stream."""
     if "numpy" not in sys.modules:  # no plugin has run
         return
     import ctypes

@@ -123,7 +123,7 @@ def told(error: BaseException) -> str:
 
 
 class foreign:
-    """Guard for code of a plugin: what it raises becomes a ``PluginError`` that names what failed.
+    """Guard for code of a plugin: an exception that it raises becomes a ``PluginError`` that names the failed part.
 
     Exceptions: signals from the user, errors raised on purpose, and ``ValueError``, by which a stage states that it
     cannot serve.

@@ -34,14 +34,19 @@ def etendue_commands() -> Document:
             ),
             ("losses", "information:losses", "FILE", "report each stage's share of lost contrast, SNR and colour"),
             ("optimise", "search:optimise", "FILE", "search for the settings that make a metric best"),
-            ("pairs", "search:pairs", "FILE --photographs FOLDER", "make pictures of random cameras with their truth"),
+            (
+                "pairs",
+                "search:pairs",
+                "FILE --photographs FOLDER",
+                "make training data: pictures of random cameras and their true values",
+            ),
             (
                 "sensitivity",
                 "designs:sensitivity",
                 "ARCHIVE METRIC...",
-                "report which factors of a design matter for metrics",
+                "report how much each factor of a design matters for metrics",
             ),
-            ("yield", "designs:yield_", "ARCHIVE --require 'METRIC >= 60'", "report which share of units passes"),
+            ("yield", "designs:yield_", "ARCHIVE --require 'METRIC >= 60'", "report the share of units that pass"),
             ("stability", "stability:stability", "[STAGE]", "test every stage at numerically hard inputs"),
         )
     }

@@ -348,7 +348,7 @@ def test_the_plan_states_the_bytes_and_the_rounding_is_in_the_measured_error(pla
         ({"tolerance": 0}, "tolerance, which is 0"),
         ({"archive.digits": "statd"}, "did you mean 'stated'"),
         ({"archive.digits": 3}, "expected text"),
-        ({"archive.digit": "stated"}, "has only digits"),
+        ({"archive.digit": "stated"}, r"the only key of \[archive\] is digits"),
         ({"archive": "stated"}, "expected a table"),
     ],
 )

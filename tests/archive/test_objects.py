@@ -406,7 +406,9 @@ def test_what_is_missing_is_said_in_one_line(plan, machine, monkeypatch):
     with pytest.raises(ArchiveError, match="holds objects but no archive"):
         run(plan, "memory:///full")
     monkeypatch.delenv("ETENDUE_WORK")
-    with pytest.raises(RequestError, match="the workers of a cluster store through a folder that all of them see"):
+    with pytest.raises(
+        RequestError, match="workers of a cluster store results in a folder that all of them can access"
+    ):
         execute(plan, "memory:///tiny", Options("tcp://127.0.0.1:1"))
     elsewhere(machine, monkeypatch)
     for name in (*objects.ROLES, "AWS_SKIP_SIGNATURE", "AWS_ENDPOINT_URL", "AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT"):

@@ -177,7 +177,7 @@ def test_a_light_that_no_eye_sees_has_a_radiance_and_no_luminance():
 
 def test_a_light_whose_luminance_nobody_measured_is_refused_and_a_little_of_it_is_noted():
     with pytest.raises(
-        RequestError, match=r"tabulated from 350 to 560 nm; with its end values extended 55 % of its luminance"
+        RequestError, match=r"tabulated from 350 to 560 nm. If its end values were extended, 55 % of its luminance"
     ):
         notes(400, 500, camera={"illuminant": "ISO 7589 Sensitometric Printer"})
     said = notes(400, 690, camera={"illuminant": "ISO 7589 Studio Tungsten"})

@@ -104,5 +104,5 @@ def test_a_lens_file_is_read_as_it_was_written_and_a_wrong_one_refused_in_one_li
     for number, wrong in enumerate((text[:40], text.replace("ptlens", "acm"), text.replace("0.01", "NaN"), "[" * 9999)):
         other = tmp_path / f"wrong{number}.lens"
         other.write_text(wrong)
-        with pytest.raises(ValueError, match=r"^wrong\d\.lens is no lens file: [^\n]{1,220}$"):
+        with pytest.raises(ValueError, match=r"^wrong\d\.lens is not a lens file: [^\n]{1,220}$"):
             lens_file(str(other))

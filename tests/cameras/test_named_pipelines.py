@@ -80,7 +80,7 @@ def test_every_body_gives_the_same_quantities_each_with_a_source():
 
 
 def test_stand_ins_are_named_in_the_plan_and_refused_on_demand(folder):
-    notes = [text for text in plan(folder).warnings if "typical values stand in" in text]
+    notes = [text for text in plan(folder).warnings if "typical values are used" in text]
     assert len(notes) == 2 and "peak_qe" in notes[0] and "body Sony ILCE-7RM2" in notes[0]
     assert "focal_length of the lens Acme 20-40mm f/2.8" in notes[1]
     with pytest.raises(RequestError, match="stand_ins: no source gives .*peak_qe.*not allowed"):

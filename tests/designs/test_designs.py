@@ -138,7 +138,7 @@ def test_threads_give_what_one_thread_gives(archive, tmp_path):
 
 def test_a_latin_hypercube_cannot_be_extended(tmp_path):
     ran(tmp_path / "a", {"design.method": "lhs"})
-    with pytest.raises(ArchiveError, match="other values in every row"):
+    with pytest.raises(ArchiveError, match="every row would change"):
         ran(tmp_path / "a", {"design.method": "lhs", "design.points": 9})
     assert ran(tmp_path / "a", {"design.method": "lhs"}).computed == 0
 
@@ -203,7 +203,7 @@ FAULTS = {
     "unknown factor": ({"design.factors.f_nummber": {"from": 1, "to": 2}}, "did you mean 'f_number'"),
     "negative": ({"design.factors.read_noise": {"normal": [3, 0.5]}}, "give at_least"),
     "two shapes": ({"design.factors.read_noise": {"normal": [3, 0.3], "uniform": [1, 2]}}, "expected one of"),
-    "falling": ({"design.factors.f_number": {"from": 8, "to": 2}}, "rising numbers"),
+    "falling": ({"design.factors.f_number": {"from": 8, "to": 2}}, "ascending numbers"),
     "unit": ({"design.factors.f_number": {"from": "1 um", "to": 2}}, "um"),
     "log of 0": ({"design.factors.read_noise": {"from": 0, "to": 2, "spacing": "log"}}, "above 0"),
     "words": ({"design.factors.back": {"from": 0, "to": 2}}, "list of choices"),

@@ -84,7 +84,7 @@ def test_commands_say_it_and_reproduce_passes(archive):
 def test_what_cannot_be_stored_says_why(archive):
     (archive / "manifest.json").unlink()
     _, stored = studied(archive, "airy_diameter")
-    assert not stored["groups"] and "not in order" in stored["why"]
+    assert not stored["groups"] and "incomplete or damaged" in stored["why"]
 
 
 def test_sums_by_subject_and_a_closed_index_only_where_the_design_holds_the_group():

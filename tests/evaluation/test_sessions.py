@@ -124,7 +124,9 @@ def test_every_variable_alone_is_that_of_the_tree(session, name):
 
 
 def test_shapes_that_differ_along_an_axis_are_left_to_the_tree(session):
-    with pytest.raises(RequestError, match="rgb_camera has other shapes along an axis of the sweep; ask for the tree"):
+    with pytest.raises(
+        RequestError, match="rgb_camera changes its shape along an axis of the sweep; call the session to get the tree"
+    ):
         session.metrics("rgb_camera", pixel__rows=[24, 32])
     assert "24x32" in session(pixel__rows=[24, 32])["sharpen"].children
 

@@ -201,7 +201,7 @@ def test_a_budget_is_the_ledger_by_stage(tree, holdings):
 @pytest.mark.long
 def test_every_kind_is_drawn_without_a_word_and_saved_the_same_twice(holdings, tmp_path):
     for kind in ("parallel", "scatter"):  # drawn in tests/designs
-        with pytest.raises(RequestError, match="is of a grid"):
+        with pytest.raises(RequestError, match="holds a grid, not a design"):
             draw(holdings, kind, PlotRequest())
     for kind in (*(OWN.keys() - {"parallel", "scatter"}), "limits"):  # a stage's own kind has a law there
         at = {"f_number": 2, "pixel_pitch": 3, "integration_time": 0.008} if kind == "show" else {}

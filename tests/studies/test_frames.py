@@ -181,7 +181,10 @@ WRONG = {
     "negative light": ("file,time_s,photons\ngood.npy,1,-2\n", "at or above 0"),
     "two sizes": ("file,time_s,photons\ngood.npy,1,2\nwide.npy,1,2\n", "one size"),
     "a text as picture": ("file,time_s,photons\ntext.png,1,2\n", "text.png"),
-    "fractions": ("file,time_s,photons\nhalf.npy,1,0\ngood.npy,1,3\ngood.npy,1,4\ngood.npy,1,5\n", "whole raw codes"),
+    "fractions": (
+        "file,time_s,photons\nhalf.npy,1,0\ngood.npy,1,3\ngood.npy,1,4\ngood.npy,1,5\n",
+        "raw codes must be whole numbers",
+    ),
     "one frame": ("file,time_s,photons\ngood.npy,1,0\ngood.npy,1,3\ngood.npy,1,4\ngood.npy,1,5\n", "the only frame"),
     "no dark": ("file,time_s,photons\ngood.npy,1,3\n", "no dark frames"),
 }
@@ -239,7 +242,10 @@ HOSTILE = {
     "words for times": (lambda path: _saved(path, light_time_s=np.array(["a", "b", "c"])), "of type <U1"),
     "no zip": (lambda path: path.write_text("frames"), "cannot be read as .npz"),
     "codes beyond 32 bits": (lambda path: _saved(path, light=np.full((3, 2, 8, 8), 1 << 40)), "at most 20 bits"),
-    "infinite numbers": (lambda path: _saved(path, light=np.full((3, 2, 8, 8), np.inf)), "whole raw codes"),
+    "infinite numbers": (
+        lambda path: _saved(path, light=np.full((3, 2, 8, 8), np.inf)),
+        "raw codes must be whole numbers",
+    ),
     "single frames": (lambda path: _saved(path, light=np.ones((3, 1, 8, 8), np.uint16)), "the only frame"),
     "no levels": (lambda path: _saved(path, light=np.ones((0, 2, 8, 8), np.uint16), light_time_s=[]), "0 levels"),
 }
@@ -277,7 +283,7 @@ def test_frames_of_one_exposure_must_be_stored_alike(tmp_path):
     np.save(tmp_path / "b.npy", np.full((2, 16, 16), 70, np.uint16))
     (tmp_path / "a.csv").write_text("file,time_s,photons\na.npy,1,0\nb.npy,1,0\n" + "b.npy,1,5\n" * 3)
     frames = open_frames(tmp_path / "a.csv")
-    with pytest.raises(RequestError, match="all frames must be stored alike"):
+    with pytest.raises(RequestError, match="all frames must have the same number of bits"):
         moments(frames, frames.levels()[0])
 
 

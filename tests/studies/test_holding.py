@@ -199,7 +199,7 @@ def test_a_metric_is_held_in_its_own_unit_and_nothing_else_is_asked_for():
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--hold", "nothing=1"], "wants no such variable"),
+        (["--hold", "nothing=1"], "no wanted variable has this name"),
         (["--hold", "photon_rate=-1"], "must be above 0"),
         (["--hold", "2"], "at most 1"),
         (["--hold", "photon_rate=much"], "neither a number nor METRIC=NUMBER"),

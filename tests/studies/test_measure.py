@@ -222,8 +222,8 @@ def test_an_edge_that_distortion_bends_is_followed(tmp_path):
 @pytest.mark.parametrize(
     ("picture", "said"),
     [
-        (lambda: slanted(0.4), "the edge is not slanted: it stands 0.4 degrees from the columns; allowed: 2 to 43"),
-        (lambda: slanted(44.8), "the edge is not slanted: it stands 44.8 degrees from the columns"),
+        (lambda: slanted(0.4), "the edge is not slanted: it is 0.4 degrees from the columns; allowed: 2 to 43"),
+        (lambda: slanted(44.8), "the edge is not slanted: it is 44.8 degrees from the columns"),
         (lambda: slanted(5.0, bend=12.0), "pixels from a line 5."),
         (lambda: slanted(5.0, low=0.5, high=0.5), "cannot measure an edge: its step is lost in noise"),
         (lambda: np.full(SHAPE, 0.5), "cannot measure an edge: it is uniform"),

@@ -160,7 +160,7 @@ def test_the_folder_of_another_search_is_refused_and_left_alone(tmp_path, text, 
     search(load(BARE), request(), 3, tmp_path / "a")
     before = {path: path.read_bytes() for path in (tmp_path / "a").iterdir()}
     other = replaced(request(), seed=1) if differs == "seed" else request()
-    with pytest.raises(RequestError, match=rf"is of another search \({differs} differ\)"):
+    with pytest.raises(RequestError, match=rf"holds another search \({differs} differ\)"):
         search(load(text), other, 3, tmp_path / "a")
     assert before == {path: path.read_bytes() for path in (tmp_path / "a").iterdir()}
 
@@ -303,7 +303,7 @@ def test_every_fault_of_a_request_is_told_at_once():
         "bits is not searched",
         "expected a number in the metric's unit",
         "f_numbr: no stage of this pipeline takes it; did you mean 'f_number'",
-        "expected a lower end",
+        "expected two ends",
         "unknown unit 'kg'",
         "expected NAME=LOW:HIGH",
     ):

@@ -236,9 +236,7 @@ class Refinement:
         return found
 
     def _next(self, errors: Mapping[str, VariableError], stuck: set[str]) -> tuple[str, int]:
-        """Return the discretisation to refine, and the number of steps; '' if no refinement is needed, or none
-        helps.
-        """
+        """Return the discretisation to refine, and the number of steps; '' if no refinement is needed or would help."""
         may = {of for some in self.open.values() for of in some.values()} - stuck
         best, most, steps = "", 0.0, 0
         for own in errors.values():
@@ -256,8 +254,8 @@ class Refinement:
         return best, steps
 
     def _refine(self, name: str, steps: int) -> bool:
-        """Make a discretisation finer. Return False and store the reason if stages refuse it, or memory or time do not
-        suffice.
+        """Make a discretisation finer. Return False and store the reason if a stage refuses it, or memory or time is
+        too short.
         """
         try:
             values = self._finer(name, steps)
@@ -286,7 +284,7 @@ class Refinement:
         return True
 
     def _finer(self, name: str, steps: int) -> Values:
-        """Return the parameters of stages that make a discretisation finer; raise what the stages raise."""
+        """Return the parameters of stages that make a discretisation finer; exceptions of the stages are passed on."""
         values: Values = {}
         for stage, some in self.open.items():
             one = self.plan.of(stage)[0].stage if self._has(stage) else None
@@ -317,7 +315,7 @@ class Refinement:
 
 def _alone(part: str, own: VariableError) -> str:
     times = own.parts[part] / own.limit if own.limit else math.inf
-    return f"{part} alone {own.parts[part]:.2g} of full scale, {times:.2g} times what is asked"
+    return f"{part} alone {own.parts[part]:.2g} of full scale, {times:.2g} times the requested limit"
 
 
 def _larger(old: Part | str, new: Part | str) -> Part | str:

@@ -187,7 +187,7 @@ def _refuse_unwanted(asked: Asked, plan: Plan) -> None:
     for name in asked.own:
         if name not in names:
             wanted = f"; wanted: {', '.join(names[:12])}{' ...' if len(names) > 12 else ''}"
-            raise RequestError(f"--hold {name}: the pipeline wants no such variable{nearest(name, names)}{wanted}")
+            raise RequestError(f"--hold {name}: no wanted variable has this name{nearest(name, names)}{wanted}")
 
 
 def _choose(
@@ -241,7 +241,7 @@ def _search(measurement: Measurement, asked: Asked, norm: str) -> HeldTolerance:
         except OverBudget:
             if search.tried:
                 raise
-            found = measurement.unknown(plan, "measuring it would exceed what --hold may take")
+            found = measurement.unknown(plan, "measuring it would exceed the time of --hold")
         lacking, limits = missed(found, asked, norm), asked.limits(found)
         hopeless = bool(lacking) and all(found.errors[name].below > limits[name] for name in lacking)
         error = None if lacking else max((_share(found.errors[n].value(norm), limits[n]) for n in limits), default=0.0)

@@ -208,7 +208,7 @@ class Measurement:
 
     @cached_property
     def coarser(self) -> tuple[Plan, Collected] | None:
-        """The reference one refinement below itself, if one of its knobs ends in a finite setting."""
+        """The reference with one refinement less, if the finest setting of one of its knobs is not exact."""
         if self.reference.coarser is None:
             return None
         plan = self.plan(self.reference.coarser)

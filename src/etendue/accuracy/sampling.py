@@ -30,8 +30,8 @@ MOST = 5.0  # factor on the seconds of the reference on the grid of the file; sl
 
 
 def sampling_knobs(measurement: Measurement) -> tuple[PipelineKnob, ...]:
-    """Return a knob for each discretisation that one parameter sets. Its settings range from a quarter of the fineness
-    of the file to two or four times that, as far as the stage accepts them and they are not too slow.
+    """Return a knob for each discretisation that one parameter sets. Its settings range from a quarter of the file's
+    fineness to two or four times its fineness, except settings that the stage refuses or that are too slow.
     """
     plan, found = measurement.exact, []
     for node in plan.nodes:

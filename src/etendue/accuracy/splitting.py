@@ -23,7 +23,7 @@ DECISIONS = "left out and coarser"
 
 
 def split(trial: SettingTrial, curves: Sequence[SettingCurve], sampled: Sampled) -> SettingTrial:
-    """Return a trial with the parts of the error of its worst variable, which add up to it.
+    """Return a trial with the parts of the error of its worst variable, whose sum is this error.
 
     The error of knobs that leave the grid unchanged is split in proportion to the error of each knob alone; errors of
     the grid are added.
@@ -73,7 +73,7 @@ def choices(study: Trials, curves: Sequence[SettingCurve]) -> dict[str, list[Set
 
 
 class Prediction:
-    """Error and seconds of a combination from those of its settings alone.
+    """Predicted error and seconds of a combination, from those of its settings alone.
 
     The squares of errors of different knobs add, as for independent causes; a sum of bounds would exclude too many
     combinations. The seconds of a stage are those of a trial with the same work, otherwise its seconds in the reference

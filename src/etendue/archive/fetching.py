@@ -243,7 +243,7 @@ class _Indexes:
         self.written = {} if self.journal.files_a_cell else self.journal.said.by_shard()  # numbers of chunks
 
     def slots(self, path: str) -> int:
-        """Return how many chunks a shard has room for; 0 if nothing is known of it."""
+        """Return the number of chunks for which a shard has room; 0 if the shard is unknown."""
         return self.archive.slots_of([path]).get(path, 0) if path in self.journal.shards else 0
 
     def bytes(self, path: str, slots: int) -> bytes:

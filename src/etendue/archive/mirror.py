@@ -147,7 +147,7 @@ class Mirror(Behind):
         self.thread = self.pool = None
 
     def _leave(self) -> None:
-        """End a failed run: the store keeps what it has, the rest stays in the folder, and any run may continue."""
+        """End a failed run: the store keeps its objects, other results stay in the folder, and any run may continue."""
         self._stop()
         if self.lease:
             try:

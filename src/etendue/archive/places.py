@@ -47,8 +47,8 @@ def is_url(place: object) -> bool:
 def reading(place: str | Path, exact: bool = False, inputs: bool = True) -> Iterator[Path]:
     """Give a folder from which an archive can be read.
 
-    From an object store, small objects are fetched now and the rest on reading; nothing is written. ``exact``: take
-    nothing from the journal that the store can tell; ``inputs``: also fetch the input files of pipelines.
+    From an object store, small objects are fetched now and the rest on reading; nothing is written. ``exact``: read
+    from the store instead of the journal wherever possible; ``inputs``: also fetch the input files of pipelines.
 
     Raises
     ------
@@ -131,7 +131,8 @@ def writing(place: str | Path, far: str = "", exact: bool = False) -> Iterator[P
 
     if far and not os.environ.get("ETENDUE_WORK"):
         raise RequestError(
-            f"--scheduler {far} with {place}: the workers of a cluster store through a folder that all of them see; "
+            f"--scheduler {far} with {place}: workers of a cluster store results in a folder that all of them can "
+            "access; "
             "set ETENDUE_WORK=DIR to one on a shared file system, or use another scheduler"
         )
     mirror = Mirror(str(place), exact)
@@ -174,7 +175,7 @@ def named(value: Any, folder: Path, place: str | Path) -> Any:
 
 
 def placed(outcome: Any, folder: Path, place: str | Path) -> Any:
-    """Return the outcome of a run in terms of the place that was asked for."""
+    """Return the outcome of a run with the requested place instead of the working folder."""
     if not is_url(place):
         return outcome
     return dataclasses.replace(outcome, archive=Url(place), pictures=named(outcome.pictures, folder, place))
@@ -185,7 +186,7 @@ def open_archive(place: str | Path) -> xarray.DataTree:
     """Open an archive as a lazy ``xarray.DataTree``: arrays are read on access.
 
     An archive in a folder can also be opened during its run and after an interrupted one: every finished cell can be
-    read, and ``status`` says which cells are finished. On an object store, only what runs have published is visible.
+    read, and ``status`` says which cells are finished. On an object store, only published results are visible.
 
     Raises
     ------

@@ -89,7 +89,7 @@ class Archive(Extended):
             return report_page.report(folder, to, shares_at() if blame else None).path
 
     def verify(self) -> Document:
-        """Check whether every byte is as it was written; return what ``etendue verify --json`` prints."""
+        """Check that every byte is as it was written; return the document that ``etendue verify --json`` prints."""
         with places.reading(self.place, exact=True) as folder:
             found: Document = places.named(verifying.document(verifying.verify(folder)), folder, self.place)
         return found

@@ -181,7 +181,8 @@ class Pipeline(Extended, PipelineSource):
 
     def design(self, method: str = "sobol", points: int = 256, seed: int = 0, **factors: Any) -> Pipeline:
         """Return the pipeline with a design over factors: ``QUANTITY={"from": 1, "to": 8, "levels": 16}``,
-        ``STAGE__PARAMETER={"normal": [3, 0.3]}``, a list of choices. ``file`` and ``correlation`` are those of a file.
+        ``STAGE__PARAMETER={"normal": [3, 0.3]}``, a list of choices. ``file`` and ``correlation`` are as in a pipeline
+        file.
 
         Examples
         --------
@@ -263,9 +264,7 @@ class Pipeline(Extended, PipelineSource):
         return parse_pipeline(self.to_toml(), folder=self.folder)
 
     def plan(self, leave_out: bool = True) -> Planned:
-        """Return what would run.
-
-        Raises
+        """Return the plan of a run. Raises
         ------
         RequestError
             With every fault.
@@ -284,11 +283,11 @@ class Pipeline(Extended, PipelineSource):
         durable: bool = False,
         errors: bool | float = True,
     ) -> Outcome:
-        """Compute what is not finished yet, with a progress bar in terminals and notebooks.
+        """Compute the unfinished cells, with a progress bar in terminals and notebooks.
 
         Parameters
         ----------
-        archive : folder to keep results in and resume from; None to stay in memory
+        archive : folder that keeps the results and from which a run resumes; None: in memory
         want : variable or variables, instead of those of the pipeline
         errors : whether to measure the errors of the wanted variables, in at most 10 % of the run's time; a number is
             the seconds that it may take, ``math.inf`` any
@@ -313,8 +312,8 @@ class Pipeline(Extended, PipelineSource):
         return outcome
 
     def session(self, bytes: int = BYTES, leave_out: bool = True, archive: str | Path | None = None) -> Session:
-        """Return an object that evaluates the pipeline many times, each time at other values: it keeps results, at most
-        ``bytes`` of them, and computes only what changed. ``archive``: a folder whose results are read, too.
+        """Return an object that evaluates the pipeline many times, each time at other values. It keeps results of at
+        most ``bytes`` bytes, and computes only what changed. ``archive``: a folder from which results are read too.
         """
         return Session(at_choices_of(self.written(), archive), bytes, leave_out, archive)
 

@@ -44,7 +44,7 @@ def plan_page(document: Document) -> str:
 
 @dataclass(frozen=True)
 class Planned:
-    """What would run: stages, cells, bytes, time, and what is left out and why."""
+    """The planned work: stages, cells, bytes, time, and omissions with their reasons."""
 
     plan: Plan
 

@@ -43,7 +43,7 @@ def simulate(
     Parameters
     ----------
     pipeline : path, TOML text, mapping, or an ``etendue.Pipeline``
-    archive : folder or s3://bucket/prefix/name to keep results in and resume from; None to stay in memory
+    archive : folder or s3://bucket/prefix/name that keeps the results and from which a run resumes; None: in memory
     want : variable or variables to compute, instead of the file's ``wanted``
     scheduler, workers : as for ``--scheduler`` (``etendue run --help``); number of threads or processes
     leave_out : whether stages that the scene does not need may be left out
@@ -79,7 +79,7 @@ def simulate(
 
 
 def at_choices_of(pipeline: PipelineFile, archive: str | Path | None) -> PipelineFile:
-    """Return the pipeline with what it leaves open as an earlier run into a local archive has chosen."""
+    """Return the pipeline with the values of open parameters that an earlier run into a local archive has chosen."""
     folder = None if archive is None or places.is_url(archive) else Path(archive)
     return with_kept_choices(pipeline, installed_stages(), folder)[0]
 

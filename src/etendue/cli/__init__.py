@@ -1,7 +1,7 @@
 """The command line: words in, results on stdout, one clear message on stderr, an exit code.
 
 In:  the arguments of the process.
-Out: what a command of ``runs``, ``catalogue``, ``comparisons`` or ``exports`` shows.
+Out: the output of a command of ``runs``, ``catalogue``, ``comparisons`` or ``exports``.
 
 ``program`` collects the commands and turns errors into messages; ``options`` declares shared options once; ``saying``
 writes to stdout. The implementation of a command is in ``bodies``, or in the study that provides it, and is imported

@@ -15,7 +15,8 @@ from etendue.cli.saying import command, later
     "knobs",
     multiple=True,
     metavar="STAGE.KNOB[=V,V,..]",
-    help="Knob to try, even one that the file sets, or precision; settings from cheapest to reference" + options.REPEAT,
+    help="Knob to try, even if the file sets it; =A,B gives its settings, from the cheapest to the reference"
+    + options.REPEAT,
 )
 @options.settings()
 @options.SWEEPS
@@ -42,7 +43,8 @@ from etendue.cli.saying import command, later
     default="warm",
     show_default=True,
     type=click.Choice(["warm", "cold"]),
-    help="Time that is compared: warm runs use the tables of the run before, as a sweep does; cold ones make them.",
+    help="Time to compare. Warm: with the tables of an earlier run, as in a sweep. Cold: with all tables computed "
+    "again.",
 )
 @click.option(
     "--trials",
@@ -51,7 +53,7 @@ from etendue.cli.saying import command, later
     show_default=True,
     type=click.IntRange(0),
     metavar="N",
-    help="Maximum number of combinations.",
+    help="Maximum number of combinations of settings to try.",
 )
 @click.option(
     "--verify",
@@ -68,10 +70,10 @@ def accuracy() -> None:
     tolerance.
 
     Every trial is compared with the reference (all knobs at their finest setting, nothing left out, 64 bits), both
-    without noise and rounding. Without --knob, all knobs that the file does not set are tried, precision, and the
-    discretisations (bins, spacing, surround), coarser and finer than in the file; the error of a combination includes
-    the error of its discretisation. The order of convergence is that of the stage's own error. Errors below the noise
-    of a single frame are invisible in that frame.
+    without noise and rounding. Without --knob, the command tries all knobs that the file does not set, the precision,
+    and the discretisations (bins, spacing, surround), coarser and finer than in the file; the error of a combination
+    includes the error of its discretisation. The order of convergence is that of the error of the knob's own stage.
+    Errors below the noise of a single frame are invisible in that frame.
 
     Exit codes: 0 done, 2 invalid request.
     """

@@ -14,7 +14,7 @@ FOLDER = click.option(
     "--output",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="FOLDER",
-    help="Where to write. Default: here.",
+    help="Folder or file to write to. Default: the current folder.",
 )
 
 

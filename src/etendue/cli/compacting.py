@@ -14,7 +14,7 @@ from etendue.cli.saying import command, later
 @JSON
 @later("etendue.cli.bodies.compacting:compact")
 def compact() -> None:
-    """Rewrite an archive: sort axes that grew, lay out shards as a fresh sweep would, keep every bit of every array.
+    """Rewrite an archive with sorted axes and the shards of a fresh sweep; every array keeps its bits.
 
     Without NEW the archive is rewritten in place. If the command is killed, the archive is still complete, old or
     new; run the same command again to continue. With NEW, DIR is only read, and NEW is either complete or absent.

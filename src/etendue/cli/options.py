@@ -94,12 +94,14 @@ WANT = click.option(
     "--want", multiple=True, metavar="VARIABLE", help="Compute only this variable (or stage.variable)" + REPEAT
 )
 TOLERANCE = click.option(
-    "--tolerance", metavar="T", help="Error allowed per stage for approximations and omissions, relative to full scale."
+    "--tolerance",
+    metavar="T",
+    help="Error that one approximation or omission may add to its own stage, relative to full scale.",
 )
 ROUND = click.option(
     "--digits",
     metavar="D",
-    help="Digits of stored pictures: exact (all), or stated (those that the tolerance leaves).",
+    help="Digits of stored pictures: exact (all), or stated (only those that are significant at the tolerance).",
 )
 NOTHING_LEFT_OUT = click.option(
     "--nothing-left-out", is_flag=True, help="Run every stage, even where it has no effect on the scene."
@@ -107,7 +109,7 @@ NOTHING_LEFT_OUT = click.option(
 NO_STAND_INS = click.option(
     "--no-stand-ins",
     is_flag=True,
-    help="Refuse presets in which a typical value stands in for one that no source gives, and list these values.",
+    help="Refuse presets with typical values in place of values that no source gives, and list these values.",
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout.")
 SCHEDULER = click.option(

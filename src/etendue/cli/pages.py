@@ -19,7 +19,7 @@ from etendue.cli.saying import command, later
     metavar="FILE",
     help="File to write; an existing one is replaced. Default: ./ARCHIVE-report.html.",
 )
-@click.option("--blame", is_flag=True, help="Add each stage's share of the loss; computed now.")
+@click.option("--blame", is_flag=True, help="Add each stage's share of the loss, which is computed now.")
 @JSON
 @later("etendue.cli.bodies.pages:report")
 def report() -> None:
@@ -40,6 +40,6 @@ def report() -> None:
 def view() -> None:
     """Serve the report live, with every sample of every stage, to a browser on this machine.
 
-    The page follows a run in progress; an archive in an object store is shown as it was at the start. The address has a
-    secret: anyone on this machine who has it can look; nobody can change anything. Stop with Ctrl-C.
+    The page follows a run in progress; an archive in an object store is shown as it was at the start. The address
+    contains a secret: users of this machine who know it can look, but nobody can change anything. Stop with Ctrl-C.
     """

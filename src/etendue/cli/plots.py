@@ -27,11 +27,11 @@ from etendue.cli.saying import command, later
 @click.option("--x", default="", metavar="DIM", help="Axis to show along x.")
 @click.option("--y", default="", metavar="DIM", help="Axis to show along y of a map.")
 @click.option("--lines", default="", metavar="DIM", help="Axis to show as separate lines.")
-@click.option("--panels", default="", metavar="DIM,DIM", help="Axes to show as panels, at most two.")
+@click.option("--panels", default="", metavar="DIM,DIM", help="Axis to show as panels; two at most, such as gain,time.")
 @click.option(
     "--better", default="", metavar="WORD,WORD", help="For pareto: higher or lower, for each metric in order."
 )
-@click.option("--blame", is_flag=True, help="For budget: add each stage's share of the loss; computed now.")
+@click.option("--blame", is_flag=True, help="For budget: add each stage's share of the loss, which is computed now.")
 @JSON
 @later("etendue.cli.bodies.plots:plot")
 def plot() -> None:

@@ -17,10 +17,10 @@ from etendue.cli.saying import command, later
 @WORKERS
 @later("etendue.cli.bodies.plans:plan")
 def plan() -> None:
-    """Show what would run: stages, cells, bytes, time, what is left out and why.
+    """Show what a run would do: stages, cells, bytes, time, and which stages it would leave out and why.
 
-    If `run` would refuse because this machine is too small (with these workers, into ./<name>), the reason is printed
-    after the plan and the exit code is 5, as with `run`.
+    If the machine is too small for `run` (with these workers, into ./<name>), the reason is printed after the plan and
+    the exit code is 5, as with `run`.
     """
 
 
@@ -65,14 +65,14 @@ def _how(function: Any) -> Any:
     metavar="E|METRIC=E",
     help="Find the loosest tolerance that keeps every wanted variable within E of the reference, relative to full "
     "scale, or METRIC within E in its own unit (repeatable). Refine the parameters that the file sets to 'auto' until "
-    "the result itself is within E. Then run with these values.",
+    "the error of the result itself is within E. Then run with these values.",
 )
 @click.option(
     "--hold-seconds",
     type=click.FloatRange(0),
     default=900.0,
     show_default=True,
-    help="Thread time that --hold may take to find it.",
+    help="Thread time that the search of --hold may take, in seconds.",
 )
 @click.option(
     "--errors/--no-errors",
@@ -83,7 +83,7 @@ def _how(function: Any) -> Any:
 @gather_way
 @later("etendue.cli.bodies.runs:run", interrupts.INTACT)
 def run() -> None:
-    """Run a pipeline: compute what is missing, archive it, print a summary.
+    """Run a pipeline: compute missing cells, store them in an archive, print a summary.
 
     An existing archive is resumed. A cell is recorded as failed if its stage fails, kills its worker process or takes
     longer than --cell-timeout; the other cells continue.

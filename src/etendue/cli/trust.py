@@ -37,9 +37,9 @@ def reproduce() -> None:
     Everything else in the archive is compared too: coordinates, dims, units, types, attributes, status, tables,
     pictures, journal, records. What cannot be recomputed (seconds, dates, versions, authors) is listed as not checked.
 
-    On the same platform every bit must agree. On another one (processor features, numpy, scipy, Python) a cell may
-    differ by the errors that its stage and those before it declare. Stages that are not installed are listed, and so is
-    code that has changed since. Nothing is kept without --into.
+    On the same platform every bit must agree. On another platform (processor features, numpy, scipy, Python) a cell may
+    differ by the errors that its stage and the stages before it declare. Stages that are not installed are listed, and
+    so is code that has changed since. Nothing is kept without --into.
 
     Exit codes: 0 reproduced, 1 not reproduced, 2 invalid request or something missing here, 4 a run is writing to the
     archive.
@@ -54,8 +54,8 @@ def reproduce() -> None:
 def diff() -> None:
     """List the cells that differ between two archives, by how much, and which parameter, code or input caused it.
 
-    Cells are matched by stage and axis values; an axis that only one archive has is matched at the value fixed in the
-    other. Values are those of the worst cell of a stage; relative ones are rms over full scale.
+    Cells are matched by stage and axis values; an axis that only one archive has is matched at the value that the other
+    archive uses. Differences are those of the worst cell of each stage; relative differences are rms over full scale.
 
     Exit codes: 0 equal, 1 different, 2 invalid request.
     """
@@ -64,7 +64,7 @@ def diff() -> None:
 @command("verify")
 @_ARCHIVE
 @click.option(
-    "--repair", is_flag=True, help="Restore what is stored twice and recompute what is damaged, nothing else."
+    "--repair", is_flag=True, help="Restore damaged content from a second copy, or recompute it; change nothing else."
 )
 @click.option(
     "--from",
@@ -72,9 +72,9 @@ def diff() -> None:
     multiple=True,
     type=click.Path(path_type=Path),
     metavar="PATH",
-    help="Where to look for lost inputs, by content: files, folders, another archive; may be repeated.",
+    help="File, folder or archive in which to look for lost inputs, by their content; may be repeated.",
 )
-@click.option("--digest", is_flag=True, help="Print one SHA-256 of the whole archive, to keep elsewhere.")
+@click.option("--digest", is_flag=True, help="Print one SHA-256 of the whole archive, for you to keep elsewhere.")
 @click.option(
     "--accept-platform", is_flag=True, help="Repair even if this platform differs from that of the other cells."
 )

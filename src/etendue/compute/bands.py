@@ -54,7 +54,7 @@ class BandArray(ABC):
         return self.shape[0]
 
     @abstractmethod
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         """Return one band, (y, x)."""
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> FloatArray:
@@ -76,7 +76,7 @@ class StoredBands(BandArray):
         self.shape = _shape(self.job, self.variable)
         self.dtype = np.dtype(self.job.precision)
 
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         assert self.job.target is not None
         with refused_by_the_machine():
             return self.job.target.read_band(self.variable, band)
@@ -188,7 +188,7 @@ def made_by_band(job: Job, given: Mapping[str, Array | BandArray]) -> CellArrays
 
 
 def is_dark(plane: Array) -> bool:
-    """Return whether a plane is exactly zero everywhere; one look tells for most that are not."""
+    """Return whether a plane is exactly zero everywhere; most other planes are recognised by one value."""
     return not (plane[plane.shape[0] // 2, plane.shape[1] // 2] or plane.any())
 
 
@@ -240,7 +240,7 @@ class Timed:
     def __init__(self, bands: BandArray) -> None:
         self.bands, self.seconds = bands, 0.0
 
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         began = time.thread_time()
         try:
             return self.bands[band]

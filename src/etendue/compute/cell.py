@@ -77,8 +77,8 @@ def smallest(array: Array) -> float:
 
 
 def finite(array: Array) -> bool:
-    """Return True if no value is NaN or infinite. One pass over the sum of squares; only if that overflows are the
-    values tested one by one.
+    """Return True if no value is NaN or infinite. It sums the squares in one pass; the values are tested one by one
+    only if the sum overflows.
     """
     if not array.ndim:
         return math.isfinite(array)

@@ -107,7 +107,7 @@ class StageForm:
         return key
 
     def lasts(self, stage: Stage) -> bool:
-        """Return whether a stage was the last to be asked for, and reads no files: its tables are the same."""
+        """Return whether a stage was the last one requested and reads no files, so that its tables are the same."""
         known = self._prepared
         return "prepared" not in self.special or (known is not None and known[0] is stage)
 

@@ -3,8 +3,8 @@
 In:  a ``Job`` and the results it reads.
 Out: arguments by name.
 
-What the ordinary cells of one stage in a batch have in common is settled with the first of them, so that each of the
-others costs little more than its kernel. A cell is ordinary if its own distribution is ours and nothing about it is
+Properties that the ordinary cells of one stage in a batch share are determined for the first cell, so that every other
+cell takes little more time than its kernel. A cell is ordinary if its own distribution is ours and nothing about it is
 special: it is not mapped, left out, computed by band or waiting for a value, and it looks at no other stage. All others
 go the general way (``cell._made``), whose checks, messages and bits are the same.
 """
@@ -174,7 +174,9 @@ def is_ordinary(job: Job) -> bool:
 
 
 def common(groups: dict[str, Alike], job: Job) -> Alike | None:
-    """Return what a cell has in common with those of its stage in ``groups``; None if it has to go the general way."""
+    """Return the common part of a cell and the other cells of its stage in ``groups``; None if it has to go the general
+    way.
+    """
     if not is_ordinary(job):
         return None
     known = groups.get(job.ref[0])
@@ -184,7 +186,9 @@ def common(groups: dict[str, Alike], job: Job) -> Alike | None:
 
 
 class Alike:
-    """What the ordinary cells of one stage have in common: their form and, while the stage is the same, its tables."""
+    """The shared properties of the ordinary cells of one stage: their form and, while the stage is the same, its
+    tables.
+    """
 
     def __init__(self, job: Job) -> None:
         self.form = form = form_of(job)
@@ -231,7 +235,7 @@ class Alike:
         return {variable: taken(held, variable) for variable, _, _ in self.outputs}
 
     def _beside(self, job: Job, results: Mapping[CellRef, Result]) -> CellArrays:
-        """Return the arguments that are not arrays of ports; those of the cell before if its stage is the same."""
+        """Return the arguments that are not arrays of ports; if the previous cell has the same stage, its arguments."""
         if self.stage is not job.stage or self.owner != job.pattern_of:
             self.beside = beside(job, results)
             self.beside.pop("rng", None)

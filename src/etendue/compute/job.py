@@ -88,8 +88,8 @@ class CellObserver(Protocol):
     def __call__(self, arrays: Mapping[str, Any]) -> CellArrays: ...
 
     def gathering(self, variable: str, shape: tuple[int, ...]) -> Any:
-        """Return an object that takes the rows of a variable in order, ``take(start, rows)``, and gives what replaces
-        it, ``made()``; or None.
+        """Return an object that receives the rows of a variable in order, ``take(start, rows)``, and returns the
+        replacement of the variable, ``made()``; or None.
         """
 
 

@@ -60,8 +60,8 @@ Direct = tuple[tuple[CellRef, str], tuple[Cell, ...]]  # the input of a segment;
 class Jobs(Mapping[CellRef, Job]):
     """The jobs of a run, each created on demand and not kept: a sweep has many more cells than are under way.
 
-    Kept per cell: which of its variables others read, whether others continue from its transform, and whether it has
-    a job at all.
+    Kept for each cell: the variables that other cells read, whether others continue from its transform, and whether it
+    has a job.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Jobs(Mapping[CellRef, Job]):
             self._include(ref, plan.cells[ref])
 
     def _include(self, ref: CellRef, cell: Cell) -> None:
-        """Decide whether a cell has a job, and note what it reads. Cells are visited after all of their readers."""
+        """Decide whether a cell has a job, and record its inputs. Cells are visited after all of their readers."""
         number, node, computed = self.number(ref), self.nodes[ref[0]], ref in self.todo
         read, transform = self.read[number], self.transforms[number]
         if not (computed or read or transform):
@@ -137,7 +137,7 @@ class Jobs(Mapping[CellRef, Job]):
             self._reads(*cell.inputs[0][1:])
 
     def _wanted(self, cell: Cell, node: Node, computed: bool, read: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the variables of a cell that are read, stored or given to the caller, if they can be had."""
+        """Return the variables of a cell that are read, stored or given to the caller, if they are available."""
         if not computed:
             return read
         kept = self.plan.kept
@@ -173,7 +173,7 @@ class Jobs(Mapping[CellRef, Job]):
                 self._reads(source, variable)
 
     def _note_looks(self, cell: Cell, node: Node) -> None:
-        """Note the variables that a cell looks at, and the values that stages it looks at wait for."""
+        """Record the variables that a cell looks at, and the values for which the stages that it looks at wait."""
         looked = dict(cell.looks_at) if node.looks_at else {}
         for port, what, _ in node.looks_at:
             for source in looked.get(port, ()):
@@ -272,8 +272,8 @@ class Jobs(Mapping[CellRef, Job]):
 
     def _passing(self, cell: Cell, inputs: Found, passes: tuple[str, ...], computed: bool, begins: bool) -> Found:
         """Return the inputs of the job of a left-out cell: the arrays that it passes on or, if there are none, the
-        input cell, so that its failure is known. ``begins``: it passes on the input of a segment, whose transform
-        others need."""
+        input cell, whose failure it must know. ``begins``: others need the transform of the segment's input.
+        """
         first = [one for one in inputs if source_of(cell, one[2]) == one[1] and one[2] in cell.grids]
         light = first[:1] if begins else []
         if not computed:
@@ -353,7 +353,7 @@ def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], 
 
 
 def _found_of(cells: tuple[Cell, ...]) -> tuple[Found, ...]:
-    """Return the values that each of some cells awaits; () if none awaits any."""
+    """Return the values that each of some cells waits for; () if no cell waits."""
     every = tuple(cell.found for cell in cells)
     return every if any(every) else ()
 

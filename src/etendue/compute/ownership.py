@@ -70,7 +70,7 @@ def taken(arrays: dict[str, Array], variable: str) -> Array:
 
 
 def _alone(array: Array) -> bool:
-    """Return True if only the caller's variable refers to an array and to what it is a view of."""
+    """Return True if only the caller's variable refers to an array and to the buffer behind it."""
     if sys.getrefcount(array) > _HELD:
         return False
     while array.base is not None:
@@ -144,8 +144,8 @@ _QUIET.run(np.seterr, over="ignore", divide="ignore", invalid="ignore")
 def undisturbed(work: Callable[_Given, _Found], *given: _Given.args, **named: _Given.kwargs) -> _Found:
     """Return the result of ``work``; undo any change it makes to warnings and numpy error handling of the process.
 
-    Non-finite results are looked for and reported once elsewhere, so numpy itself stays silent. Its error handling is
-    kept in a context, of which every call gets a fresh copy.
+    Numpy itself gives no warnings, because non-finite results are detected and reported elsewhere. Its error handling
+    is kept in a context, of which every call gets a fresh copy.
     """
     who, warned = WARNED.begin()
     try:

@@ -22,7 +22,7 @@ def philox(seed_words: bytes) -> np.random.Generator:
     Parameters
     ----------
     seed_words : bytes
-        Any length.
+        Of any length.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def renamed(generator: np.random.Generator, seed_words: bytes) -> np.random.Gene
     generator : numpy Generator over Philox
         Changed in place.
     seed_words : bytes
-        Any length.
+        Of any length.
 
     Returns
     -------

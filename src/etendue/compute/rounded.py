@@ -1,4 +1,4 @@
-"""Round the pictures of a cell to the digits that the plan leaves them, where its stage hands them on.
+"""Round the pictures of a cell to their planned digits before its stage passes them on.
 
 In:  a ``Job`` with steps, powers of two; the checked arrays of its cell, or some rows of them.
 Out: the same arrays as multiples of their steps.
@@ -10,7 +10,6 @@ transform inside a segment is not touched. A value already rounded stays as it i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -32,7 +31,7 @@ class RoundedBands(BandArray):
     def __post_init__(self) -> None:
         self.shape, self.dtype = self.bands.shape, self.bands.dtype
 
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         return frozen(rounded(np.asarray(self.bands[band]), self.step))
 
 

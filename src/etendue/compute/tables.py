@@ -118,7 +118,7 @@ class Cache:
         self.held -= entry.size if entry is not None else 0
 
     def clear(self) -> None:
-        """Drop everything, for measurements that must not profit from earlier work."""
+        """Drop everything, for measurements that must not use earlier results."""
         with self.lock:
             self.entries.clear()
             self.held = 0

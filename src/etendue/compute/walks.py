@@ -72,7 +72,8 @@ def _together(
 ) -> list[list[CellRef]]:
     """Group cells into walks: cells of one depth that continue from each other's strips.
 
-    A cell is one deeper than what it reads as a whole from a walk, so that no two walks wait for each other.
+    A cell that reads a whole array from a walk is one level deeper than the walk, so that no two walks wait for each
+    other.
     """
     depth: dict[CellRef, int] = {}
     home: dict[CellRef, CellRef] = {}  # union-find: each cell points towards the representative of its walk
@@ -125,8 +126,8 @@ def _walks_on(
     need: CellRef,
     job: Job,
 ) -> bool:
-    """Return True if a job can continue from the strips of a cell that it reads: of the same frame, as the only cell of
-    its stage, and reading only arrays with rows.
+    """Return True if a job can continue from the strips of a cell that it reads: both have the same frame, the cell is
+    the only one of its stage, and the job reads only arrays with rows.
     """
     if walkers[need].frame != walkers[job.ref].frame or need in job.awaited or job.stage.negative == "clip":
         return False

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Source(Stage):
-    """A stage that reads nothing and states what it will write before any array is made."""
+    """A stage that reads nothing and describes its outputs before any array exists."""
 
     @abstractmethod
     def describe(self) -> tuple[Facts, Mapping[str, Grid]]: ...
@@ -85,11 +85,11 @@ class Summed(Transfer):
         return self.error(facts, grid, precision)
 
     def terms(self) -> int:
-        """Return the terms of an expansion of the sum, made before the transfer functions; 0: each band has its own."""
+        """Return the number of terms into which the bands are combined before the transfer functions; 0: none."""
         return 0
 
     def kept(self) -> float:
-        """Return the share of the grid's Nyquist frequency above which incident light is omitted; 1: none is."""
+        """Return the share of the grid's Nyquist frequency up to which incident light is used; 1: all of it."""
         return 1.0
 
 
@@ -107,7 +107,7 @@ class ChannelTransfer(Stage):
         ``light``: (band,), of a white surface, in any scale."""
 
     def moves_charge(self) -> bool:
-        """Return whether it does anything with these parameters."""
+        """Return whether it moves charge with these parameters."""
         return True
 
 
@@ -133,9 +133,9 @@ class Haloed(Stage):
     """A stage in which every row depends only on rows near it: ``run`` can be given some rows of a frame and returns
     the same bits for them.
 
-    Inputs with rows, and ``y`` and the like, are cut; all others (tables, numbers) are whole. Random numbers must be
-    drawn in one call, in the order of the rows, and only without a halo. Strips begin on even rows and have at least as
-    many rows as the halo.
+    Inputs with rows, and coordinates along y, are cut into strips; all others (tables, numbers) are whole. Random
+    numbers must be drawn in one call, in the order of the rows, and only without a halo. Strips begin on even rows and
+    have at least as many rows as the halo.
     """
 
     def halo(self) -> int | None:
@@ -148,13 +148,13 @@ class Haloed(Stage):
         override this."""
         apart = [name for name, values in parts.items() if any(not _equal(values[0], value) for value in values[1:])]
         if apart:
-            raise ValueError(f"{type(self).__name__} returns another {', '.join(apart)} for some rows; define joined()")
+            raise ValueError(f"{type(self).__name__}: {', '.join(apart)} differ from strip to strip; define joined()")
         return {name: values[0] for name, values in parts.items()}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Bounded(Stage):
-    """A stage that may be left out where its effect is small: it reads and writes one variable on the same grid."""
+    """A stage that may be left out if its effect is small: it reads and writes one variable on the same grid."""
 
     @abstractmethod
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
@@ -192,11 +192,11 @@ class Noisy(Stage):
 
 
 class Datasheet(Stage):
-    """A stage that states numbers about itself that a measurement can reproduce and other stages may look at."""
+    """A stage with a data sheet: numbers that a measurement can reproduce and that other stages may read."""
 
     @abstractmethod
     def datasheet(self) -> Mapping[str, float]:
-        """Return the numbers by name, under the names that the stages which read them expect."""
+        """Return the numbers of the data sheet, under the names that reading stages expect."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -215,11 +215,11 @@ class Sheet:
 class Probe(Stage):
     """A stage that looks at all stages in order: reads ``"*.transfer"`` or ``"*.<variable>"``.
 
-    For each such port ``run`` gets a list of (stage name, what it looks at). That is the transfer function up to and
-    including the stage (``etendue.compute.joined.otf.Otf``), or the array itself; with ``with_grids`` the list has
-    (stage name, array, grid). Nothing reads from a probe. It may write the dim ``stage``: every stage it looks at, in
-    order, whose names ``run`` may ask for as ``stage``. Stages seen only through the ports in ``beside`` have no entry
-    there, and a ``ChannelTransfer`` shares the pixel's.
+    For each such port ``run`` gets a list of (stage name, property or array of that stage). That is the transfer
+    function up to and including the stage (``etendue.compute.joined.otf.Otf``), or the array itself; with
+    ``with_grids`` the list has (stage name, array, grid). Nothing reads from a probe. It may write the dim ``stage``,
+    with an entry for every stage it looks at, in order; ``run`` receives their names as ``stage``. Stages seen only
+    through the ports in ``beside`` have no entry, and a ``ChannelTransfer`` shares the pixel's.
     """
 
     with_grids: ClassVar[bool] = False
@@ -252,7 +252,7 @@ CAPABILITIES = {
 
 
 def no_coordinates(kind: type[Stage]) -> str:
-    """Return what ``creates`` should be instead, '' if it is right; a list of names or numbers becomes Labels."""
+    """Return the correct form of ``creates``, '' if it is correct; a list of names or numbers becomes Labels."""
     creates: Any = kind.creates
     given = creates.items() if isinstance(creates, Mapping) else ()
     wrong = [(dim, one) for dim, one in given if not isinstance(one, Line | Bands | Labels)]
@@ -310,8 +310,8 @@ def _check_methods(kind: type[Stage]) -> None:
     for method, base in CAPABILITIES.items():
         if method in methods and not issubclass(kind, base):
             raise TypeError(
-                f"{kind.__name__} defines {method}, a method of {base.__name__}, but is none: derive it from "
-                f"etendue.api.{base.__name__}"
+                f"{kind.__name__} defines {method}, a method of {base.__name__}, from which it is not derived: derive "
+                f"it from etendue.api.{base.__name__}"
             )
     lacking = sorted(name for name, own in methods.items() if vars(own).get("__isabstractmethod__"))
     if lacking:
@@ -400,9 +400,9 @@ def has_no_mean(kind: type[Stage]) -> bool:
 
 @per_kind
 def mean_arguments_of(kind: type[Sampled]) -> tuple[str, ...]:
-    """Return the names that ``mean`` asks for. Random numbers are refused, since a mean draws nothing."""
+    """Return the names that ``mean`` asks for. Random numbers are refused, because a mean draws none."""
     names = names_asked(kind, "mean")
     drawn = [name for name in names if name == "rng" or identity_of(name)]
     if drawn:
-        raise TypeError(f"{kind.__name__}.mean asks for {', '.join(drawn)}: a mean draws nothing")
+        raise TypeError(f"{kind.__name__}.mean asks for {', '.join(drawn)}: a mean draws no random numbers")
     return names

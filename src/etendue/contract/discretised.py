@@ -21,24 +21,25 @@ AUTO = "auto"  # in a pipeline: the value of a parameter that is left open
 class Discretised(Stage):
     """A stage that samples something continuous: bands, positions, a finite part of the plane.
 
-    The error of an answer includes what one refinement of each discretisation changes.
+    The error of an answer includes the effect of one refinement of each discretisation.
 
     ``automatic``: parameters that a pipeline may leave open (``"auto"``), each with its discretisation. ``chosen``
-    gives their values; ``finer`` the next ones, if an error is to be held.
+    gives their values; ``finer`` gives the next finer values for ``--hold``.
     """
 
     automatic: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     @abstractmethod
     def discretisations(self) -> Mapping[str, str]:
-        """Return the names of its discretisations (bins, spacing, margin); with each the reason why it cannot be
-        refined, such as 'that of the file', or '' if it can."""
+        """Return its discretisations (bins, spacing, margin) by name, each with the reason why it cannot be refined,
+        such as 'that of the file', or '' if it can.
+        """
 
     @abstractmethod
     def refined(self, name: str, factor: int) -> Mapping[str, Any]:
         """Return the values of parameters that refine a discretisation: ``factor`` times as fine, or as large a margin.
 
-        A negative factor coarsens. An empty mapping: this is as fine or coarse as it gets.
+        A negative factor coarsens. An empty mapping means that no further step is possible.
         """
 
     @classmethod

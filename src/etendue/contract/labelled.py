@@ -36,7 +36,7 @@ def labelled(kind: _Kind) -> _Kind:
     Raises
     ------
     TypeError
-        If ``run`` asks for something else.
+        If ``run`` has another argument.
     """
     body = kind.run
     asked = [name for name in list(inspect.signature(body).parameters)[1:] if name != "data"]
@@ -92,7 +92,7 @@ def _dataset(
 
 
 def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.Dataset) -> dict[str, Array]:
-    """Return what was written, as arrays with their dims in declared order.
+    """Return the written variables as arrays with their dims in declared order.
 
     Raises
     ------

@@ -134,14 +134,12 @@ class Keeper(Protocol):
     ) -> dict[CellRef, dict[str, Array]]: ...
 
     def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
-        """Return, at the end, the arrays of all cells that it has taken, and ``others``, which it was given and does
-        not keep.
-        """
+        """Return, at the end, the arrays of all cells that it has taken, and of ``others``, which it does not keep."""
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool: ...
 
     def look_at(self, ref: CellRef, look: Look) -> Seen:
-        """Return what a look at a finished cell gives."""
+        """Return the result of a look at a finished cell."""
 
     def interrupted(self, tables: DocumentView, abandoned: bool) -> None: ...
 

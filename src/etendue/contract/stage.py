@@ -72,7 +72,7 @@ class Stage:
     once : physics that should occur once along a path (``"diffraction"``, ``"fall-off"``); the plan notes a second
         stage with the same
     decides : it rounds, counts or chooses by nature, so a small change of its input may change its output much; or
-        {parameter: the values with which it does}. For any other stage the conformance kit reports jumps
+        {parameter: values with which it does so}. For any other stage the conformance kit reports jumps
     handed : left and right, or up and down, differ by nature, as for a picture that is moved or sheared. For any other
         stage the kit requires the mirrored result for mirrored input
     keeps : properties of its values that the conformance kit tests: ``"order"`` (no value falls if the input rises),
@@ -102,7 +102,7 @@ class Stage:
 
     @property
     def common_draws(self) -> bool | str:
-        """Whether random numbers are the same for all parameter values; a text chooses which of many such draws."""
+        """Whether random numbers are the same for all parameter values; a text selects one of many such sets."""
         return False
 
     def grid(self, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
@@ -118,8 +118,8 @@ class Stage:
         return UNKNOWN
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
-        """Return the largest factor between a change of its input, relative to the largest value there, and the change
-        of its output, relative to full scale, from {port: Facts}. Clipping and gains make it larger than 1. ``inf``:
+        """Return the largest ratio of a change of its output, relative to full scale, to the change of its input,
+        relative to the largest value there; from {port: Facts}. Clipping and gains make it larger than 1. ``inf``:
         there is no bound.
         """
         return 1.0
@@ -219,7 +219,8 @@ def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
         if identity not in quantities_of(kind):
             hint = f'add {identity}: str = quantity("{identity}") to its parameters'
             raise TypeError(
-                f"{kind.__name__}.run asks for {name}, whose patterns follow {identity}, but does not take that: {hint}"
+                f"{kind.__name__}.run asks for {name}, whose patterns depend on {identity}, but has no such parameter: "
+                f"{hint}"
             )
     if len({*patterns.values()}) > 1:
         raise TypeError(f"{kind.__name__}.run asks for {', '.join(patterns)}; allowed: patterns of one kind")
@@ -289,15 +290,13 @@ def files_of(stage: Stage) -> dict[str, str]:
 
 
 def file_behind(value: str, parameter: Parameter) -> str:
-    """Return the file that a value stands for, as named; for a table that a distribution brings, its path; '' if it is
-    no file.
-    """
+    """Return the file that a value names; for the table of a distribution, its path; '' if the value is not a file."""
     return value if parameter.file else table_file(value) if parameter.table else ""
 
 
 def file_state(path: str) -> tuple[int, int]:
-    """Return time and size of a file, or of all files of a folder; what is cached for a path is invalid once they
-    change.
+    """Return time and size of a file, or of all files of a folder; if they change, results cached for the path are
+    invalid.
     """
     try:
         found = os.stat(path)

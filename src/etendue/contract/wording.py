@@ -114,7 +114,7 @@ def prefixes() -> Mapping[str, str]:
 
 
 def prefix(dim: str) -> str:
-    """Return what is written before values along a dim instead of its name: ``f/`` of an f-number."""
+    """Return the text before values along a dim, in place of its name: ``f/`` of an f-number."""
     name = dim.rpartition(".")[2]
     return next((own for quantity, own in prefixes().items() if name.endswith(quantity)), "")
 

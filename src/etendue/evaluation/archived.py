@@ -1,7 +1,7 @@
-"""The finished cells of an archive, by key, as results that a session may read.
+"""The finished cells of an archive by key, which a session may read.
 
 In:  the folder of an archive.
-Out: what is kept under a key; arrays are read when they are asked for, and checked against the journal.
+Out: the results stored under a key; arrays are read on demand and checked against the journal.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from etendue.types.documents import Document
 
 
 def overrides_of(parameters: Mapping[str, Any], want: str | Iterable[str] | None = None) -> Document:
-    """Return the overrides that keyword arguments stand for; ``want``: variable or variables to compute."""
+    """Return the overrides that keyword arguments mean; ``want``: variable or variables to compute."""
     overrides: Document = {}
     for name, value in parameters.items():
         key = name.replace("__", ".")

@@ -1,4 +1,4 @@
-"""Compute some variables of some cells of a plan; of what they need, only what is not in memory yet.
+"""Compute some variables of some cells of a plan; results that are in memory already are not computed again.
 
 In:  a plan, what is wanted, the results of earlier evaluations.
 Out: the arrays and reports of the wanted cells; the results now hold what later evaluations may read.

@@ -33,7 +33,7 @@ class _Kept:
 
 
 class Plans:
-    """Plans made before: of every form the first and the last."""
+    """Earlier plans: the first and the last of every form."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

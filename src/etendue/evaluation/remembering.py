@@ -1,4 +1,4 @@
-"""The tree of a run of which some cells are in memory already.
+"""The tree of a run in which some cells are in memory already.
 
 In:  a plan, the results of earlier evaluations.
 Out: the ``Outcome`` of a run, as if all of its cells had been computed now.

@@ -23,7 +23,7 @@ BESIDE = 1024  # bytes of a cell beside its arrays: its key, its report, and wha
 
 
 class Entry(NamedTuple):
-    """What is kept of a cell."""
+    """The kept results of a cell."""
 
     report: CellReport
     arrays: Mapping[str, Array]
@@ -49,7 +49,7 @@ class Results:
         return len(self._entries)
 
     def seen(self, key: str) -> Entry | None:
-        """Return what is kept under a key, without counting it as used."""
+        """Return the result kept under a key, without counting it as used."""
         held = self._entries.get(key)
         stored = self.behind.of(key) if self.behind is not None else None
         if stored is None:
@@ -58,7 +58,7 @@ class Results:
         return Entry(report, arrays, 0) if held is None else held._replace(arrays=ChainMap(held.arrays, arrays))  # type: ignore[arg-type]
 
     def used(self, key: str, report: CellReport, arrays: Mapping[str, Array]) -> None:
-        """Count some arrays of a cell as used now; keep them if they come from the archive or were dropped since."""
+        """Count some arrays of a cell as used now; store them again if they come from the archive or were dropped."""
         with self._lock:
             own = self._entries.get(key)
             if own is not None and arrays.keys() <= own.arrays.keys():
@@ -67,7 +67,7 @@ class Results:
         self.put(key, report, arrays)
 
     def put(self, key: str, report: CellReport, arrays: Mapping[str, Any]) -> None:
-        """Keep arrays of a cell beside those that are kept of it already."""
+        """Keep arrays of a cell in addition to those that are kept already."""
         own = {name: _alone(array) for name, array in arrays.items()}
         with self._lock:
             before = self._entries.pop(key, None)

@@ -1,4 +1,4 @@
-"""A pipeline that is evaluated many times, each time at other values: an evaluation costs what changed.
+"""A pipeline that is evaluated many times, each time at other values: an evaluation computes only what changed.
 
 In:  a pipeline as written, a bound in bytes.
 Out: trees and records of metrics, with the bits of a run.
@@ -34,7 +34,7 @@ BYTES = 1 << 30  # of results that a session keeps, unless another bound is give
 
 @dataclass(frozen=True)
 class Row:
-    """One evaluation: its settings, and the metrics they gave, or why they gave none."""
+    """One evaluation: its settings, and the resulting metrics or the reason why there are none."""
 
     number: int
     settings: DocumentView
@@ -110,8 +110,8 @@ class Session:
         return record
 
     def rows(self, settings: Iterable[Mapping[str, Any]], names: str | Iterable[str]) -> Iterator[Row]:
-        """Evaluate one row of settings after the other. The next row is asked for only after the one before has been
-        given out, so that a generator may choose it by what it was told.
+        """Evaluate one row of settings after the other. The next settings are requested only after the previous row has
+        been yielded, so that a generator can choose them from its results.
 
         A row that the stages refuse, or at which a cell fails, is given out with the reason.
         """
@@ -152,7 +152,13 @@ def _joined(plan: Plan, one: StageVariable, arrays: Mapping[Any, Mapping[str, Ar
         return own[0].item() if own[0].size == 1 else own[0]
     if len({array.shape for array in own}) > 1:
         raise RequestError(
-            [Fault("", f"{variable} has other shapes along an axis of the sweep; ask for the tree instead")]
+            [
+                Fault(
+                    "",
+                    f"{variable} changes its shape along an axis of the sweep; call the session to get the tree "
+                    "instead",
+                )
+            ]
         )
     sizes = [len(plan.axis(dim).values) for dim in plan.node(stage).axes]
     whole = np.stack(own).reshape(*sizes, *own[0].shape)

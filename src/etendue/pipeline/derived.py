@@ -51,7 +51,9 @@ def with_values(pipeline: PipelineFile, stage: str, values: DocumentView, but: C
 
 
 def without_stages(pipeline: PipelineFile, names: Collection[str]) -> PipelineFile:
-    """Return the pipeline without these stages, which must write what they read: later stages read their input."""
+    """Return the pipeline without these stages, which must write the variable they read; later stages then read their
+    input.
+    """
     left = replace(pipeline, stages=tuple(entry for entry in pipeline.stages if entry.name not in names))
     return each(left, lambda entry: replace(entry, origin=origin_without(pipeline, entry, names)))
 

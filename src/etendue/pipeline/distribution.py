@@ -27,7 +27,7 @@ from etendue.types.documents import DocumentView
 
 @dataclass(frozen=True)
 class Beginning:
-    """What a new distribution begins as."""
+    """The initial files of a new distribution."""
 
     stage: str  # its name in a pipeline
     role: str
@@ -264,7 +264,7 @@ def _coordinates(one: Beginning) -> str:
 
 
 def _said_of(name: str) -> str:
-    """Describe an argument that is not a variable; '' for one that is."""
+    """Describe an argument that is not a variable; '' for a variable."""
     if name in COORDINATES:
         return COORDINATES[name]
     if whose := identity_of(name):
@@ -277,7 +277,7 @@ def _said_of(name: str) -> str:
 
 
 def _method(one: Beginning) -> str:
-    """Return the method that computes, which calls the inherited one."""
+    """Return the text of the method that computes, which calls the inherited method."""
     name, parameters = _computes(one), _arguments(one)
     asked = ", ".join(["self", *(_declared(p) for p in parameters)])
     given = ", ".join(p.name for p in parameters)

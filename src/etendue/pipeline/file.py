@@ -1,5 +1,5 @@
-"""A pipeline file: shared quantities, stages, sweep, and what is wanted. Turns text into values and faults; no stage is
-imported here.
+"""A pipeline file: shared quantities, stages, sweep, and wanted variables. Turns text into values and faults; no stage
+is imported here.
 
 In:  TOML text (or the same as a mapping), overrides from the command line.
 Out: a ``PipelineFile`` whose entries still hold values as written; ``plan.wiring.graph`` resolves them against the
@@ -46,7 +46,7 @@ class StageEntry:
 
 
 class PipelineSource(ABC):
-    """Base of all that a pipeline can be obtained from: one that was read, or one written in Python."""
+    """Base class of pipelines, whether read from a file or written in Python."""
 
     @abstractmethod
     def written(self) -> PipelineFile:
@@ -113,7 +113,7 @@ class PipelineFile(PipelineSource):
         return tuple(word for word in self.table.words() if word in self.sweep)
 
     def document(self) -> Document:
-        """Return the document of a file that reads as this pipeline."""
+        """Return the document of a file from which this pipeline would be read."""
         lists, tables = ("wanted", "keep", "requires"), ("stages", "sweep", "design", "about", ARCHIVE)
         words = {word: getattr(self, word) for word in TOP if word not in (*lists, *tables)}
         names = {word: list(getattr(self, word)) for word in lists if getattr(self, word) is not None}

@@ -80,7 +80,9 @@ class Words:
         """Return the ``digits`` of the table of how results are kept."""
         place = f"{ARCHIVE}.digits"
         own = Words({f"{ARCHIVE}.{key}": value for key, value in self.table(ARCHIVE).items()}, self.faults)
-        self.faults += [Fault(key, f"unknown key; [{ARCHIVE}] has only digits") for key in own.document if key != place]
+        self.faults += [
+            Fault(key, f"unknown key; the only key of [{ARCHIVE}] is digits") for key in own.document if key != place
+        ]
         digits = own.text(place, DIGITS[0])
         if digits not in DIGITS:
             self.faults.append(Fault(place, f"{digits!r}: expected {_listed(DIGITS)}{nearest(digits, DIGITS)}"))

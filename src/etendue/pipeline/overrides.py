@@ -156,7 +156,7 @@ def _factor_in(document: DocumentView, tail: str) -> tuple[Document | None, str]
 
 
 def _only_here(document: Document, head: str, key: str) -> None:
-    """Remove what is now a value, an axis or a factor from where it was another of these."""
+    """Remove the old entry of a parameter that has become a value, an axis or a factor."""
     design = document.get("design")
     places = {"sweep": document.get("sweep"), "design": design.get("factors") if isinstance(design, dict) else None}
     for name, table in places.items():

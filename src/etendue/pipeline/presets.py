@@ -43,7 +43,7 @@ class Sourced:
         return self.source.startswith(TYPICAL)
 
     def words(self) -> dict[str, str]:
-        """Return what is said of it."""
+        """Return its description."""
         return {"source": self.source, "licence": self.licence, "note": self.note}
 
 
@@ -118,7 +118,9 @@ def preset_at(name: str, table: Table | None, folder: Path) -> Preset:
         return _of_file(str(found), Path(found), name, table)
     table = table or next((one for one in tables().values() if one.presets), None)
     if table is None or not (table.presets or table.find) or (folder.name == "runs" and not COPY.fullmatch(name)):
-        raise RequestError(f"{name!r}: a file is no {table.preset if table else 'preset'} here; write its values out")
+        raise RequestError(
+            f"{name!r}: a file cannot be a {table.preset if table else 'preset'} here; give its values instead"
+        )
     path = (folder / name).absolute()
     if folder.name == "runs" and not path.resolve().is_relative_to((folder.parent / "inputs").resolve()):
         raise RequestError(f"the {table.preset} {name!r} is not in the archive's inputs/")

@@ -1,4 +1,4 @@
-"""Stand-ins: typical values that presets use where no source gives a value. Every display of a result names them.
+"""Stand-ins: typical values that presets use if no source gives a value. Every display of a result names them.
 
 In:  a pipeline, and the shared quantities that its stages use.
 Out: by preset, the quantities with such a value that nothing in the pipeline overrides by another.

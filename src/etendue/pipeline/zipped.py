@@ -1,8 +1,8 @@
 """Axes of a sweep that share a dim: their values change together, row by row. Axes with distinct dims multiply.
 
 In:  ``[sweep]`` with entries such as ``{ values = ["1 ms", "4 ms"], dim = "shot" }``.
-Out: for each such axis its distinct values, in the place of a list of values; and a ``Zip``: which of them each row
-     has.
+Out: for each such axis its distinct values, in place of a list of values, and a ``Zip``, which gives the value of each
+row.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LONGEST = 100_000  # rows of a dim
 
 @dataclass(frozen=True)
 class Zip:
-    """Which of the distinct values of an axis each row of its dim has."""
+    """For each row of a dim, the number of its value among the distinct values of an axis."""
 
     dim: str
     at: tuple[int, ...]
@@ -54,7 +54,7 @@ def taken_apart(sweep: DocumentView, faults: list[Fault]) -> tuple[Document, dic
 
 
 def _one(place: str, value: DocumentView, faults: list[Fault]) -> tuple[Any, Zip | None]:
-    """Return the values of an axis, as the sweep would have them without a dim, and which of them each row has."""
+    """Return the values of an axis, as the sweep would have them without a dim, and the index of each row's value."""
     dim, rest = value["dim"], {name: one for name, one in value.items() if name != "dim"}
     if not isinstance(dim, str) or not dim.isidentifier():
         faults.append(Fault(place, f"dim: expected a name of letters, digits and _, got {as_written(dim)}"))
@@ -76,7 +76,7 @@ def _one(place: str, value: DocumentView, faults: list[Fault]) -> tuple[Any, Zip
 
 
 def distinct(values: Sequence[Any]) -> tuple[list[Any], tuple[int, ...]]:
-    """Return the distinct values in the order of their first appearance, and which of them each one is."""
+    """Return the distinct values in the order of their first appearance, and the index of each value among them."""
     known: dict[str, int] = {}
     found, at = list[Any](), list[int]()
     for value in values:

@@ -81,7 +81,7 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Node:
-    """A stage of the pipeline, with what it reads and the axes that reach it."""
+    """A stage of the pipeline, with its inputs and the axes that affect it."""
 
     name: str
     number: int
@@ -238,7 +238,7 @@ def is_whole(cells: Mapping[CellRef, Cell], cell: Cell) -> bool:
 
 
 def pixel_of(cells: Sequence[Cell]) -> list[Cell]:
-    """Return the first of some cells that sums over bands, else the last one; an empty list for none."""
+    """Return the first of some cells that sums over bands, else the last cell; an empty list if there are no cells."""
     return [c for c in cells if isinstance(c.stage, Summed)][:1] or list(cells[-1:])
 
 
@@ -353,7 +353,7 @@ class Plan:
         return (*self.axes, *self.derived)
 
     def everywhere(self, at: Mapping[str, int]) -> dict[str, int]:
-        """Return positions on all axes from those on the axes that stand for themselves."""
+        """Return positions on all axes from those on the independent axes."""
         return {**at, **{one.dim: one.places[at[one.of]] for one in self.derived if one.of in at}}
 
     def of(self, name: str) -> list[Cell]:
@@ -366,7 +366,7 @@ class Plan:
 
     @cached_property
     def same_as(self) -> Mapping[StageVariable, str]:
-        """By kept variable without an array of its own, the stage that has its values (``identity.same_as``)."""
+        """For each kept variable without its own array, the stage that has its values (``identity.same_as``)."""
         return same_as(self.nodes, self._grouped, self.cells, self.kept, self.copied)
 
     @cached_property

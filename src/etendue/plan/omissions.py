@@ -129,7 +129,7 @@ def _shown(value: Hashable) -> Hashable:
 
 
 def _best(knob: Document) -> str:
-    """Return the reference setting of a knob, and what it means where its declaration says so."""
+    """Return the reference setting of a knob and, if its declaration has one, the description of this setting."""
     value, _, meaning = knob.get("best", "").partition(":")  # documents of earlier versions have none
     own = str(knob["reference"])
     return f"{own} ({meaning.strip()})" if meaning and value == own else own

@@ -98,7 +98,7 @@ def make_plan(
 
 def plan_again(pipeline: PipelineFile, registry: Registry, leave_out_allowed: bool, earlier: Sequence[Plan]) -> Plan:
     """Return the plan that ``make_plan`` makes. Cells that cannot differ from those of an earlier plan are taken from
-    it, so that planning costs what changed.
+    it, so that only changes are planned again.
     """
     leave_out_allowed = leave_out_allowed and pipeline.leave_out
     norm = pipeline.norm
@@ -181,8 +181,8 @@ def _warnings(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], tolerance: f
 
 
 def _beyond_tolerance(cells: Mapping[CellRef, Cell], tolerance: float) -> list[str]:
-    """Return a warning for every stage whose stated error exceeds the tolerance and whose finer settings are ``dear``,
-    so that the plan does not choose them unasked.
+    """Return a warning for every stage whose stated error exceeds the tolerance, because its finer settings are
+    ``dear`` and the plan does not choose such settings by itself.
     """
     worst: dict[tuple[str, str, Hashable], float] = {}
     for cell in cells.values():
@@ -209,9 +209,9 @@ def _grown(cells: Mapping[CellRef, Cell], tolerance: float) -> list[str]:
         if cell.growth > TOLD and most > tolerance:
             worst[cell.node] = max(worst.get(cell.node, 0.0), most)
     return [
-        f"{stage}: what is left out or coarser is within the tolerance there, but behind a meter, a gain or clipped "
-        f"light it may be an error of {most:.2g}; lower the tolerance of "
-        f"{tolerance:g}, or ask with --nothing-left-out"
+        f"{stage}: its omissions and coarser settings are within the tolerance there, but after a meter, a gain or "
+        f"clipped light they may cause an error of {most:.2g}; lower the tolerance of {tolerance:g}, or compare with "
+        "--nothing-left-out"
         for stage, most in worst.items()
     ]
 

@@ -111,7 +111,7 @@ def _asked(stage: Stage, method: str, *given: Any, unknown: Any = RUN) -> Any:
                 return unknown
             raise PluginError(
                 f"{_name(stage, method)} depends on {error}, which an earlier stage finds only during the run, but a "
-                f"grid must be known before; give {error} as a value and leave out the stage that writes it"
+                f"grid must be known before; give {error} as a value and remove the stage that writes it"
             ) from None
 
 

@@ -113,7 +113,7 @@ class Discovery:
         return list(dict.fromkeys(name for answer in self._answered(what) for name in answer))
 
     def clash(self, what: str, name: str) -> str:
-        """Return what is wrong with a name that several distributions provide; '' if only one does."""
+        """Return the fault of a name that several distributions provide; '' if only one does."""
         brought = self.all(what, name)
         return (
             f"provided by {' and '.join(one.distribution for one in brought)}; uninstall one of them"
@@ -257,7 +257,7 @@ def own_packages() -> frozenset[str]:
 
 
 def made_of(form: type[_Form], what: str, brought: Brought) -> _Form:
-    """Return what a distribution provides as a mapping, as a dataclass with the same keys."""
+    """Return a mapping that a distribution provides, as a dataclass with the same keys."""
     known = [field.name for field in fields(form)]  # type: ignore[arg-type]
     if not isinstance(brought.value, Mapping):
         raise PluginError(

@@ -101,7 +101,7 @@ def in_a_worker() -> None:
 
 
 def abandon() -> None:
-    """Give up on foreign code that will never end: the present state is what later guests restore."""
+    """Give up on foreign code that will never end; later guests restore the present state."""
     _STATE.abandon()
 
 

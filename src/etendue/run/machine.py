@@ -43,8 +43,8 @@ def check_machine(plan: Plan, archive: Path | None, workers: int = 1, pictures: 
 
 
 def _at_most(plan: Plan, workers: int) -> float:
-    """Return an upper bound in bytes, as if all stages were held at once. For small plans this avoids the simulation of
-    jobs, which takes longer than the jobs themselves.
+    """Return an upper bound in bytes, as if the results of all stages were in memory at once. For small plans this
+    avoids the simulation of jobs, which takes longer than the jobs themselves.
     """
     most = 0.0
     for node in plan.nodes:

@@ -57,7 +57,7 @@ class OneThread(MetaPathFinder):
                     _give(library, 1)
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
-        """Return what the other finders find, wrapped so that libraries are checked after its import."""
+        """Return the module spec of the other finders, wrapped so that libraries are checked after its import."""
         if name != BRINGS and ("." in name or name in sys.stdlib_module_names):
             return None
         for finder in sys.meta_path:

@@ -20,7 +20,7 @@ def depth_first(keys: Iterable[Key], needs: Callable[[Key], Iterable[Key]]) -> l
 
 
 class Needs:
-    """What each number below ``count`` needs, computed once: 12 bytes per number and per need."""
+    """The needs of each number below ``count``, computed once: 12 bytes per number and need."""
 
     def __init__(self, count: int, needs: Callable[[int], Iterable[int]]) -> None:
         self.count, self.first, self.needed = count, array("i", bytes(4 * (count + 1))), array("i")

@@ -275,7 +275,7 @@ class _Run:
         )
 
     def cell(self, job: Job) -> float:
-        """Return the bytes added while a cell is computed and stored; note what its result holds."""
+        """Return the bytes added while a cell is computed and stored; record the bytes of its result."""
         if job.left_out:
             own, working = self._left_out(job), 0.0
         elif job.segment is not None:
@@ -379,7 +379,8 @@ class _Run:
     # -- walks --------------------------------------------------------------------------------------------------------
 
     def walk(self, members: Sequence[Job]) -> float:
-        """Return the bytes of cells computed in strips: what is needed outside whole, strips of everything between.
+        """Return the bytes of cells computed in strips: whole arrays that others need, and strips of all arrays
+        between.
 
         Memory freed by strips stays with the process (``run.memory``), also while their results are encoded.
         """

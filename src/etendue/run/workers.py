@@ -181,7 +181,7 @@ class Worker:
 
 
 class Crew:
-    """A fixed number of slots for workers. A worker is started when a slot is first used, and stays in it."""
+    """A fixed number of slots for workers. A worker is started when its slot is first used, and keeps this slot."""
 
     def __init__(self, places: int, stop: Stop, cell_timeout: float | None = None) -> None:
         quiet_tracker()

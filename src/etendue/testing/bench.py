@@ -57,7 +57,7 @@ _pools = ThreadpoolController()  # thread pools of the libraries that the engine
 
 
 class LawBroken(AssertionError):
-    """A stage does not do what it declares."""
+    """A stage breaks its own declaration."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Bench:
 
     @cached_property
     def reads(self) -> dict[str, Declaration]:
-        """Ports that get arrays; those through which a probe looks are not among them."""
+        """Ports that get arrays, without those through which a probe looks at other stages."""
         return {port: d for port, d in reads_of(self.kind).items() if not looks(d)}
 
     @cached_property

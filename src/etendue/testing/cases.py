@@ -50,7 +50,7 @@ class Case:
 
 
 class Untried(ValueError):
-    """A stage cannot be made for testing; the text says what is missing."""
+    """A stage cannot be created for testing; the text says what is missing."""
 
 
 def cases(kind: type[Stage], points: int = POINTS) -> Iterator[Case]:
@@ -130,7 +130,7 @@ def limits(parameter: Parameter) -> tuple[float | None, float | None]:
 
 
 def ends(parameter: Parameter, form: Any, now: Any) -> list[Any]:
-    """Return values at the ends of what is allowed, other than the ordinary one."""
+    """Return values at the ends of the allowed range, except the ordinary value."""
     if parameter.choices:
         return [choice for choice in parameter.choices if choice != now]
     if form is bool:

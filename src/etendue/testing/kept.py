@@ -1,7 +1,7 @@
 """Trials that are kept, so that laws that ask for the same one share it.
 
 In:  what a trial follows from: the stage by value, its inputs by their digests, grids, precision, seed.
-Out: the trial, computed once inside ``keeping``; laws of state compute theirs anew inside ``anew``.
+Out: the trial, computed once inside ``keeping``; laws about state compute theirs again inside ``anew``.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ def told(error: float, bound: float) -> None:
 
 
 def untried(what: str) -> None:
-    """Record what a law leaves out for this instance, and why."""
+    """Record which part of a law is skipped for this instance, and why."""
     if (found := _now.get()) is not None:
         found.untried = what
 

@@ -6,7 +6,7 @@ Out: values that it accepts together.
 Many numbers are ordinarily 0, and then hide what the others do: an off-axis aberration without a field, a phase without
 an amplitude, the decay of a tail without light. Numbers are moved beside their ordinary values, to some small number
 from 0; in every second instance to the inside of a range with two ends instead. Choices, settings of knobs and other
-texts take turns. What a stage refuses stays as it ordinarily is.
+texts are varied in turn. A parameter keeps its ordinary value if the stage refuses the changed one.
 """
 
 from __future__ import annotations
@@ -43,7 +43,9 @@ def mixed(kind: type[Stage], base: Mapping[str, Any], number: int) -> dict[str, 
 
 
 def as_many(kind: type[Stage], values: dict[str, Any], wanted: Wanted, accepts: Accepts) -> dict[str, Any]:
-    """Return values with all that is wanted if it is accepted together, else with what is accepted of each half."""
+    """Return the values with all wanted changes if they are accepted together, else with the accepted changes of each
+    half.
+    """
     if accepts(kind, whole := {**values, **{name: found[0] for name, found in wanted.items()}}):
         return whole
     if not wanted:
@@ -74,7 +76,7 @@ def computes(kind: type[Stage], values: Mapping[str, Any]) -> bool:
 
 
 def candidates(parameter: Parameter, form: Any, now: Any, number: int, place: int) -> list[Any]:
-    """Return the values wanted of a parameter, the best one first; nothing where it stays."""
+    """Return the requested values of a parameter, the best one first; none if the parameter stays unchanged."""
     if parameter.settings and parameter.fidelity:
         return beside_setting(parameter, now, number)
     if parameter.fidelity:
@@ -90,7 +92,7 @@ def candidates(parameter: Parameter, form: Any, now: Any, number: int, place: in
 
 
 def numeric_candidates(parameter: Parameter, form: Any, now: Any, number: int, place: int) -> list[Any]:
-    """Return the values wanted of a number, or of a tuple of numbers; nothing for other forms."""
+    """Return the requested values of a number, or of a tuple of numbers; none for other forms."""
     if form is float:
         return numbers(parameter, float(now), number, place)
     if get_origin(form) is tuple and get_args(form)[0] is float:
@@ -113,7 +115,7 @@ def beside_setting(parameter: Parameter, now: Any, number: int) -> list[Any]:
 
 
 def numbers(parameter: Parameter, now: float, number: int, place: int) -> list[float]:
-    """Return a number inside a range with two ends, and one beside the ordinary one, as they are wanted."""
+    """Return a number inside a range with two ends, and a number next to the ordinary value, as requested."""
     if not math.isfinite(now):
         return []
     share = SHARES[(place + 3 * number) % len(SHARES)]

@@ -90,7 +90,9 @@ def with_parameter(bench: Bench, name: str, value: float, inputs: Arrays) -> Ben
 
 
 def compare(bench: Bench, base: BenchTrial, moved: dict[str, BenchTrial], what: str, inputs: Arrays) -> None:
-    """Compare relative to the largest value of a result, or of the input if a stage writes what it reads."""
+    """Compare relative to the largest value of a result, or of the input if a stage writes the variable that it
+    reads.
+    """
     if not base.done:
         return
     rounding = 2 * max(UNSTATED["float64"], min(1e-6, bound_of(bench, inputs, "float64")))
@@ -125,7 +127,7 @@ def unit_changes(bench: Bench) -> None:
     """Check that the result does not depend on the unit of light, for units a million times as large or small. This
     reveals constants that are hidden in the code.
 
-    Only for stages that read and write one variable of light and have nothing else in its unit.
+    Applies to stages that read and write one variable of light and use its unit nowhere else.
     """
     port = bench.one_array
     if port is None or not bench.steady:

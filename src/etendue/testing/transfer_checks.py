@@ -69,7 +69,7 @@ def check_transfer(bench: Bench) -> None:
 
 
 def check_not_moved(bench: Bench, product: Product) -> None:
-    """Check that it does not move the picture as a whole: a phase in proportion to the frequency and nothing else."""
+    """Check that the function does not shift the whole picture: its phase is not just proportional to the frequency."""
     if bench.kind.handed:
         return
     small = np.array([0.005, 0.01, 0.02, 0.04])

@@ -99,7 +99,7 @@ def _white(source: Source, grids: Mapping[str, Grid]) -> tuple[float, ...]:
 
 
 def _content(rows: list[Any], edges: FloatArray, widths: FloatArray, bands: int) -> Content:
-    """Return the content of all bands, from (low, mean, high, power, amplitude, peaks) of those that were examined."""
+    """Return the content of all bands, from (low, mean, high, power, amplitude, peaks) of the examined bands."""
     full = max(max(abs(row[0]), abs(row[2])) for row in rows)
     if full == 0:
         full, rows = 0.0, [(0.0, 0.0, 0.0, 0 * row[3], 0 * row[4], 0 * row[5]) for row in rows]

@@ -1,4 +1,4 @@
-"""The content of light that is a mixture of a few planes: what all bands need is computed once for each plane.
+"""The content of light that is a mixture of a few planes: quantities that all bands need are computed once per plane.
 
 In:  planes (k, y, x) and their weights (band, k); the light of a band is the sum of weight times plane.
 Out: by band the numbers that ``contents`` takes from single planes.

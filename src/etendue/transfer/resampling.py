@@ -89,7 +89,7 @@ def area_average(
     Parameters
     ----------
     picture : (height, width, channels) array
-        Any numbers that ``decode`` accepts.
+        All numbers that ``decode`` accepts.
     rows, columns : int, greater than 0
     decode : callable
         Converts values to linear light, elementwise.

@@ -82,8 +82,8 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
 
 
 def counted(columns: int, total: int) -> FloatArray:
-    """Return how often each column of a half transform counts: twice, but for frequency 0 and the highest of an even
-    number.
+    """Return how often each column of a half transform counts: once at frequency 0 and at the highest of an even
+    number, else twice.
     """
     twice = np.full(columns, 2.0)
     twice[0] = 1.0
@@ -120,8 +120,8 @@ def largest_behind(plane: FloatArray, step_y: float, step_x: float, widths: Floa
 def blurred(
     half: ComplexArray, shape: tuple[int, ...], steps: tuple[float, float], widths: FloatArray
 ) -> Iterator[FloatArray]:
-    """Yield a plane of this half transform behind each blur but the first, of width 0: samples within the frame, as
-    many as its frequencies need.
+    """Yield a plane of this half transform after each blur except the first, whose width is 0; a plane has as many
+    samples within the frame as its frequencies need.
     """
     ny, nx = shape
     total_y, total_x = sampling.padded_size(ny), sampling.padded_size(nx)

@@ -76,8 +76,8 @@ def pad(planes: FloatArray) -> FloatArray:
     Returns
     -------
     (..., Ny, Nx) array
-        The frame is at [0:ny, 0:nx]. Beyond it the mirrored ends are cross-faded, so the periodic plane has no step
-        anywhere: a blur sees a mirror within its reach and never the opposite border.
+        The frame is at [0:ny, 0:nx]. Beyond it the mirrored ends are cross-faded, so the periodic plane has no
+        step: within its reach a blur meets a mirror image, never the opposite border.
 
     Notes
     -----

@@ -72,7 +72,9 @@ NOT_CHECKED = (
 
 
 def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, into: bool) -> list[NotChecked]:
-    """Return the list of what is not compared, with what else cannot be compared in this archive, and how much."""
+    """Return the list of contents that are not compared, with further ones that cannot be compared in this archive, and
+    their number.
+    """
     found = list(NOT_CHECKED)
     entries, gone = stored.journal.entries, stored.journal.outdated
     lacking = [

@@ -98,8 +98,8 @@ def _put_table(tree: Tree, name: str, table: DocumentView) -> None:
 def reports_of(stored: Stored, again: Again, laid: Laid) -> Reports:
     """Return what the tables say about every cell: the recomputed result, with the archived seconds and bytes.
 
-    An unfinished cell is in the tables with the state from the last run, which may not have asked for it: both states
-    are valid.
+    The tables give an unfinished cell the state from the last run. The last run may not have requested the cell, so
+    both states are valid.
     """
     found, said = Reports(again.plan), _said_of_unfinished(stored, again)
     for ref, name in again.names.items():
@@ -209,7 +209,7 @@ def record_again(
 
 
 def _as_named(made: Any, recorded: Any) -> Any:
-    """Return a shared value as it was recorded, if that is the name of the same table."""
+    """Return the recorded form of a shared value, if it names the same table."""
     if made == recorded or not isinstance(recorded, str) or not isinstance(made, str):
         return made
     try:

@@ -1,7 +1,7 @@
-"""Repair a damaged archive from itself: only what is damaged is recomputed.
+"""Repair a damaged archive from its own content; only damaged cells are recomputed.
 
 In:  the folder of an archive; places where its inputs may be found, if they are lost too.
-Out: what was damaged, what was done, what is left.
+Out: the damage found, the repairs made, and the damage that remains.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def repair(
     progress: Callable[[Plan], Progress] | None = None,
     told: Told = lambda done, total: None,
 ) -> Repaired:
-    """Find the damage, restore what is known, recompute the rest, and verify again.
+    """Find the damage, restore content that is stored twice, recompute the rest, and verify again.
 
     Raises
     ------

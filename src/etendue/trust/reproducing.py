@@ -202,8 +202,8 @@ def _shown(stored: Stored, again: Again) -> dict[str, CellRef]:
 
 
 def _drawn(stored: Stored) -> list[tuple[str, str]]:
-    """Return the stages and variables of which an archive has a picture; a run draws only what it computed or found
-    stored.
+    """Return the stages and variables of which an archive has a picture; a run draws only computed or stored
+    results.
     """
     stages, variables = (column(stored, f"frames/{name}") for name in ("stage", "variable"))
     if stages is None or variables is None or stages.shape != variables.shape:

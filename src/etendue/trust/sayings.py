@@ -100,7 +100,7 @@ def _documents(stored: Stored) -> Iterator[str]:
 
 
 def named_twice(data: bytes | None) -> str | None:
-    """Return a key that occurs twice in one object of a document, of which programs may read different values; None if
+    """Return a key that occurs twice in one object of a document, so that programs may read different values; None if
     there is none.
     """
     found: list[str] = []

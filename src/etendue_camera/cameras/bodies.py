@@ -51,7 +51,7 @@ def _rows(name: str) -> list[dict[str, str]]:
 
 @cache
 def formats() -> dict[str, Document]:
-    """Return what stands in for values that no source gives, by the format of the sensor."""
+    """Return the stand-ins for values that no source gives, by the format of the sensor."""
     text = (DATA / "cameras" / "formats.toml").read_text(encoding="utf-8")
     return tomllib.loads(text, parse_float=Decimal)
 

@@ -62,9 +62,9 @@ def constants(data: bytes, name: str) -> dict[str, Constants]:
                 found[full_name(maker, model)] = own
         return found
     except KeyError as error:
-        raise ValueError(f"{name} is no camconst.json: {error} is missing") from None
+        raise ValueError(f"{name} is not a camconst.json: {error} is missing") from None
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise ValueError(f"{name} is no camconst.json: {' '.join(str(error).split())[:160]}") from None
+        raise ValueError(f"{name} is not a camconst.json: {' '.join(str(error).split())[:160]}") from None
 
 
 def _entry(entry: Document) -> Constants:

@@ -99,7 +99,7 @@ def raw(data: bytes, name: str) -> Raw:
             raise ValueError("it does not begin as a TIFF")
         order = "<" if data[:2] == b"II" else ">"
         if struct.unpack(f"{order}H", data[2:4])[0] != 42:
-            raise ValueError("it is no TIFF of 32-bit offsets")
+            raise ValueError("it is not a TIFF with 32-bit offsets")
         directories = list(_directories(data, order))
         merged: dict[int, Any] = {}
         for one in directories:
@@ -125,7 +125,7 @@ def raw(data: bytes, name: str) -> Raw:
             **_opcodes(own),
         )
     except (struct.error, IndexError, ValueError, OverflowError, ZeroDivisionError) as error:
-        raise ValueError(f"{name} is no DNG: {' '.join(str(error).split())[:160]}") from None
+        raise ValueError(f"{name} is not a DNG: {' '.join(str(error).split())[:160]}") from None
 
 
 def _directories(data: bytes, order: str) -> Iterator[dict[int, Any]]:

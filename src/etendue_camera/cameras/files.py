@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,7 @@ def is_path(text: str) -> bool:
 
 
 def named_in(path: Path) -> Named:
-    """Return the camera of a file, with stand-ins for values that the file does not have.
+    """Return the camera of a file, with stand-ins for missing values.
 
     Raises
     ------
@@ -54,7 +53,8 @@ def named_in(path: Path) -> Named:
         if b'"camera_constants"' in data:
             count = len(camconst.constants(data, path.name))
             raise RequestError(
-                f"{path.name} holds {count} cameras: name it in ETENDUE_CAMERAS, and bodies take their levels from it"
+                f"{path.name} holds {count} cameras: add its path to ETENDUE_CAMERAS, so that bodies take their levels "
+                "from it"
             )
         document = json.loads(data)
     except (ValueError, RecursionError) as error:
@@ -140,6 +140,6 @@ def lens_tables(own: dng.Raw, pitch_um: float) -> dict[str, str]:
     return found
 
 
-def _csv(axis: str, names: list[str], heights: FloatArray, columns: Any) -> str:
+def _csv(axis: str, names: list[str], heights: FloatArray, columns: FloatArray) -> str:
     rows = (f"{h:.9g},{','.join(f'{v:.9g}' for v in row)}\n" for h, row in zip(heights, columns, strict=True))
     return f"{axis},{','.join(names)}\n" + "".join(rows)

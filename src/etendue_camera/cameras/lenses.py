@@ -39,7 +39,7 @@ def index() -> Index:
     except ValueError as error:
         raise RequestError(f"the lens database: {error}") from None
     if found is None:
-        raise RequestError(f"more lenses are read from your copy of the lensfun database, and there is none: {INSTALL}")
+        raise RequestError(f"more lenses require a copy of the lensfun database, but none was found: {INSTALL}")
     return found
 
 

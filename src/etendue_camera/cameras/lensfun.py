@@ -92,7 +92,7 @@ def parsed(data: bytes, name: str) -> Database:
     """Return the content of one file; XML entities, and elements nested deeper than in the database, are refused."""
     root = _tree(data, name)
     if root.tag != "lensdatabase":
-        raise ValueError(f"{name} is no lensfun database: its first element is <{root.tag[:40]}>")
+        raise ValueError(f"{name} is not a lensfun database: its first element is <{root.tag[:40]}>")
     found = Database()
     for one in root:
         if one.tag == "mount":
@@ -137,9 +137,9 @@ def _tree(data: bytes, name: str) -> ElementTree.Element:
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
-        raise ValueError(f"{name} is no XML: {error}") from None
+        raise ValueError(f"{name} is not XML: {error}") from None
     except (LookupError, UnicodeError) as error:  # the declared encoding does not exist, or is not the actual one
-        raise ValueError(f"{name} is no XML: {error}") from None
+        raise ValueError(f"{name} is not XML: {error}") from None
     return builder.close()
 
 

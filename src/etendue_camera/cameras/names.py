@@ -48,8 +48,8 @@ def full_name(maker: str, model: str) -> str:
 
 
 def plain(name: str) -> str:
-    """Return a name without case, spaces and punctuation, its generation in digits: 'Canon EOS R5 Mark II' and 'canon
-    eos-r5m2' are equal.
+    """Return a name without case, spaces and punctuation, and with its generation in digits: 'Canon EOS R5 Mark II' and
+    'canon eos-r5m2' become equal.
     """
     text = _MARK.sub(lambda found: f"m{_ROMAN.get(found[1], found[1])}", name.casefold().replace("α", "alpha"))
     text = _ALPHA.sub(lambda found: f"ilce{found[1]}{f'm{_ROMAN[found[2]]}' if found[2] else ''}", text)
@@ -79,7 +79,7 @@ def meant(text: str, names: Iterable[str], what: str, listed: str) -> str:
     """
     known = list(dict.fromkeys(names))
     if len(text) > LONGEST:
-        raise RequestError(f"a {what} has no name of {len(text)} characters; {listed} lists them")
+        raise RequestError(f"no {what} has a name of {len(text)} characters; {listed} lists them")
     if text in known:
         return text
     own = plain(text)

@@ -81,10 +81,10 @@ def sensitivity(data: bytes, name: str) -> Sensitivity:
             per,
         )
     except KeyError as error:
-        raise ValueError(f"{name} is no sensitivity of rawtoaces: {error} is missing") from None
+        raise ValueError(f"{name} is not a sensitivity of rawtoaces: {error} is missing") from None
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
         text = " ".join(str(error).split())[:160]
-        raise ValueError(f"{name} is no sensitivity of rawtoaces: {text}") from None
+        raise ValueError(f"{name} is not a sensitivity of rawtoaces: {text}") from None
 
 
 def _number(value: Any) -> float:

@@ -109,9 +109,9 @@ def tuning(data: bytes, name: str) -> Tuning:
             ),
         )
     except KeyError as error:
-        raise ValueError(f"{name} is no tuning of libcamera: {error} is missing") from None
+        raise ValueError(f"{name} is not a tuning of libcamera: {error} is missing") from None
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise ValueError(f"{name} is no tuning of libcamera: {' '.join(str(error).split())[:200]}") from None
+        raise ValueError(f"{name} is not a tuning of libcamera: {' '.join(str(error).split())[:200]}") from None
 
 
 def _number(value: Any, low: float, high: float) -> float:

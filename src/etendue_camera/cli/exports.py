@@ -15,7 +15,7 @@ from etendue.cli.saying import command, later
 @click.option(
     "--png",
     is_flag=True,
-    help="Write 8-bit PNG as an eye sees it, of the display values, or of any --variable over y and x.",
+    help="Write 8-bit PNG of the display values, or of any --variable over y and x, as an eye sees it.",
 )
 @click.option(
     "--variable",
@@ -31,14 +31,14 @@ from etendue.cli.saying import command, later
     help="Axis value, such as f_number=2.8; may be repeated. Axes not given: all values.",
 )
 @click.option(
-    "--stage", default="", metavar="NAME", help="Stage to read from; default: the last that wrote the variable."
+    "--stage", default="", metavar="NAME", help="Stage to read from. Default: the last stage that wrote the variable."
 )
 @click.option(
     "-o",
     "--output",
     type=FOLDER,
     metavar="PATH",
-    help="A folder, or a file for a single picture; default: ./ARCHIVE-export.",
+    help="Folder, or file for a single picture. Default: ./ARCHIVE-export.",
 )
 @click.option("--all", "everything", is_flag=True, help="Allow more than 64 files.")
 @click.option("--force", is_flag=True, help="Overwrite existing files.")

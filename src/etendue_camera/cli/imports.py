@@ -22,7 +22,7 @@ and lines for a pipeline.
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), metavar="STORE", help="Default: FILE.zarr in the current folder."
 )
-@click.option("--variable", default="", metavar="NAME", help="Array in the file, if there are several.")
+@click.option("--variable", default="", metavar="NAME", help="Array to read, if the file has several.")
 @click.option(
     "--axes", default="", metavar="ORDER", help="Axis order of the file, if unknown: w, y and x, such as yxw."
 )

@@ -4,8 +4,8 @@ In:  linear or encoded values, 1 = display white; any shape.
 Out: encoded or linear values, same shape and dtype (float32 stays float32; integers become float64).
 Sources: IEC 61966-2-1 (sRGB), ITU-R BT.709, seed paper eq. 15.
 
-numpy's `power` is 4 times slower if 20 % of a picture is exactly 0, as after clipping. Bases are therefore raised
-above 0 first: to the end of the linear segment, or to the smallest number.
+The function `power` of numpy is 4 times slower if 20 % of a picture is exactly 0, as after clipping. Bases are
+therefore raised above 0 first: to the end of the linear segment, or to the smallest number.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ def srgb_encode(linear: ArrayLike) -> NDArray:
     Parameters
     ----------
     linear : (...) array, dimensionless
-        Any sign and size; 1 is white.
+        Of either sign and any size; 1 is white.
 
     Returns
     -------

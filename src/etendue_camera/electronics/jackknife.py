@@ -28,7 +28,7 @@ class Estimate:
 
 
 class Jackknife:
-    """Intervals from the estimate of all pixels (first) and those with each group left out."""
+    """Intervals from the estimate of all pixels (first) and the estimates that omit one group each."""
 
     def __init__(self, confidence: float) -> None:
         self.t = float(scipy.special.stdtrit(BLOCKS**2 - 1, 0.5 + 0.5 * confidence))

@@ -250,8 +250,9 @@ def _cell_axes(data: xarray.Dataset) -> list[str]:
 
 
 def _finished_cell(data: xarray.Dataset, known: DocumentView) -> Document | None:
-    """Return the labels of the only finished cell at known labels; None if there are several, none, or it is
-    unfinished."""
+    """Return the labels of the only finished cell at known labels; None if there is not exactly one, or it is
+    unfinished.
+    """
     axes = _cell_axes(data)
     for rows in (data[f"{dim}{ROW}"] for dim in axes if dim not in known and f"{dim}{ROW}" in data):
         own = str(rows.dims[0])  # of a design: its rows have combinations of factors in common

@@ -54,8 +54,8 @@ class Point:
 
 @dataclass(frozen=True)
 class Lens:
-    """One entry of a lens in the database. ``mounts``: its own mounts; ``fits``: mounts of all bodies that take it
-    without an adapter.
+    """One entry of a lens in the database. ``mounts``: its own mounts; ``fits``: mounts of all bodies that take the
+    lens without an adapter.
 
     ``crop_factor`` and ``aspect`` (long over short side) are those of the sensor of the calibration.
     """
@@ -102,9 +102,10 @@ class Lens:
 def chosen(entries: Sequence[Lens], crop_factor: float) -> Lens:
     """Return the entry for a sensor with this crop factor; 0 means that the crop factor is unknown.
 
-    Entries of one name were calibrated on different sensors. They are ranked as in lensfun 0.3.4: the best one was
-    calibrated on a sensor slightly larger than the given one, and an entry does not cover a sensor more than 4 % larger
-    than its own. If no entry covers the sensor, or its crop factor is unknown, the entry of the largest sensor is used.
+    Entries with the same name were calibrated on different sensors. They are ranked as in lensfun 0.3.4: the best one
+    was calibrated on a sensor slightly larger than the given one, and an entry does not cover a sensor more than 4 %
+    larger than its own. If no entry covers the sensor, or its crop factor is unknown, the entry of the largest sensor
+    is used.
     """
     require.that(len(entries) > 0, "a lens needs at least one entry")
     ranks = [next((score for least, score in RANKS if crop_factor / one.crop_factor >= least), 0) for one in entries]

@@ -70,7 +70,7 @@ def _read(path: str, state: tuple[int, int]) -> LensFile:
         raise ValueError(f"{Path(path).name}: cannot be read: {error.strerror}") from None
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())[:200]
-        raise ValueError(f"{Path(path).name} is no lens file: {what}") from None
+        raise ValueError(f"{Path(path).name} is not a lens file: {what}") from None
 
 
 def _text(value: Any) -> str:

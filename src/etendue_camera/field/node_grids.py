@@ -106,10 +106,8 @@ def refined(sampler: Sampler, y: FloatArray, x: FloatArray, goal: float, last_go
         if too_many:
             raise ValueError(
                 f"an error of {last_goal:.2g} of full scale requires more than {grid[0]} x {grid[1]} kernels of "
-                f"{sampler.size} x "
-                f"{sampler.size} samples, which are {before * _FAIR:.2g} from what lies between them; allow a larger "
-                f"error, or take a "
-                "smaller window"
+                f"{sampler.size} x {sampler.size} samples: with so many, interpolation between them has an error of "
+                f"{before * _FAIR:.2g}; allow a larger error, or take a smaller window"
             )
         fine = _between_nodes(sampler, y, x, kernels, grid)
         error = _mixing_error(kernels, fine)

@@ -8,7 +8,14 @@ Out: a reader, imported on demand. To add a format, add a row here, its function
 from __future__ import annotations
 
 import importlib
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from etendue_camera.importing.cube import Cube
+
+Reader = Callable[[Path, str], "Cube"]
 
 
 class Format(NamedTuple):
@@ -17,9 +24,10 @@ class Format(NamedTuple):
     name: str
     place: str
 
-    def reader(self) -> Any:
+    def reader(self) -> Reader:
         module, _, name = self.place.partition(":")
-        return getattr(importlib.import_module(f"etendue_camera.importing.{module}"), name)
+        found: Reader = getattr(importlib.import_module(f"etendue_camera.importing.{module}"), name)
+        return found
 
 
 FORMATS = {

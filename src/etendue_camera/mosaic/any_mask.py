@@ -58,7 +58,9 @@ def taps(mask: Mask, row: int, column: int, channel: str) -> tuple[Tap, ...]:
         found = _weights(offsets)
         if found is not None:
             return tuple((int(dy), int(dx), float(w)) for (dy, dx), w in zip(offsets, found, strict=True) if w > 0)
-    raise ValueError(f"channel {channel!r} does not surround pixel ({row}, {column}) of the pattern {mask}")
+    raise ValueError(
+        f"pixel ({row}, {column}) of the pattern {mask} is not surrounded by pixels of channel {channel!r}"
+    )
 
 
 def _weights(offsets: NDArray) -> NDArray | None:

@@ -69,12 +69,12 @@ def outliers(
     -----
     The range extends from the second lowest to the second highest of the 8 nearest neighbours. So one defective
     neighbour does not hide another, and a line or an edge through the pixel, on which at least two neighbours lie, is
-    no defect. A single bright point counts as a defect, and so does detail as fine as the spacing of a colour: on a
-    chart with a Siemens star and a zone plate, 2 % of the sound pixels are reported with contrast 0 and 0.03 % with
-    contrast 1, while the share of defects found falls from 92 to 87 %. At the border, where all neighbours lie on one
-    side, the full range is used, widened by at least its own width, so that every linear ramp is accepted. Pixels with
-    fewer than 4 neighbours, such as one in a corner, are not judged. sigma^2 = dark^2 + m/electrons + (prnu m)^2 at the
-    middle m of the range.
+    no defect. A single bright point counts as a defect, and so does detail as fine as the distance between pixels of
+    one colour: on a chart with a Siemens star and a zone plate, 2 % of the sound pixels are reported with contrast 0
+    and 0.03 % with contrast 1, while the share of defects found falls from 92 to 87 %. At the border, where all
+    neighbours lie on one side, the full range is used, widened by at least its own width, so that every linear ramp is
+    accepted. Pixels with fewer than 4 neighbours, such as one in a corner, are not judged. sigma^2 = dark^2 +
+    m/electrons + (prnu m)^2 at the middle m of the range.
     """
     mosaic, (dark_sigma, electrons, prnu) = _frame(mosaic), noise
     for name, value, fine in (

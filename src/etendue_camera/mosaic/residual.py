@@ -150,7 +150,7 @@ def _green(difference: NDArray, mosaic: NDArray, sign: NDArray) -> NDArray:
 
 
 def _others(green: NDArray, colours: list[NDArray], places: list[tuple[int, int]]) -> list[NDArray]:
-    """Return the other colour of each sample's row, and that of its column, from complete planes."""
+    """Return, from complete planes, the other colour of each sample's row and the other colour of its column."""
     in_row, in_column = green.copy(), green.copy()
     for plane, (row, column) in zip(colours, places, strict=True):
         in_row[row::2, 1 - column :: 2] = plane[row::2, 1 - column :: 2]

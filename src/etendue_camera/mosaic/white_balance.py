@@ -188,7 +188,7 @@ def angle_between(one: ArrayLike, other: ArrayLike) -> float:
 
 
 def lifted(responses: ArrayLike, floor: float) -> tuple[FloatArray, int]:
-    """Return responses to a white with vanishing ones raised to a floor.
+    """Return responses to a white, with vanishing responses raised to a floor.
 
     Parameters
     ----------

@@ -42,8 +42,8 @@ def zipper(picture: ArrayLike, reference: ArrayLike, threshold: float = NOTICEAB
     -----
     Source: Lu and Tan 2003, IEEE Trans. Image Processing 12(10), section IV: for each pixel, the most similar of its
     eight neighbours in the reference is chosen, and the colour difference to it is compared between the two pictures.
-    At the border only neighbours inside the picture count. Among equally similar ones the smallest change counts, so
-    that mirroring or rotating both pictures changes nothing.
+    At the border only neighbours inside the picture count. Among equally similar neighbours the
+    smallest change counts, so that mirroring or rotating both pictures changes nothing.
     """
     picture, reference = _planes(picture, reference)
     require.only(threshold >= 0, "threshold", repr(threshold), "a number of at least 0")

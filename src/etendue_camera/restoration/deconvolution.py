@@ -281,7 +281,7 @@ def richardson_lucy(
     Parameters
     ----------
     planes : (channel, ny, nx) array, any unit
-        Any sign; see pedestal.
+        Of either sign; see pedestal.
     transfer : (channel or 1, Ny, Nx // 2 + 1) array, dimensionless
         At `frequencies` (ny, nx).
     iterations, total_variation, start

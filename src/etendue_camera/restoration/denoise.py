@@ -26,7 +26,7 @@ def denoise(planes: NDArray, shot: float, floor: float, radius: int = 2, strengt
     Parameters
     ----------
     planes : (..., y, x) array, any unit u
-        Any sign, any size from 1 x 1, mirrored beyond the border. Planes are processed separately.
+        Of either sign, of any size from 1 x 1, mirrored beyond the border. Planes are processed separately.
     shot : float, u
         Noise variance per value: 1 over the number of electrons that give a value of 1.
     floor : float, u^2

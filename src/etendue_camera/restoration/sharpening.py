@@ -26,7 +26,7 @@ def sharpen(planes: NDArray, strength: float) -> NDArray:
     Parameters
     ----------
     planes : (..., y, x) array, any unit
-        Any size from 1 x 1. Beyond the border the edge sample is repeated.
+        Of any size from 1 x 1. Beyond the border the edge sample is repeated.
     strength : float, dimensionless
         k, finite, at or above 0. 1, as in the seed paper, multiplies white noise by 9.4; below 0.2 is usual.
 
@@ -182,7 +182,7 @@ def unsharp(planes: NDArray, radius: float, amount: float, threshold: float = 0.
     Parameters
     ----------
     planes : (..., y, x) array, any unit
-        Any size from 1 x 1, mirrored beyond the border.
+        Of any size from 1 x 1, mirrored beyond the border.
     radius : float, pixel
         Standard deviation of the Gaussian, above 0.
     amount : float, dimensionless

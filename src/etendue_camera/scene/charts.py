@@ -53,7 +53,7 @@ def require_positive(**lengths: float) -> None:
 
 @dataclass(frozen=True)
 class Rendering:
-    """How a chart is rendered: its softness, as samples or as cell means, and between which reflectances.
+    """How a chart is rendered: its softness, samples or cell means, and its two reflectances.
 
     Attributes
     ----------

@@ -52,10 +52,9 @@ def luminance_of(name: str) -> float:
     if held > UNMEASURED * total:
         rows = illuminant_rows(name)[0]
         raise ValueError(
-            f"illuminant {name!r} is tabulated from {rows[0]:g} to {rows[-1]:g} nm; with its end values extended "
-            f"{100 * held / total:.2g} % of "
-            "its luminance would lie outside, so it is unknown; use another light, or white_luminance = 0 and the "
-            "scene's radiance"
+            f"illuminant {name!r} is tabulated from {rows[0]:g} to {rows[-1]:g} nm. If its end values were "
+            f"extended, {100 * held / total:.2g} % of its luminance would lie outside this range; use another light, "
+            "or white_luminance = 0 and the scene's radiance"
         )
     return total
 

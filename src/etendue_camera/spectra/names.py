@@ -87,8 +87,8 @@ def brought() -> list[str]:
 
 
 def state_of(name: str) -> tuple[int, int]:
-    """Return what identifies the content of a table besides its name: time and size of its file; (0, 0) for a library
-    table.
+    """Return time and size of the file of a table, which identify its content together with its name; (0, 0) for a
+    library table.
     """
     found = os.stat(path) if (path := spectrum(name)) else None
     return (found.st_mtime_ns, found.st_size) if found else (0, 0)

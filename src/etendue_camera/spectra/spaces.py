@@ -52,6 +52,6 @@ def white_chromaticity(name: str) -> tuple[float, float] | None:
 def adaptation_matrix(name: str) -> FloatArray:
     """Return the matrix from XYZ to sharpened cone responses, (3, 3), by name: "Von Kries", "Bradford", "CAT02", ...
 
-    Any name in ``colour.adaptation.CHROMATIC_ADAPTATION_TRANSFORMS``; others raise ValueError.
+    A name in ``colour.adaptation.CHROMATIC_ADAPTATION_TRANSFORMS``; others raise ValueError.
     """
     return frozen(shipped.adaptation(name))

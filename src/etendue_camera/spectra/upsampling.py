@@ -64,9 +64,8 @@ def _srgb_to_xyz(edges: tuple[float, ...]) -> FloatArray:
 
 
 def _d65_weights(edges: tuple[float, ...]) -> FloatArray:
-    """Return (n, 3) weights with ``reflectance @ weights`` = XYZ under D65; the end values of D65 are extended.
-
-    For the visible range: light outside counts as dark, so that an axis to 1100 nm can show photographs.
+    """Return (n, 3) weights with ``reflectance @ weights`` = XYZ under D65; the end values of D65 are extended. Light
+    outside the visible range has weight 0, so photographs can also be used on an axis to 1100 nm.
     """
     nodes, values = shipped.curve("illuminant", "D65")
     power = bin_means(nodes, values, edges, "hold") * np.diff(edges)
@@ -80,7 +79,7 @@ def upsampling_basis(edges: Edges) -> FloatArray:
     Parameters
     ----------
     edges : (n + 1,) ascending, nm
-        Any part of the spectrum, in bins of which at least three would lie in the visible.
+        A part of the spectrum, in bins of which at least three would lie in the visible.
 
     Returns
     -------

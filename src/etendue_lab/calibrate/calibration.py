@@ -59,7 +59,7 @@ def calibrate(frames: FrameSet, site: Site = MONO, channel: str = "W", confidenc
     if response.offset:
         model.put("light_offset", fitted("offset", response.offset, "DN"), "light outside the exposure time")
     if response.lamp:
-        how = "of the brightest light over its label, growing with it: means and variances ask for different bends"
+        how = "of the brightest light over its label, growing with it: means and variances require different bends"
         model.put("light_excess", fitted("lamp", response.lamp, ""), how)
     if frames.photons:
         qe = response.rate / response.gain

@@ -167,8 +167,8 @@ def _distance(one: Array, other: Array) -> float:
 
 
 def _chance(own: LevelMoments, other: Array, moved: float) -> float:
-    """Return the distance that 95 % of pairs of samples from one distribution stay below, if one of them is shifted by
-    a normal deviate with standard deviation ``moved`` (DN). A fixed pattern is the same in all frames, so each pixel
+    """Return the 95 % quantile of the distance between two samples from one distribution, one of them shifted by a
+    normal deviate with standard deviation ``moved`` (DN). A fixed pattern is the same in all frames, so each pixel
     counts once.
     """
     codes = np.arange(other.size)

@@ -25,7 +25,7 @@ ORDERS = (1.0, 2.0, 3.0)
 EXTRAS = {  # further parameters of the means, besides gain and bend: description, and initial scale
     "offset": ("light outside the exposure time", 0.1),
     "lamp": ("light that is not proportional to its label", 0.01),
-    "leak": ("dark charge that the one exposure time of the dark does not tell", 1.0),
+    "leak": ("dark charge, which one exposure time of the dark does not determine", 1.0),
 }
 DOUBT = 0.05
 PARTS = 4
@@ -87,7 +87,9 @@ def fit(curve: Curve) -> ResponseFit:
     tests.append(f"variances scatter about the model at random from level to level: p = {p:.2g}, refused below {LEVEL}")
     if p < LEVEL:
         errors_of = np.hypot(errors_of, problem.without_parts(best))
-        tests.append("the model does not hold: intervals include its change where a quarter of the levels is left out")
+        tests.append(
+            "the model does not fit: intervals include the change of the fit when a quarter of the levels is omitted"
+        )
     return replace(
         best,
         errors=dict(zip(names, errors_of, strict=True)),
@@ -160,7 +162,9 @@ class _Problem:
     hidden: bool  # the noise of dark frames is clipped or lost in rounding
 
     def residuals(self, fit: ResponseFit) -> tuple[Array, Array]:
-        """Return the residuals of means, and of variances at the measured means, divided by their standard errors."""
+        """Return the residuals of the means, and of the variances at the measured means, each divided by its standard
+        error.
+        """
         return (
             ((fit.mean(self.light, self.charge, self.after) - self.signal) / self.errors[0])[self.sound],
             (self.expected(fit) - self.variance) / self.errors[1],
@@ -249,8 +253,8 @@ class _Problem:
         """Start from constant gain and add every parameter that an F test accepts: a bend of one of three orders, and
         `EXTRAS`.
 
-        Also return other models that the data do not exclude: a bend of another order, a lamp that is not proportional
-        to its labels.
+        Also return the other models that the data do not exclude: with a bend of another order, or with a lamp that is
+        not proportional to its labels.
         """
         share, tests = LEVEL / (len(ORDERS) + len(self.extras)), list[str]()
         # Test the bend together with parameters that resemble one, except the lamp, which can be tested only once the
@@ -292,8 +296,8 @@ class _Problem:
     def _kept(
         self, order: float, extras: tuple[str, ...], share: float, tests: list[str], sure: tuple[str, ...] = ()
     ) -> tuple[float, tuple[str, ...]]:
-        """Return those of ``extras`` without which the fit is significantly worse, and the order of the bend that fits
-        best with them. An order that needs fewer extras is preferred.
+        """Return the ``extras`` without which the fit is significantly worse, and the order of the bend that fits best
+        with them. An order that needs fewer extras is preferred.
         """
         kept = extras
         for one in extras:

@@ -93,7 +93,7 @@ def text(
 
 
 def _put_pixel(file: _Writer, pitch: float | None, aperture: float, pattern: str) -> None:
-    note = "as given" if pitch else "assumed, for no --pitch was given: densities refer to it, so that charges hold"
+    note = "as given" if pitch else "assumed, because no --pitch was given; charges do not depend on it"
     file.entry("camera", "pixel_pitch", quoted(f"{pitch or PITCH:g} um"), note, "measured" if pitch else "typical")
     if aperture == 1:
         note = "densities and efficiency hold for the whole pixel"

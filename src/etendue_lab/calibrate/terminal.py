@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
-from typing import Any
+
+from rich.console import Console
 
 from etendue.cli.saying import tell
 from etendue.errors import RequestError
@@ -55,7 +56,7 @@ def print_calibration(document: Document) -> None:
         console.print(f"note: {escape(note)}")
 
 
-def _print_check(console: Any, check: Document) -> None:
+def _print_check(console: Console, check: Document) -> None:
     columns = (
         ("light", "right", "light", _short),
         ("judged", "left", lambda row: "yes" if row["judged"] else "no"),

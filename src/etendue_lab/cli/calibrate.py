@@ -18,25 +18,27 @@ from etendue.cli.saying import command, later
     "--figure",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Of the check: photon transfer, measured and predicted: .png, .svg or .pdf.",
+    help="Draw the photon transfer curve, measured and predicted: .png, .svg or .pdf.",
 )
 @click.option("--pitch", type=click.FloatRange(0, min_open=True), metavar="UM", help="Pixel pitch, um.")
 @click.option(
     "--aperture",
     type=click.FloatRange(0, 1, min_open=True),
     metavar="SHARE",
-    help="Side of a pixel's light-sensitive square over its pitch: 1 with microlenses.",
+    help="Side of a pixel's light-sensitive square, as a fraction of the pitch: 1 with microlenses.",
 )
 @click.option(
     "--edge",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="A raw frame of a slanted edge: adds the lens's blur. Needs --pitch and --aperture.",
+    help="Raw frame of a slanted edge, from which the blur of the lens is fitted. Needs --pitch and --aperture.",
 )
-@click.option("--edge-window", metavar="X,Y,W,H", help="The rectangle of the edge, in pixels.")
-@click.option("--window", metavar="X,Y,W,H", help="The rectangle that is used, in pixels.")
+@click.option("--edge-window", metavar="X,Y,W,H", help="Rectangle of the edge, in pixels.")
+@click.option("--window", metavar="X,Y,W,H", help="Rectangle of the frames to use, in pixels.")
 @click.option(
-    "--pattern", metavar="RGGB", help="2 x 2 colour filter array of the frames; default: that of DNG, or mono."
+    "--pattern",
+    metavar="RGGB",
+    help="2 x 2 colour filter array of the frames. Default: the one that a DNG states, otherwise mono.",
 )
 @options.JSON
 @later("etendue_lab.calibrate.terminal:calibrate_command")

@@ -25,7 +25,7 @@ from etendue.cli.saying import command, later
     metavar="N",
     help="Timing repeats; the best is kept.",
 )
-@click.option("--noise-free", is_flag=True, help="Expected values: no noise, no rounding.")
+@click.option("--noise-free", is_flag=True, help="Compare expected values, without noise and rounding.")
 @click.option("--no-mtf50", is_flag=True, help="Skip the slanted-edge run.")
 @options.SCHEDULER
 @options.WORKERS
@@ -37,21 +37,22 @@ from etendue.cli.saying import command, later
 def compare() -> None:
     """Rank alternatives, plugins included, by quality against run time.
 
-    --axis demosaic.use takes every installed stage that writes the same variables as the file's stage `demosaic`, reads
-    no other variables than that stage, and declares no other role; demosaic.use=a,b takes these two, and '{ use =
-    "mine", iterations = 5 }' takes one with parameters. Any stage and any parameter can be the axis. Light, mosaic and
-    noise are computed once and shared by all alternatives after them.
+    --axis demosaic.use compares every installed stage that can replace the file's stage `demosaic`: it writes the same
+    variables, reads no others, and declares no other role. demosaic.use=a,b compares these two stages; '{ use = "mine",
+    iterations = 5 }' is a stage with parameters. Any stage and any parameter can be the axis. Light, mosaic and noise
+    are computed once and shared by all alternatives after them.
 
     The reference is the picture of a camera whose pixels measure all channels without noise, followed by the same later
     stages. PSNR is measured on linear values where the axis takes effect: on the stage's own picture, or on rgb_camera
-    for earlier stages. "encoded", CIEDE2000, zipper and false colour are measured on the finished picture. A stage that
-    reads and writes only rgb_camera (sharpening, denoising) is left out of the reference: its result is compared with
-    an undisturbed picture. Any other axis before the pixels or after the demosaicer (f_number, display.display) also
-    changes the reference: each value then has its own reference, and alternatives are ranked by PSNR of the encoded
-    picture. A border of 10 pixels is ignored. MTF50 comes from a second, noise-free run of the same camera with a
-    slanted edge. Time is that of the stage alone on one thread.
+    for earlier stages. "encoded", CIEDE2000, zipper and false colour are measured on the finished picture. If the axis
+    is a stage that reads and writes only rgb_camera (sharpening, denoising), the reference omits it: its result is
+    compared with an undisturbed picture. Any other axis before the pixels or after the demosaicer (f_number,
+    display.display) also changes the reference: each value then has its own reference, and alternatives are ranked by
+    PSNR of the encoded picture. A border of 10 pixels is ignored. MTF50 comes from a second, noise-free run of the same
+    camera with a slanted edge. Time is the time of the stage alone, on one thread.
 
-    Exit codes: 0 done, 2 invalid request, 3 an alternative failed, a named one was refused, or only one was left.
+    Exit codes: 0 done, 2 invalid request, 3 an alternative failed, a named alternative was refused, or only one was
+    left.
     """
 
 
@@ -98,10 +99,10 @@ def compare() -> None:
 def quality() -> None:
     """Compare a camera with the ideal one: the same pipeline with a perfect lens, without noise and mosaic.
 
-    For every cell of the sweep: PSNR of camera primaries and of the encoded picture, SSIM of its luma, CIEDE2000 and
-    S-CIELAB of the displayed light, SNR, visible noise in a uniform region, dynamic range. Blur, aberrations,
-    distortion, glare and sharpening are left out of the ideal camera; it has the same pixels, light and colours as the
-    camera.
+    For every cell of the sweep the command gives PSNR of camera primaries and of the encoded picture, SSIM of its luma,
+    CIEDE2000 and S-CIELAB of the displayed light, SNR, visible noise in a uniform region, and dynamic range. Blur,
+    aberrations, distortion, glare and sharpening are left out of the ideal camera; it has the same pixels, light and
+    colours as the camera.
 
     Exit codes: 0 done, 2 invalid request, 3 some cells failed.
     """
@@ -122,7 +123,7 @@ def quality() -> None:
 @options.gather
 @later("etendue_lab.noise.terminal:noise_command")
 def noise() -> None:
-    """Report noise after every stage of a camera that views a grey card: predicted, and measured in noise frames.
+    """Report the noise after every stage of a camera that views a grey card, predicted and measured in noise frames.
 
     The prediction uses shot noise, read noise, fixed patterns, rounding, and the response of the stages after the
     mosaic to one pixel. Stages that adapt to their picture also adapt to its noise; their measured noise differs from

@@ -11,7 +11,7 @@ AT = click.option(
     "--at",
     multiple=True,
     metavar="AXIS=VALUE",
-    help="Only this value of an axis or dim of the metrics" + options.REPEAT,
+    help="Use only this value of an axis or dim of the metrics" + options.REPEAT,
 )
 
 
@@ -22,11 +22,12 @@ AT = click.option(
 @options.JSON
 @later("etendue_lab.designs.terminal:sensitivity_command")
 def sensitivity() -> None:
-    """Report which factors of a design matter for metrics, from the samples of an archive.
+    """Report how much each factor of a design matters for metrics, from the samples of an archive.
 
-    For a design with method = "saltelli": first-order and total Sobol' indices with 95 % intervals. For any design:
-    standardised regression coefficients, rank correlations, main effects (the share of the variance that the mean over
-    a factor explains) and products of pairs. At every combination of the other axes of the sweep.
+    For a design with method = "saltelli", the command gives first-order and total Sobol' indices with 95 % intervals.
+    For any design, it gives standardised regression coefficients, rank correlations, main effects (the share of the
+    variance that a factor explains alone) and products of two factors. If the sweep has other axes, it repeats this for
+    every combination of their values.
     """
 
 
@@ -38,15 +39,15 @@ def sensitivity() -> None:
     multiple=True,
     required=True,
     metavar="'METRIC >= VALUE'",
-    help="What a unit must fulfil, with >=, <=, > or <; the value may have a unit" + options.REPEAT,
+    help="Requirement that a unit must meet, with >=, <=, > or <; the value may have a unit" + options.REPEAT,
 )
 @AT
 @options.JSON
 @later("etendue_lab.designs.terminal:yield_command")
 def yield_() -> None:
-    """Report which share of units passes: every sample of a design is a unit.
+    """Report the share of units that pass all requirements; every sample of a design is a unit.
 
-    The share has Wilson's 95 % interval. Requirements are ranked by how many units fail them. For each factor the yield
-    with a spread that is smaller by a tenth is found from the same samples with other weights, with its interval and
-    the number of units of equal weight that would tell as much.
+    The share has Wilson's 95 % interval. Requirements are ranked by how many units fail them. For each factor, the same
+    samples with other weights give the yield with a spread that is a tenth smaller, its interval, and the number of
+    equally weighted units that would be as accurate.
     """

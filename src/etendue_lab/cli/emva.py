@@ -20,8 +20,8 @@ from etendue.cli.saying import command, later
     metavar="N",
     help="Height and width of the window that is read, in pixels.",
 )
-@click.option("--window", metavar="X,Y,W,H", help="Of real frames: the rectangle that is used, in pixels.")
-@click.option("--pattern", metavar="RGGB", help="Of real frames: their 2 x 2 colour filter array; default: mono.")
+@click.option("--window", metavar="X,Y,W,H", help="Rectangle of real frames to use, in pixels.")
+@click.option("--pattern", metavar="RGGB", help="2 x 2 colour filter array of real frames. Default: mono.")
 @options.JSON
 @options.gather
 @later("etendue_lab.emva.terminal:emva_command")
@@ -31,11 +31,11 @@ def emva() -> None:
 
     For a pipeline FILE, the lens is removed, and two raw frames of uniform light and two dark frames are simulated at
     each exposure time. The results are system gain, read noise, dark current, full well, DSNU, PRNU, linearity,
-    saturation, sensitivity threshold, dynamic range and SNR for each channel. For an ARCHIVE, the frames are those
-    stored: a uniform scene swept over reflectance (0 and 1) and integration time, two frames each, as in
-    pipelines/emva.toml; each camera of the sweep is measured. For real FRAMES: a folder of PNG, TIFF or DNG files, a
-    .npz file, a CSV table (file, time_s, photons or relative_light, kind), or the descriptor of an EMVA reference set;
-    two or more frames of each exposure.
+    saturation, sensitivity threshold, dynamic range and SNR for each channel. For an ARCHIVE, the stored frames are
+    measured, for each camera of the sweep. They must show a uniform scene swept over reflectance (0 and 1) and
+    integration time, with two frames of each, as in pipelines/emva.toml. Real FRAMES are a folder of PNG, TIFF or DNG
+    files, a .npz file, a CSV table (file, time_s, photons or relative_light, kind), or the descriptor of an EMVA
+    reference set, with two or more frames of each exposure.
 
     Exit codes: 0 done, 2 invalid request, 3 some channels could not be measured.
     """

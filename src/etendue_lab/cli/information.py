@@ -14,7 +14,13 @@ from etendue.cli.saying import command, later
 @click.option(
     "--reflectance", default=0.18, show_default=True, metavar="R", help="Mean reflectance of the grey detail."
 )
-@click.option("--contrast-ratio", default=4.0, show_default=True, metavar="C", help="Brightest to darkest detail.")
+@click.option(
+    "--contrast-ratio",
+    default=4.0,
+    show_default=True,
+    metavar="C",
+    help="Ratio of the brightest to the darkest detail.",
+)
 @click.option(
     "--object",
     "size",
@@ -25,7 +31,11 @@ from etendue.cli.saying import command, later
 )
 @click.option("--object-contrast", default=0.05, show_default=True, metavar="K", help="Contrast of that spot.")
 @click.option(
-    "--frames", default=16, show_default=True, metavar="N", help="Number of noise frames for measured NEQ; 0: none."
+    "--frames",
+    default=16,
+    show_default=True,
+    metavar="N",
+    help="Number of noise frames from which NEQ is measured; 0: do not measure.",
 )
 @options.JSON
 @options.gather
@@ -39,8 +49,8 @@ def information() -> None:
     response of stages to one pixel. NEQ of the linear pictures is also measured: mean^2 MTF^2 / NPS, with the MTF of a
     slanted edge and the NPS of noise frames.
 
-    The signal is uniformly distributed light between two levels of the contrast ratio, with equal power at all
-    frequencies up to Nyquist: variance (range/mean)^2 / 12. After the mosaic the channels are combined optimally
+    The signal is light that is uniformly distributed between two levels of the contrast ratio, with equal power at all
+    frequencies up to Nyquist: its variance is (range/mean)^2 / 12. After the mosaic the channels are combined optimally
     at each frequency; each channel alone is listed too.
     """
 
@@ -61,11 +71,11 @@ def information() -> None:
     show_default=True,
     type=click.IntRange(0),
     metavar="N",
-    help="Maximum number of cameras to run for colour; 64 cover all sets of six stages, with more stages orders are "
-    "sampled. 0: no colour.",
+    help="Maximum number of cameras to run for colour; 64 are all sets of six stages. If a file has more stages, "
+    "orders are sampled. 0: no colour.",
 )
 @click.option(
-    "--seed", default=0, show_default=True, type=click.IntRange(0), metavar="N", help="Seed for sampled orders."
+    "--seed", default=0, show_default=True, type=click.IntRange(0), metavar="N", help="Seed of the sampled orders."
 )
 @options.JSON
 @options.gather
@@ -78,7 +88,7 @@ def losses() -> None:
     total loss. A stage that reduces the loss, such as sharpening, has a negative share. Contrast (mean up to Nyquist)
     and SNR of a grey card are given in decibels, in which blurs and gains add up; colour is given as the mean squared
     CIEDE2000 to the ideal camera of `quality`. The joint loss of two stages is predicted from their shares and their
-    interaction, and compared with that of the camera without both.
+    interaction, and compared with the loss that disappears if both are ideal.
 
     For numerical error by stage, see `etendue accuracy`.
     """

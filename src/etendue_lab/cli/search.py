@@ -23,7 +23,7 @@ def _texts(name: str, metavar: str, help: str) -> options.Adds:
     "over", "NAME=LOW:HIGH", "Search a setting: f_number=1.4:8, integration_time='1 ms:20 ms:log', demosaic.use=a,b"
 )
 @options.settings()
-@click.option("--trials", default=100, show_default=True, type=click.IntRange(1), metavar="N", help="Evaluations.")
+@click.option("--trials", default=100, show_default=True, type=click.IntRange(1), metavar="N", help="Number of trials.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0), metavar="N", help="Seed of the search.")
 @click.option(
     "--sampler",
@@ -35,16 +35,15 @@ def _texts(name: str, metavar: str, help: str) -> options.Adds:
 @options.output("Folder for the trials and the picture of their history. Default: ./<name>-search.")
 @options.JSON
 @options.gather
-@later("etendue_lab.search.terminal:optimise_command", "stopped; the same command goes on with the next trial")
+@later("etendue_lab.search.terminal:optimise_command", "stopped; the same command continues with the next trial")
 def optimise() -> None:
     """Search for the settings that make a metric best, within limits.
 
     Every trial runs the camera with new settings and recomputes only what they change. Finished trials are kept in the
     folder: after an interruption the same command continues, and ends with the same trials as an uninterrupted search;
-    a larger --trials extends a finished search. A limit on a searched setting narrows its range. A trial beyond a
-    limit is reported to the optimiser with the amount by which it exceeds the limit; one that a stage refuses, or that
-    fails, as very far beyond. With several goals, the result is the front: the trials that no other trial
-    beats in all of them.
+    a larger --trials extends a finished search. A limit on a searched setting narrows its range. If a trial exceeds a
+    limit, the optimiser is told by how much; a trial that fails, or that a stage refuses, counts as far beyond. With
+    several goals, the result is the Pareto front: the trials that no other trial beats in all goals.
 
     Needs optuna: pip install 'etendue[optimise]'.
 
@@ -59,7 +58,7 @@ def optimise() -> None:
     required=True,
     type=click.Path(path_type=Path),
     metavar="FOLDER",
-    help="Pictures (PNG, JPEG, TIFF) in a folder and the folders in it, or one file.",
+    help="Folder of pictures (PNG, JPEG, TIFF), searched with its subfolders, or one file.",
 )
 @_texts("over", "NAME=LOW:HIGH", "Draw a setting: f_number=1.4:8, integration_time='1 ms:20 ms:log', demosaic.use=a,b")
 @click.option(
@@ -67,27 +66,29 @@ def optimise() -> None:
     "variables",
     multiple=True,
     metavar="VARIABLE",
-    help="What a pair holds; default: raw and expected_charge" + options.REPEAT,
+    help="Variable of a pair; default: raw and expected_charge" + options.REPEAT,
 )
 @options.settings()
 @click.option("--count", default=1000, show_default=True, type=click.IntRange(1), metavar="N", help="Number of pairs.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0), metavar="N", help="Seed of all draws.")
-@click.option("--block", default=64, show_default=True, type=click.IntRange(1), metavar="N", help="Pairs in a file.")
+@click.option(
+    "--block", default=64, show_default=True, type=click.IntRange(1), metavar="N", help="Number of pairs in a file."
+)
 @options.WORKERS
-@options.output("Folder for the blocks. Default: ./<name>-pairs.")
+@options.output("Folder for the files. Default: ./<name>-pairs.")
 @options.JSON
 @options.gather
-@later("etendue_lab.pairs.terminal:pairs_command", "stopped; the same command goes on with the next block")
+@later("etendue_lab.pairs.terminal:pairs_command", "stopped; the same command continues with the next file")
 def pairs() -> None:
-    """Make pictures of random cameras with their truth, for training.
+    """Make training data: pictures of random cameras, each with the true value.
 
-    Every pair is one photograph seen by one camera whose settings are drawn between the given ends: what the camera
-    stores (raw) and the mean charge of the same pixels without noise (expected_charge), or any other variables with
+    Every pair is one photograph seen by one camera whose settings are drawn between the given ends. It consists of the
+    raw frame (raw) and the noise-free mean charge of the same pixels (expected_charge), or of any other variables with
     the dims y x or channel y x. The same seed and number give the same pair on any machine of one platform, in any
-    order and number of workers.
+    order and with any number of workers.
 
-    A block pairs-00000.npz holds each variable as float32 (number, channel, y, x); pairs-00000.json the settings of
-    its pairs. Blocks that are there stay: after an interruption, or with a larger --count, the same command goes on.
+    A file pairs-00000.npz holds each variable as float32 (number, channel, y, x); pairs-00000.json holds the settings
+    of its pairs. Complete files are kept: after an interruption, or with a larger --count, the same command continues.
 
     Exit codes: 0 done, 2 invalid request.
     """

@@ -1,7 +1,7 @@
 """The alternatives of a comparison: which exist, and the plan of those that are compatible.
 
 In:  a camera without a sweep, the compared axis.
-Out: the camera as compared, values for the axis, the plan of all that fit, a row for each that does not.
+Out: the camera as compared, values for the axis, the plan of all compatible values, a row for each incompatible one.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def keeping_inputs(plan: Plan, asked: AxisRequest) -> Plan:
 
 
 def _as_asked(error: RequestError, asked: AxisRequest) -> RequestError:
-    """Return the same faults, with the option or line in which the axis was written as their place."""
+    """Return the same faults; their place is the option or line in which the axis was written."""
     key = f"sweep.{asked.key}"
     own = f"--axis {asked.key}"
     wrong = [f for f in error.faults if f.place.startswith(key)]

@@ -144,7 +144,7 @@ def check_axis(asked: AxisRequest, pipeline: PipelineFile) -> AxisRequest:
 
 
 def check_writes(asked: AxisRequest, node: Node, registry: Registry) -> None:
-    """Check that named alternatives write what the stage of the file writes."""
+    """Check that named alternatives write the same variables as the stage of the file."""
     faults = []
     for value in asked.values if asked.swaps and isinstance(asked.values, tuple) else ():
         use = value.get("use") if isinstance(value, dict) else value

@@ -45,7 +45,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Branched:
-    """The extended pipeline and what is measured where."""
+    """The extended pipeline, and the measurement at each stage."""
 
     pipeline: PipelineFile
     nodes: tuple[Node, ...]  # of the original pipeline

@@ -89,7 +89,7 @@ class Reader:
         return ""
 
     def shared_faults(self) -> list[str]:
-        """Return stages that failed for all alternatives alike."""
+        """Return stages that failed for all alternatives."""
         own = {node.name for node in self.plan.nodes if self.dims & set(node.axes)}
         return [
             f"{r.stage} failed: {r.message.strip().rpartition(chr(10))[2]}"

@@ -37,7 +37,7 @@ def made_for(registry: Registry, base: type) -> str:
     """
     name = next(registry.fitting(lambda kind: issubclass(kind, base)), "")
     if not name:
-        raise RequestError(f"no installed stage is a {base.__name__}: {(base.__doc__ or '').strip()}")
+        raise RequestError(f"no installed stage derives from {base.__name__}: {(base.__doc__ or '').strip()}")
     return name
 
 

@@ -27,7 +27,7 @@ KINDS = {"first": "first-order index", "total": "total index", "regression": "st
 
 
 def samples_in(holdings: Holdings) -> Samples:
-    """Return the samples of the archive that holdings are of.
+    """Return the samples of the archive to which holdings belong.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def index_bars(holdings: Holdings, asked: PlotRequest) -> Plot:
 
 
 def bars(one: Document, title: str) -> Plot:
-    """Plot what a study of sensitivity found for one metric."""
+    """Plot the results of a sensitivity study for one metric."""
     kinds = ("first", "total") if one["points"] else ("regression",)
     factors = [row for row in one["factors"] if row[kinds[-1]]]
     if not factors:
@@ -135,7 +135,7 @@ def yield_curve(holdings: Holdings, asked: PlotRequest) -> Plot:
     held = holdings.find(metric.name)
     lower = (str(held.attrs.get("better", "")) or held.known.better) == "lower"
     limits = np.unique(values)
-    passed: Any = np.array([np.sum(values <= limit) if lower else np.sum(values >= limit) for limit in limits])
+    passed = np.array([np.sum(values <= limit) if lower else np.sum(values >= limit) for limit in limits])
     ends = np.array([wilson(float(own), len(values)) for own in passed])
     share, unit = passed / len(values), unit_text(metric.units)
     figure = new_figure(7.0, 4.2)

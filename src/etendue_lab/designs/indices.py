@@ -45,7 +45,7 @@ def resampling(seed: int) -> np.random.Generator:
 
 @dataclass(frozen=True)
 class Terms:
-    """What the indices are ratios of means of, at every point; about the mean of the metric."""
+    """The values at every point whose means give the indices as ratios; relative to the mean of the metric."""
 
     above: Array  # (points, 2 factors): b (ab - a) and (a - ab)^2 / 2
     below: Array  # (points): (a^2 + b^2) / 2
@@ -85,9 +85,10 @@ def saltelli(mixed: Array) -> Array:
 def indices(mixed: Array, resampled: int = RESAMPLED, level: float = LEVEL, seed: int = 0) -> Indices:
     """Return the indices with intervals: a studentised bootstrap of the points.
 
-    Percentiles of resampled indices are too narrow with few points, for a resampled index whose error is small by
-    chance counts like any other; here each is divided by its own error. Resampling takes points for independent. Those
-    of a scrambled sequence fill space more evenly, so that the intervals are too wide rather than too narrow.
+    Intervals from percentiles of resampled indices are too narrow with few points, because an index whose error is
+    small by chance counts like any other. Here each index is divided by its own error. Resampling takes points for
+    independent. Points of a scrambled sequence fill space more evenly, so the intervals are too wide rather than too
+    narrow.
     """
     terms, points = Terms.of(mixed), len(mixed)
     even = np.full(points, 1 / points)

@@ -1,4 +1,4 @@
-"""What matters, from the rows of any design: regression, ranks, main effects and products of pairs.
+"""The importance of factors, from the rows of any design: regression, ranks, main effects and products of pairs.
 
 In:  factors as columns of numbers, a metric.
 Out: coefficients and shares of the variance, with intervals from resampled rows.
@@ -50,8 +50,9 @@ def rank_correlations(factors: Array, metric: Array) -> Array:
 
 
 def main_effect(factor: Array, metric: Array) -> float:
-    """Return the share of the variance that the mean of a metric over a factor explains: its values where each is met
-    several times, else groups of equal size; without what chance alone explains (epsilon squared).
+    """Return the share of the variance that the mean of a metric over a factor explains, minus the share explained by
+    chance (epsilon squared). The mean is taken by value if each value occurs several times, else over groups of equal
+    size.
     """
     values, group = np.unique(factor, return_inverse=True)
     if 4 * len(values) > len(factor):
@@ -67,7 +68,9 @@ def main_effect(factor: Array, metric: Array) -> float:
 
 
 def pairs(factors: Array, metric: Array) -> Array:
-    """Return the share of the variance that the product of every two standardised factors explains beside both."""
+    """Return the share of the variance that the product of every two standardised factors explains in addition to both
+    factors.
+    """
     count, scaled = factors.shape[1], standardised(factors)
     found = np.zeros((count, count))
     before, own = [scaled, scaled**2], metric - metric.mean()

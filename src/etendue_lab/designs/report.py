@@ -1,4 +1,4 @@
-"""The section of a page on a design: its samples, and what matters for the usual metrics.
+"""The section of a page on a design: its samples, and the factors that matter for the usual metrics.
 
 In:  the tree of an archive.
 Out: paragraphs, tables and pictures; nothing for a grid.
@@ -7,7 +7,6 @@ Out: paragraphs, tables and pictures; nothing for a grid.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import xarray
 
@@ -17,7 +16,8 @@ from etendue.errors import EtendueError
 from etendue.present.plots.asked import PlotRequest
 from etendue.present.plots.drawing.samples import parallel, scatter
 from etendue.present.plots.kinds import shown_at
-from etendue.types.documents import Document
+from etendue.present.plots.plot import Plot
+from etendue.types.documents import Document, DocumentView
 from etendue_lab.designs.drawing import bars, converging, yield_curve
 from etendue_lab.designs.samples import Samples, samples_of
 from etendue_lab.designs.sensitivity import sensitivity
@@ -48,7 +48,7 @@ def section(tree: xarray.DataTree) -> list[Document]:
     return blocks
 
 
-def _of_metric(samples: Samples, name: str, middle: Any) -> list[Document]:
+def _of_metric(samples: Samples, name: str, middle: DocumentView) -> list[Document]:
     found: list[Document] = []
     held = samples.holdings.find(name)
     at = {dim: middle.get(dim, held.values_of(dim)[0]) for dim in held.axes if dim != "sample"}
@@ -84,5 +84,5 @@ def _of_metric(samples: Samples, name: str, middle: Any) -> list[Document]:
     return found
 
 
-def _picture(plot: Any, alt: str) -> Document:
+def _picture(plot: Plot, alt: str) -> Document:
     return {"picture": plot.data("png"), "alt": alt}

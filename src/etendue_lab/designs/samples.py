@@ -122,14 +122,14 @@ class Samples:
         return Metric(held.name, held.title, held.units, place, said, values)
 
     def draws(self, metric: Metric) -> list[str]:
-        """Return the stages whose noise, drawn anew in every row, is part of a metric; none if noise is a factor."""
+        """Return the stages whose noise differs from row to row and is part of a metric; () if noise is a factor."""
         if DRAWS in self.asked.factors:
             return []
         behind = self.behind(metric)
         return [n for n, own in behind.items() if own["seed"] is not None and own["shown"].get(DRAWS) != "common"]
 
     def behind(self, metric: Metric) -> Document:
-        """Return the records of the stages that a metric follows from, by name."""
+        """Return the records of the stages from which a metric is computed, by name."""
         nodes, found = self.record.get("nodes", {}), dict[str, Any]()
         open_ = [metric.name.partition(".")[0]]
         while open_:
@@ -185,7 +185,7 @@ def subject_of(key: str, pipeline: PipelineFile, registry: Registry) -> str:
 
 
 def _factor(key: str, held: Sequence[HeldVariable], numbers: tuple[int, ...], of: Distribution | None) -> Factor | None:
-    """Return a factor from the coordinates of what it reaches; None if it reaches nothing."""
+    """Return a factor from the coordinates of the variables that depend on it; None if it reaches nothing."""
     where: dict[int, Any] = {}
     found: xarray.DataArray | None = None
     for coordinate in _coordinates(key, held):
@@ -226,7 +226,7 @@ def by_place(samples: Samples, names: Sequence[str], at: AxisValues) -> list[lis
 
 
 def _own(samples: Samples, name: str, at: AxisValues) -> Document:
-    """Return the part of a request that a metric has."""
+    """Return the part of a request that applies to a metric."""
     held = samples.holdings.find(name, "figure")
     words = {word: value for word, value in at.items() if _has(held, word)}
     return words

@@ -89,10 +89,11 @@ def _of_metric(samples: Samples, metric: Metric) -> Document:
 
 
 def subjects_of(rows: Sequence[Document]) -> list[Document]:
-    """Return the sums of first-order indices, else main effects, by subject; and what the factors of a subject explain
-    together (the closed index of the group), where the design holds that: of one factor, of all, and of all but one.
+    """Return the sums of first-order indices, else main effects, by subject; and the share that the factors of a
+    subject explain together (the closed index of the group), if the design determines it: for one factor, for all, and
+    for all but one.
 
-    Of all but one it is what the total index of that one leaves.
+    For all factors but one, it is 1 minus the total index of that factor.
     """
     found = []
     for subject in dict.fromkeys(row["subject"] for row in rows):
@@ -135,8 +136,8 @@ def _mixed(samples: Samples, metric: Metric) -> Array | None:
 
 
 def convergence(samples: Samples, metric: Metric) -> list[Document]:
-    """Return what is found from the first points alone, twice as many each time: total indices of a Saltelli design,
-    else regression coefficients, each with its interval.
+    """Return the results for the first points of a design, doubling their number each time: total indices of a Saltelli
+    design, else regression coefficients, each with its interval.
     """
     mixed = _mixed(samples, metric)
     there = np.isfinite(metric.values)

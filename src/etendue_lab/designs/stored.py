@@ -1,4 +1,5 @@
-"""What the command ``sensitivity`` stores in an archive: a group for every metric, with the cells that it is of.
+"""The results that the command ``sensitivity`` stores in an archive: a group for every metric, with the cells that it
+was computed from.
 
 In:  the document of a study, the folder of its archive.
 Out: groups ``sensitivity/METRIC`` of plain arrays along ``factor``, opened by plain xarray.

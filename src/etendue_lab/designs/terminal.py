@@ -54,7 +54,7 @@ SENSITIVITY = (
 
 
 def sensitivity_columns(rows: list[Document]) -> list[tuple[object, ...]]:
-    """Return the columns of a table of factors: indices, else the main effects that stand for them."""
+    """Return the columns of a table of factors: indices or, if there are none, main effects."""
     absent = ("main effect", "rank") if rows[0]["first"] else ("first order", "total")
     return [column for column in SENSITIVITY if column[0] not in absent]
 

@@ -1,7 +1,8 @@
-"""How many units of a design pass requirements, and what would help.
+"""The share of units of a design that pass requirements, and the changes that would increase it.
 
 In:  the samples of an archive, requirements such as ``mtf50_lp_mm >= 60``.
-Out: a document: the share that passes with its interval, what fails, and what a tighter spread of each factor gains.
+Out: a document: the share that passes with its interval, the failed requirements, and the gain from a smaller spread of
+each factor.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class Requirement:
             raise RequestError([Fault(f"--require '{self.text}'", str(error))]) from None
 
     def margin(self, metric: Metric) -> Array:
-        """Return by how much every unit fulfils it; below 0 it fails."""
+        """Return the margin by which every unit meets the requirement; a unit with a negative margin fails."""
         limit = self.value(metric.units)
         return metric.values - limit if self.sign.startswith(">") else limit - metric.values
 
@@ -103,7 +104,7 @@ def yields(samples: Samples, requirements: Sequence[Requirement], at: AxisValues
 
 
 def units_of(samples: Samples) -> Array:
-    """Return which rows are units of their own: of a Saltelli design the points A and B, whose mixtures repeat them."""
+    """Return the rows that are independent units: in a Saltelli design the points A and B, but not their mixtures."""
     numbers = np.array(samples.numbers)
     if samples.method != "saltelli":
         return np.ones(len(numbers), bool)
@@ -151,7 +152,7 @@ def _has_spread(factor: Factor) -> bool:
 
 
 def weights_of(samples: Samples, factor: Factor, share: float = TIGHTER) -> Array:
-    """Return how much more often each row would occur if the spread of one factor were smaller by a share of it."""
+    """Return the ratio by which each row would occur more often if the spread of one factor were reduced by a share."""
     now = factor.distribution
     assert now is not None
     then = now.tightened(share)
@@ -194,8 +195,8 @@ def _scores(of: Distribution, factor: Factor) -> Array:
 
 
 def tightened(samples: Samples, factor: Factor, passes: Array, there: Array) -> Document:
-    """Return the yield with a smaller spread of one factor, from the finished units with other weights: what it gains,
-    with an interval, and how many units of equal weight would tell as much.
+    """Return the yield with a smaller spread of one factor, from the finished units with other weights: the gain, its
+    interval, and the number of equally weighted units that would be as accurate.
     """
     weights = weights_of(samples, factor)[there]
     mean = float(weights.mean())

@@ -93,8 +93,8 @@ class SensorChannel:
     why: str = ""
 
     def rows(self) -> list[Document]:
-        """Return a row per metric: ``held`` says whether its interval contains the expected value, None if there is
-        none.
+        """Return a row per metric: ``held`` says whether its interval contains the expected value; None without an
+        expected value.
         """
         found = []
         hidden = self.measurement is not None and self.measurement.hidden
@@ -147,7 +147,7 @@ class EmvaReport:
     notes: list[str] = field(default_factory=list)
 
     def document(self) -> Document:
-        """Return the report as JSON: an element of ``channels`` for every channel of every camera of a sweep."""
+        """Return the report as JSON: ``channels`` has an element for every channel of every camera of a sweep."""
         return {
             "pipeline": self.pipeline,
             "standard": "EMVA 1288 release 4, linear",

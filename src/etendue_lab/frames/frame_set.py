@@ -126,7 +126,9 @@ class FrameSet:
         if self.step == 1:
             return found
         if (found % self.step).any():
-            raise RequestError(f"{frame.source.path}: codes are no multiples of {self.step}, as in other frames")
+            raise RequestError(
+                f"{frame.source.path}: codes are not multiples of {self.step}, unlike those of other frames"
+            )
         return np.asarray(found // found.dtype.type(self.step))
 
     def windowed(self, window: Window | None) -> FrameSet:
@@ -183,7 +185,7 @@ def as_codes(values: Array, path: Path) -> Array:
     if values.dtype.kind in "iu":
         if values.size and int(values.min()) < 0:
             raise RequestError(
-                f"{path}: holds negative numbers; raw frames, from which nothing is subtracted, are needed"
+                f"{path}: holds negative numbers; give raw frames, from which nothing has been subtracted"
             )
         if values.size and int(values.max()) >= 1 << 32:
             raise RequestError(f"{path}: holds the code {int(values.max())}; codes of at most 20 bits are read")
@@ -191,10 +193,10 @@ def as_codes(values: Array, path: Path) -> Array:
     if values.dtype.kind == "f":
         if not ((values >= 0) & (values < 2.0**32) & (values == np.floor(values))).all():
             raise RequestError(
-                f"{path}: holds fractions, NaN, or numbers below 0 or above 2^32; whole raw codes are needed"
+                f"{path}: holds fractions, NaN, or numbers below 0 or above 2^32; raw codes must be whole numbers"
             )
         return values.astype(np.uint32)
-    raise RequestError(f"{path}: holds values of type {values.dtype}; whole raw codes are needed")
+    raise RequestError(f"{path}: holds values of type {values.dtype}; raw codes must be whole numbers")
 
 
 def each(frames: FrameSet, level: Level) -> Iterator[Array]:

@@ -88,7 +88,7 @@ def moments(frames: FrameSet, level: Level, site: Site = MONO) -> LevelMoments:
         frame = level.frames[0]
         raise RequestError(
             f"{frame.source.path}: the only frame of time {level.time:g} s and light {level.light:g}; two or more of "
-            f"each exposure are needed to tell noise from patterns"
+            f"each exposure are needed to distinguish noise from patterns"
         )
     total: Array | None = None
     for number, frame in enumerate(level.frames):
@@ -109,7 +109,7 @@ def moments(frames: FrameSet, level: Level, site: Site = MONO) -> LevelMoments:
         if codes.dtype != kind:
             raise RequestError(
                 f"{frame.source.path}: has codes of {8 * codes.itemsize} bits, and another frame of its exposure has "
-                f"{8 * kind.itemsize}; all frames must be stored alike"
+                f"{8 * kind.itemsize}; all frames must have the same number of bits"
             )
         total += codes
         for band in range(BLOCKS):

@@ -65,7 +65,7 @@ def _file(path: Path) -> FrameSet:
         lines, photons = TABLES[suffix](path)
         return _listed(path, lines, photons)
     if suffix == ".npy" or suffix in PICTURES:
-        raise RequestError(f"{path}: frames alone do not tell their exposure; list them in a CSV table: {COLUMNS}")
+        raise RequestError(f"{path}: frames alone do not state their exposure; list them in a CSV table: {COLUMNS}")
     raise RequestError(f"{path}: is not a measurement; give {KINDS}")
 
 
@@ -112,7 +112,7 @@ def _listed(path: Path, lines: list[Line], photons: bool) -> FrameSet:
 
 def _one(path: Path, patterns: set[str]) -> str:
     if len(patterns) > 1:
-        raise RequestError(f"{path}: its frames have the colour filter arrays {', '.join(sorted(patterns))}")
+        raise RequestError(f"{path}: expected frames with one colour filter array, got {', '.join(sorted(patterns))}")
     return next(iter(patterns), "mono")
 
 

@@ -97,7 +97,7 @@ def read_descriptor(path: Path) -> tuple[list[Line], bool]:
                 ) from None
         elif parts[0] == "i" and len(parts) > 1:
             if exposure is None:
-                raise RequestError(f"{path}, line {number}: a file before its exposure (b or d)")
+                raise RequestError(f"{path}, line {number}: a file is named before its exposure (a line b or d)")
             name = text.split(None, 1)[1].strip().replace("\\", "/")
             found.append(Line(_beside(path, name, number), *exposure, number))
     if not found:

@@ -211,7 +211,8 @@ def figures(frames: FrameSet, found: Curve, site: Site = MONO, confidence: float
     result.values["gain"] = Estimate(value, value - wide, value + wide, "DN/electron")
     if result.lack_of_fit > 1.5:
         result.notes.append(
-            f"the photon transfer curve is no line: its residuals are {result.lack_of_fit:.2g} times their statistical "
+            f"the photon transfer curve is not a line: its residuals are {result.lack_of_fit:.2g} times their "
+            "statistical "
             f"error, and the interval of K includes the slope at the dark; etendue calibrate fits a response that bends"
         )
     relative = wide / value

@@ -273,7 +273,7 @@ def fine_detail(
 
 
 def small(plan: Plan) -> Mapping[CellRef, tuple[str, ...]]:
-    """Return what the stages after the light write, and the variables of light without position."""
+    """Return the variables that stages after the light write, and the variables of light without position."""
     return {
         (n.name, ()): own
         for n in plan.nodes

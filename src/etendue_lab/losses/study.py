@@ -171,7 +171,9 @@ def _gains(detail: FineDetail, registry: Registry, options: Options | None, note
 
 
 def without_stages(pipeline: PipelineFile, out: Collection[str]) -> PipelineFile:
-    """Return the pipeline without some stages that write what they read; line numbers of the file no longer apply."""
+    """Return the pipeline without some stages that write the variable they read; line numbers of the file no longer
+    apply.
+    """
     return replace(derived.without_stages(pipeline, out), lines={})
 
 

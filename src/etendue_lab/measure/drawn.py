@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from etendue.present.plots.plot import Plot, new_figure
-from etendue.types.arrays import FloatArray
+from etendue.types.arrays import Array, FloatArray
 from etendue.types.documents import Document
 from etendue_lab.measure.photograph import ENCODED, PhotographFile, open_photograph
 
@@ -121,7 +121,7 @@ def _noise(one: Document) -> str:
     return text + (", not covered" if one["not_covered"] else "")
 
 
-def _shown(photograph: PhotographFile) -> Any:
+def _shown(photograph: PhotographFile) -> Array:
     """Return (rows, columns) or (rows, columns, 3), 0 to 1, as shown; a large picture is subsampled."""
     every = math.ceil(max(photograph.rows, photograph.columns) / WIDEST)
     part = photograph.values[::every, ::every] / photograph.full

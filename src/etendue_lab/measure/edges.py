@@ -46,7 +46,7 @@ TRIED_NOISE, TRIED_STEPS = 0.025, 30.0  # rms of full scale; mean of a JPEG's ta
 KINDS = {  # reasons why no edge is found automatically, and the advice for each
     "shorter than 24 pixels": (("shorter than",), "make the chart larger in the picture"),
     "along rows or columns": (
-        ("parallel to the pixel axes", "nothing in it is slanted"),
+        ("parallel to the pixel axes", "it has no slanted edge"),
         "turn the chart by about 5 degrees",
     ),
     "nearly along a diagonal": (
@@ -88,7 +88,7 @@ def measured_edge(photograph: PhotographFile, text: str, channel: str, confidenc
             continue
         if not STEEP[0] <= abs(one["angle"]) <= STEEP[1]:
             refusals.append(
-                f"the edge is not slanted: it stands {abs(one['angle']):.1f} degrees from the {one['near']}; allowed: "
+                f"the edge is not slanted: it is {abs(one['angle']):.1f} degrees from the {one['near']}; allowed: "
                 "2 to 43"
             )
             continue
@@ -135,7 +135,7 @@ def _measured_in(photograph: PhotographFile, region: PixelWindow, channel: str, 
 
 
 def _why(refusals: list[str], why: list[str]) -> str:
-    """Return which kinds of edges in the picture cannot be measured, most frequent first, and advice for those."""
+    """Return the kinds of edges in the picture that cannot be measured, most frequent first, with advice."""
     reasons = [*refusals, *(reason(ValueError(one)) for one in why)]
     counts = {kind: sum(any(part in one for part in parts) for one in reasons) for kind, (parts, _) in KINDS.items()}
     kinds = sorted((kind for kind in counts if counts[kind]), key=lambda kind: -counts[kind])
@@ -259,8 +259,8 @@ def _lost(photograph: PhotographFile, levels: tuple[float, ...], found: EdgeReso
 
 
 def _rounding(photograph: PhotographFile, levels: tuple[float, ...], found: EdgeResolution, confidence: float) -> float:
-    """Return how far the file's whole numbers may have shifted a frequency, relative to it: from the error of both
-    levels of the edge, relative to its step.
+    """Return the largest relative shift of a frequency by the rounding of the file's numbers, from the error of both
+    levels of the edge relative to its step.
     """
     low, high = levels
     steps = [photograph.step(low), photograph.step(high)]
@@ -321,7 +321,7 @@ def _shape(what: str, image: Array, sites: Array | None) -> EdgeShape | None:
     except ValueError:
         return None
     if not LEAST <= abs(shape.angle) <= MOST:
-        raise RequestError(f"{what}: the edge is not slanted: it stands {_stands(shape)}; allowed: 2 to 43")
+        raise RequestError(f"{what}: the edge is not slanted: it is {_stands(shape)}; allowed: 2 to 43")
     return shape
 
 

@@ -37,7 +37,8 @@ def measured_noise(photograph: PhotographFile, text: str, confidence: float) -> 
     clipped = float(photograph.clipped(place.cut).mean())
     if clipped > CLIPPED:
         raise RequestError(
-            f"{what}: {100 * clipped:.1f} % of the patch is clipped, which hides its noise; choose one that is neither "
+            f"{what}: {100 * clipped:.1f} % of the patch is clipped, which hides its noise; choose a patch that is "
+            "neither "
             f"black nor white"
         )
     luminance = () if photograph.is_raw or len(photograph.names) == 1 else ("luminance",)
@@ -65,8 +66,8 @@ def measured_noise(photograph: PhotographFile, text: str, confidence: float) -> 
 
 
 def _step(photograph: PhotographFile, name: str, cut: tuple[slice, slice]) -> float:
-    """Return the step between numbers of a plane in linear light; for luminance the step of a single number with the
-    same effect as those of the channels.
+    """Return the step between numbers of a plane in linear light. For luminance it is the single step with the same
+    effect as the steps of all channels.
     """
     if name != "luminance":
         return photograph.step(float(photograph.linear(name, cut)[0].mean()))

@@ -175,7 +175,7 @@ class PhotographFile:
         """Linear value of each 8-bit number."""
         return self._decoded(np.arange(256))
 
-    def planes(self, cut: Cut = np.s_[:]) -> Any:
+    def planes(self, cut: Cut = np.s_[:]) -> Array:
         """Return all channels in linear light, (channel, y, x)."""
         return self._decoded(np.moveaxis(self.values[cut], -1, 0))
 
@@ -256,7 +256,7 @@ def _raw(path: Path, weights: tuple[float, ...]) -> PhotographFile:
         raise RequestError(f"{path} cannot be read as a raw file: {told(error)}") from None
     if not white > black.max():
         raise RequestError(
-            f"{path.name} has white level {white:g} and black level {black.max():g}: no scale to measure on"
+            f"{path.name} has a white level of {white:g}; it must be above the black level, {black.max():g}"
         )
     return PhotographFile(
         path, values[..., None], white - float(black.max()), "linear", weights, (), colours, float(black.mean())

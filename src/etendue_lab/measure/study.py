@@ -27,7 +27,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class MeasurementRequest:
-    """What to measure in a photograph; regions as written on the command line."""
+    """The measurements to make in a photograph, with regions as written on the command line."""
 
     edges: tuple[str, ...] = ()
     stars: tuple[str, ...] = ()

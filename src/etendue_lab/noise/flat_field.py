@@ -60,7 +60,7 @@ def in_front_of_grey(
 
 
 def _sound(entry: StageEntry, registry: Registry) -> StageEntry:
-    """Return a stage that makes defective pixels, with its parameters set so that it makes none."""
+    """Return a stage of defective pixels with parameters such that no pixel is defective."""
     if entry.use not in registry or not FLAWS & set(writes_of(kind := registry.load(entry.use))):
         return entry
     shares = {

@@ -178,9 +178,7 @@ class _Measurement(FlatField):
         )
 
     def _without_pattern(self, frames: Array) -> Array:
-        """Subtract what repeats with the mosaic cell: a demosaicer may leave the mosaic's own pattern on a flat
-        field.
-        """
+        """Subtract the pattern that repeats with the mosaic cell, which a demosaicer may leave on a flat field."""
         mean = frames.copy()
         for y, x in np.ndindex(self.mask.shape):
             place = (..., slice(y, None, self.mask.shape[0]), slice(x, None, self.mask.shape[1]))

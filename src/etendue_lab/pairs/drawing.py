@@ -1,4 +1,4 @@
-"""Pairs by number: the settings of a random camera, a photograph, and what the camera makes of it.
+"""Pairs by number: the settings of a random camera, a photograph, and the pictures that the camera takes of it.
 
 In:  a pipeline with a stage that reads a picture file, photographs, ranges of settings, a seed.
 Out: by number, arrays of the wanted variables and the settings that gave them; the same on every worker.
@@ -36,7 +36,7 @@ SEEDS = 2**31
 
 @dataclass(frozen=True)
 class Pair:
-    """One camera and what it makes of one photograph. ``arrays``: float32, channel y x."""
+    """One camera, and its pictures of one photograph. ``arrays``: float32, channel y x."""
 
     number: int
     settings: Document
@@ -168,7 +168,9 @@ def pairs_of(
     ranges = read_ranges(pipeline, registry, over)
     if pipeline.sweep.keys() - {one.key for one in ranges}:
         axes = ", ".join(pipeline.sweep.keys() - {one.key for one in ranges})
-        raise RequestError([Fault("sweep", f"a pair is one camera: fix {axes} (--set), or draw it (--over)")])
+        raise RequestError(
+            [Fault("sweep", f"every pair has one camera: give {axes} one value (--set), or draw its values (--over)")]
+        )
     found = Pairs(pipeline, photographs_of(photographs), ranges, names, seed, count, _scene_of(pipeline, registry))
     plan = found.session.plan(list(names), found.settings(0))
     for stage, variable in plan.wanted:

@@ -63,7 +63,7 @@ class Flat(NamedTuple):
 
 
 def figures(shot: Shot, ideal: Shot, samples_per_degree: float) -> tuple[dict[str, float], Any, Flat | None]:
-    """Return every metric of ``UNITS``, the map of CIEDE2000 (None without a display), and the flat region used.
+    """Return every metric of ``UNITS``, the map of CIEDE2000 (None without a display), and the uniform region used.
 
     Raises
     ------

@@ -45,7 +45,7 @@ Show = Callable[[int, AxisValues, Shot, Shot, Any], tuple[str, bytes]]
 
 @dataclass
 class IdealComparison:
-    """A camera compared with its ideal: a row for each cell, and what was compared."""
+    """A camera compared with its ideal: a row for each cell, and the pictures that were compared."""
 
     pipeline: str
     ideal: Ideal

@@ -1,4 +1,4 @@
-"""What a search is asked for, as written: goals, limits and ranges.
+"""The request of a search, as written: goals, limits and ranges.
 
 In:  ``mean_snr``, ``mtf50[mean]``, ``pixel_pitch <= 3``, ``f_number=1.4:8``, ``demosaic.use=a,b``.
 Out: values with the units and types that the stages declare; one ``RequestError`` with all faults.
@@ -90,7 +90,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Range:
-    """What a setting may be: numbers between two ends, or one of some choices."""
+    """The values that a setting may have: numbers between two ends, or one of some choices."""
 
     key: str
     low: float = 0.0
@@ -109,7 +109,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Asked:
-    """A search: what is to be made best, within which limits, over which settings."""
+    """A search: its goals, its limits, and the settings that it varies."""
 
     goals: tuple[Goal, ...]
     limits: tuple[Limit, ...]
@@ -173,12 +173,14 @@ class _Reader:
         stages = [entry.name for entry in self.pipeline.stages]
         if declared is None and not (name.endswith(".use") and name.partition(".")[0] in stages):
             known = [*self.shared, *self.own, *(f"{stage}.use" for stage in stages)]
-            self.faults.append(Fault(f"--over {key}", f"no stage of this pipeline takes it{nearest(key, known)}"))
+            self.faults.append(
+                Fault(f"--over {key}", f"no stage of this pipeline has this parameter{nearest(key, known)}")
+            )
             return None
         if ":" not in rest:
             return Range(name, choices=tuple(part.strip() for part in rest.split(",")))
         if declared is None or declared[1] not in (int, float):
-            self.faults.append(Fault(f"--over {key}", "is no number: give choices, NAME=A,B"))
+            self.faults.append(Fault(f"--over {key}", "is not a number: give choices, NAME=A,B"))
             return None
         return self.between(name, text, [part.strip() for part in rest.split(":")], declared)
 
@@ -193,7 +195,7 @@ class _Reader:
             return None
         logarithmic = parts[2:] == ["log"]
         if not low < high or (logarithmic and low <= 0):
-            self.faults.append(Fault(f"--over {text}", "expected a lower end, above 0 for log, and a higher one"))
+            self.faults.append(Fault(f"--over {text}", "expected two ends, the lower one first; for log both above 0"))
             return None
         return Range(name, low, high, logarithmic, declared[1] is int, unit=declared[0].units)
 
@@ -245,7 +247,7 @@ def read_request(
     subject: Iterable[str] = (),
     over: Iterable[str] = (),
 ) -> Asked:
-    """Return what a search is asked for.
+    """Return the request of a search.
 
     Raises
     ------

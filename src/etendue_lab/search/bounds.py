@@ -1,4 +1,4 @@
-"""What is known of limits before the goals are computed: bounds that stages declare, and metrics that cost little.
+"""The facts about limits before the goals are computed: bounds that stages declare, and metrics that take little time.
 
 In:  the plan of a trial, the limits.
 Out: limits that cannot be met; limits whose metrics cost at most half of all.
@@ -20,23 +20,23 @@ CHEAP = 0.5  # share of the seconds of all metrics up to which limits are comput
 
 @dataclass(frozen=True)
 class First:
-    """What a search looks at before the goals. ``bounded``: whether there are bounds of a limit."""
+    """The limits that a search checks before the goals. ``bounded``: whether there are bounds of a limit."""
 
     bounded: bool
     cheap: tuple[Limit, ...]
 
 
 def of_a_search(plan: Plan, limits: Iterable[Limit]) -> First:
-    """Return what the limits of a search allow to look at first, judged by the camera as it is written."""
+    """Return the limits of a search that can be checked before its goals, judged by the camera as written."""
     return First(bool(bounded(plan, limits)), cheap(plan, limits))
 
 
 def bounded(plan: Plan, limits: Iterable[Limit]) -> dict[Limit, float]:
     """Return by how much limits are exceeded at least, as a share of their bounds; 0 or less if they may be met. Limits
-    on variables of which no bound is known are not in it.
+    on variables without a known bound are not in it.
 
-    A bound is what the stage carries of the values of its first variable without noise: the smallest and the largest.
-    It counts where nothing before draws or rounds; the margin is the tolerance for every cell before.
+    A bound is the smallest and the largest value of a stage's first variable without noise, as far as the stage knows
+    them. It counts where nothing before draws or rounds; the margin is the tolerance for every cell before.
     """
     found = {}
     for limit in limits:

@@ -1,4 +1,4 @@
-"""The trials of a search on disk: a search that was stopped goes on where it was, and gives the same trials.
+"""The trials of a search on disk: a stopped search continues and gives the same trials.
 
 In:  a folder, the request and the pipeline.
 Out: finished trials by number; a line more for each new one.
@@ -18,7 +18,7 @@ REQUEST, TRIALS = "search.json", "trials.jsonl"
 
 
 class Memory:
-    """What a folder knows of a search; without a folder, nothing.
+    """The record of a search in a folder; empty without a folder.
 
     Raises
     ------
@@ -37,7 +37,7 @@ class Memory:
         if known is not None and known != wanted:
             differ = [key for key in wanted if known.get(key) != wanted[key]]
             raise RequestError(
-                [Fault(str(folder), f"is of another search ({', '.join(differ)} differ); choose another --output")]
+                [Fault(str(folder), f"holds another search ({', '.join(differ)} differ); choose another --output")]
             )
         if known is None:
             write_whole(folder, {REQUEST: json.dumps(request, indent=1).encode()})

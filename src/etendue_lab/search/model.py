@@ -1,5 +1,5 @@
-"""Where to search next, by a model of what the trials found: a Gaussian process for the goal and for every limit, and
-the expected improvement times the chance that all limits are met.
+"""The next settings of a search, from a model of its trials: Gaussian processes for the goal and for every limit, and
+the expected improvement times the probability that all limits are met.
 
 In:  the trials so far, as points of a unit cube with what they gave; the seed and the number of the trial.
 Out: the next point. It follows from these alone.

@@ -1,4 +1,4 @@
-"""A search: settings are asked of optuna, evaluated by a session, and what was found is told.
+"""A search: optuna chooses settings, a session evaluates them, and optuna receives the results.
 
 In:  a pipeline, what is asked for, the number of trials.
 Out: the trials, the best of them, or the front of several goals.
@@ -339,5 +339,5 @@ def optimise(
 
 def _checked(sampler: str) -> str:
     if sampler not in SAMPLERS:
-        raise RequestError([Fault("sampler", f"{sampler!r} is none of {', '.join(SAMPLERS)}")])
+        raise RequestError([Fault("sampler", f"{sampler!r} is unknown; allowed: {', '.join(SAMPLERS)}")])
     return sampler

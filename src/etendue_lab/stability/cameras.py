@@ -212,7 +212,7 @@ def white_charge() -> float:
 
 
 def run(document: Document, errors: bool = True) -> Any:
-    """Run a camera on one thread and return its tree, with the errors of what is wanted unless ``errors`` is False.
+    """Run a camera on one thread and return its tree, with the errors of wanted variables unless ``errors`` is False.
 
     Raises
     ------
@@ -258,7 +258,7 @@ def rows_of_camera(name: str, document: Document) -> Iterator[LawCase]:
 
 
 def broken(made: Document, judge: Callable[[Document, Any], Iterator[Broken]]) -> list[Broken]:
-    """Return what breaks a law of a twin, of which nothing but what the law looks at is kept, without its error."""
+    """Return the broken law of a twin, without its error; only the properties that the law examines are kept."""
     return list(judge(made, run({**made, "keep": made["wanted"]}, errors=False)))
 
 

@@ -54,7 +54,7 @@ def _tangent(degrees: Any) -> Any:
 
 def _paraxial(number: float, magnification: float, angle: float) -> Any:
     if magnification > 0:
-        raise ValueError("a real image has a magnification up to 0")
+        raise ValueError("the magnification of a real image is at most 0")
     return radiometry.flat_disc_factor(number, magnification) * radiometry.cos4(_tangent(angle))
 
 

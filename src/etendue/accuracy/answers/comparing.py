@@ -1,7 +1,7 @@
 """Compare evaluations of a point that differ in one discretisation or in several.
 
 In:  evaluations that are made as far as the budget lasts, and variables.
-Out: what each variable's value changes by, as a part of its error; or why that is not known.
+Out: the change of each variable, as a part of its error; or the reason why it is unknown.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def not_affected(parts: Parts, affected: Collection[StageVariable], name: str) -
 
 
 def computed_alike(own: Plan, other: Plan) -> bool:
-    """Return whether all cells are computed alike in two plans of a point."""
+    """Return whether two plans of a point compute all cells in the same way."""
     return own.precision == other.precision and all(
         cell.left_out is None and cell.stage == other.cells[ref].stage for ref, cell in own.cells.items()
     )

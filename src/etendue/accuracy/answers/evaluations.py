@@ -123,7 +123,7 @@ class Evaluations:
         return self._plans[key]
 
     def all_of(self, *which: Which, asked: Asked = None) -> list[Evaluated] | None:
-        """Return some evaluations, of all wanted variables or of those ``asked``; None if the stages refuse one.
+        """Return some evaluations, of all wanted variables or of ``asked`` ones; None if the stages refuse one.
 
         Raises
         ------

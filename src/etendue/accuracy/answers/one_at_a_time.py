@@ -1,6 +1,6 @@
-"""The error of each discretisation and of what is left out, one after the other.
+"""The error of each discretisation and of omissions, one after the other.
 
-In:  evaluations of a point, with a budget that allows about ten of them.
+In:  evaluations of a point, with a budget for about ten evaluations.
 Out: the parts of the errors of the wanted variables.
 
 A discretisation is refined by a factor of two while all others are coarse. The change hardly depends on the others, and
@@ -109,8 +109,8 @@ def _bases(name: str) -> tuple[Factors, Factors]:
 def _refined(name: str, base: Factors) -> list[Way]:
     """Return the evaluations from which the error of a discretisation follows; ``base``: factors of the others.
 
-    The first way is one refinement. A cheaper one is one coarsening: for convergence of first or higher order, the
-    error is at most the change that it causes. A margin can also be widened on a coarser grid.
+    The first way is one refinement. A cheaper way is to coarsen once: for convergence of first or higher order, the
+    error is at most the change that this causes. A margin can also be widened on a coarser grid.
     """
     ways = [Way(((base, ""), ({**base, name: 2}, "")), SAFETY.get(name, FIRST_ORDER))]
     if name in ("spacing", "bins"):

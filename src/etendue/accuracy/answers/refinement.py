@@ -170,7 +170,9 @@ class Point:
 
     @cached_property
     def nearer(self) -> dict[str, dict[str, Any]]:
-        """By stage, settings of its knobs one step finer than in the run; the reference where that is a closed form."""
+        """For each stage, settings of its knobs one step finer than in the run, or the reference if this is a closed
+        form.
+        """
         return self._settings(lambda knob, own: knob.reference if knob.closed_form else knob.finer_than(own))
 
     def _settings(self, chosen: Callable[[PipelineKnob, Any], Any]) -> dict[str, dict[str, Any]]:

@@ -4,7 +4,7 @@ In:  evaluations of a point.
 Out: the parts of the errors of the wanted variables: of bins and spacing together, and of margin and omissions
      together; each apart where the budget lasts for one evaluation more.
 
-Evaluations form chains, each of which changes one thing in each step. The two ends tell the error of all steps, and an
+Evaluations form chains; each step of a chain changes one thing. The two ends tell the error of all steps, and an
 evaluation between them tells which step it comes from.
 """
 
@@ -77,7 +77,7 @@ class Together:
         self.apart: list[str] = []  # discretisations that can be refined, but not as a step of a chain
 
     def measure(self) -> None:
-        """Add the parts of both chains that fit into the budget. Those in ``apart`` are left to the caller."""
+        """Add the parts of both chains that fit into the budget. The caller handles those in ``apart``."""
         names = self.evaluations.point.names()
         try:
             grids = self._grids(names)
@@ -174,7 +174,7 @@ class Together:
             self.measured.append(chain)
 
     def _lack(self, names: list[str], error: TooDear) -> None:
-        """Note that not even the plans fit into the budget."""
+        """Note that the plans alone exceed the budget."""
         self.dear += error.seconds
         for name in (*names, OMISSIONS):
             for one in self.affected[name]:

@@ -43,7 +43,7 @@ def refuse_changed(folder: Path, running: bool) -> None:
 
 @dataclass(frozen=True)
 class Checked:
-    """An archive in which nothing differs from what was written, as far as no chunk is read."""
+    """An archive without differences from the written state, except perhaps in chunks, which are not read."""
 
     listing: disk.Listing
     journal: Read

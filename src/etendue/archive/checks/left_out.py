@@ -21,7 +21,7 @@ from etendue.archive.structure.naming import cell_label
 
 
 def left_out_damage(stored: Stored) -> Iterator[Damage]:
-    """Yield what is wrong with the variables without an array."""
+    """Yield the faults of the variables without an array."""
     yield from _named_otherwise(stored)
     reached = {cell.name for one in stored.archive.followed for cell, _ in one.cells.values()}
     for one in stored.archive.followed:
@@ -50,7 +50,7 @@ def _named_otherwise(stored: Stored) -> Iterator[Damage]:
 
 
 def _other_shape(stored: Stored, one: Followed) -> str:
-    """Return why an array has another shape than the coordinates of a group; '' if it has not."""
+    """Return why the shape of an array differs from that of the coordinates of its group; '' if it does not."""
     document = disk.read_document(stored.folder / DATA / one.path[1:] / "zarr.json") or {}
     dims, axes = document.get("dimension_names") or [], stored.journal.axes[one.source]
     inner = [str(dim) for dim in dims if dim not in axes]

@@ -1,5 +1,5 @@
-"""Restore the parts of a damaged archive of which there is a second copy (records, inputs found elsewhere, axis
-values), and mark the rest to be recomputed.
+"""Restore the parts of a damaged archive that have a second copy (records, inputs found elsewhere, axis values), and
+mark the rest to be recomputed.
 
 In:  the folder of an archive, the damage found in it, and places where its inputs may be found.
 Out: an archive that a run of its own pipeline can complete; a list of what was done, in words.

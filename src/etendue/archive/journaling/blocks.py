@@ -173,7 +173,7 @@ class Blocks:
         return state.index != own.there() or len(state.index) != len(own)
 
     def odd(self) -> list[str]:
-        """Return shards on disk that differ from what was put there."""
+        """Return shards on disk that differ from the written ones."""
         return [path for path, slots in self.slots.items() if self.finder.odd(path, slots)]
 
     def unsettled(self) -> list[str]:

@@ -207,7 +207,7 @@ class Entries(MutableMapping[str, Entry]):
             yield name, EVENTS[self.event[row]], STATUS[self.status[row]], self.seconds[row], clipped
 
     def done_among(self, names: Iterable[str]) -> list[str]:
-        """Return those of the named cells that are done."""
+        """Return the named cells that are done."""
         return (
             [name for name in names if name in self.rows and self.event[self.rows[name]] == _EVENT["done"]]
             if self.rows
@@ -215,7 +215,7 @@ class Entries(MutableMapping[str, Entry]):
         )
 
     def done_otherwise(self, keys: Iterable[tuple[str, str]]) -> list[str]:
-        """Return those of the named cells that are done with another key than the one given."""
+        """Return the named cells that are done with a key other than the given one."""
         return self.done_among(name for name, key in keys if name in self.rows and self.key_at(self.rows[name]) != key)
 
     def done_beside(self, names: Mapping[CellRef, str]) -> list[str]:

@@ -1,11 +1,11 @@
-"""What a journal says, in columns, kept in the user's cache: reading it again costs a digest, not a line for each cell.
+"""The content of a journal as columns in the user's cache: to read it again takes one digest, not a line for each cell.
 
 In:  the path of a journal; what its first bytes say.
 Out: the same, if these bytes are still those that were read.
 
-There is one entry for each path. It holds the length and the digest of the bytes that it stands for, and begins with
-a digest of itself; lines appended since are read on top of it. A journal that differs in any of these bytes is read
-anew, and so is one whose entry is damaged, so that a wrong answer takes an equal digest. The newest entries stay.
+There is one entry for each path. It holds the length and the digest of the bytes that it stands for, and begins with a
+digest of itself; lines appended since are read on top of it. A journal is read anew if any of these bytes differs or
+its entry is damaged: only an equal digest of other bytes could give a wrong answer. The newest entries stay.
 """
 
 from __future__ import annotations

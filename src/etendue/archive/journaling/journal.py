@@ -3,12 +3,12 @@
 One JSON line per event, appended only by the owner of the archive. A cell is finished if its **last** line is ``done``
 with the wanted key, and its chunks lie where the lines say, with the recorded size. Each line ends in a checksum of
 itself; lines that fail it, and an incomplete last line, count as absent. That a file exists proves nothing. A ``done``
-line says to which part of a shard each chunk was appended; a ``shard`` line says which bytes of which parts a shard
-holds. The journal also holds the axis values of each group (a coordinate array damaged by a kill is rewritten from
-them), the arrays created in each group, how each is split into shards, the variables without an array and the arrays
-they equal, the record of each run, and how many cells it has to compute. ``closed`` says that a run has ended in order:
-the data of earlier lines need not be read back. ``outdated`` names the cells that a run is about to replace: their
-chunks remain until it does, but readers do not see them.
+line names the part of a shard to which each chunk was appended; a ``shard`` line lists the parts, and the bytes of
+them, that a shard holds. The journal also holds the axis values of each group (a coordinate array damaged by a kill is
+rewritten from them), the arrays created in each group, how each is split into shards, the variables without an array
+and the arrays they equal, the record of each run, and how many cells it has to compute. ``closed`` says that a run has
+ended in order: the data of earlier lines need not be read back. ``outdated`` names the cells that a run is about to
+replace: their chunks remain until it does, but readers do not see them.
 """
 
 from __future__ import annotations
@@ -191,14 +191,14 @@ class Journal:
             del self.axes[group]
 
     def set_arrays(self, arrays: Mapping[str, Iterable[str]]) -> None:
-        """Record which arrays will be created in each group, before any is: arrays named here are not foreign."""
+        """Record the arrays of each group before they are created; arrays that are recorded are not foreign."""
         fresh = {group: set(names) | self.arrays.get(group, set()) for group, names in arrays.items()}
         fresh = {group: names for group, names in fresh.items() if names != self.arrays.get(group)}
         self._append({"event": "arrays", "group": group, "names": sorted(names)} for group, names in fresh.items())
         self.arrays.update(fresh)
 
     def set_blocks(self, blocks: Mapping[str, Mapping[str, Document]]) -> None:
-        """Record how the variables of each group are split into shards, before any is created; growing axes keep it."""
+        """Record how each variable is split into shards, before any shard is created; growing axes keep the split."""
         changed = {
             group: {name: dict(one) for name, one in own.items()}
             for group, own in blocks.items()
@@ -300,7 +300,7 @@ def _begun(path: Path, file: BinaryIO) -> tuple[Read, list[bytes], index.Digest]
 
 
 def _take_own(found: Read, line: bytes) -> bool:
-    """Take a line about a cell whose checksum matches, decoded in one step (fast path); return whether it was one."""
+    """Take a line about a cell with the right checksum, decoded in one step; return whether the line was one."""
     if line[-SUM:-10] != b',"sum":"' or b"%08x" % zlib.crc32(b"}", zlib.crc32(memoryview(line)[:-SUM])) != line[-10:-2]:
         return False
     try:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Compared(WrittenChunk):
-    """Stands in for a written chunk: how far a variable is from the stored one; ``damage`` says why the stored one
+    """Takes the place of a written chunk: how far a variable is from the stored one; ``damage`` says why the stored one
     cannot be read.
     """
 

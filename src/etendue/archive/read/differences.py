@@ -114,7 +114,8 @@ def _plain(value: Any) -> Any:
 def differences(
     first: Path, second: Path, told: Callable[[int, int], None] = lambda done, total: None
 ) -> list[StageDifference]:
-    """Return the differences by stage, in the order of the first archive; ``told`` is called with cells done and total.
+    """Return the differences by stage, in the order of the first archive; ``told`` is called with the number of
+    finished cells and the total.
 
     Raises
     ------

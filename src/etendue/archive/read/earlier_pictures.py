@@ -36,7 +36,7 @@ def sheet_is_whole(folder: Path, manifest: Manifest | None) -> bool:
 
 
 def whole(files: Mapping[str, bytes]) -> bool:
-    """Return True if nothing of the pictures is missing or changed."""
+    """Return True if the pictures are complete and unchanged."""
     attrs, own = attributes(files), Tree()
     own.put_group(FRAMES, attrs)
     return own.held.items() <= files.items() and attrs.get("digest") == digest(files)

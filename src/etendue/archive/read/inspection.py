@@ -303,7 +303,7 @@ class Inspection:
                 yield Damage("added", name, "no run has written it")
 
     def _stranger(self, path: str) -> Iterator[Damage]:
-        """Report an unknown file in a place of ours: foreign, or its journal lines are lost."""
+        """Report an unknown file where a run writes files: it is foreign, or its journal lines are lost."""
         array = _array(path)
         if self.known is None and (
             path.startswith(tuple(f"{DATA}/{t}/" for t in TABLES)) or re.search("/c(/|$)", path)

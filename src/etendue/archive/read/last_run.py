@@ -1,7 +1,7 @@
 """The state in which the last run left an archive, and what has changed since.
 
 In:  an archive opened for a run, with a plan laid out over it.
-Out: whether it is in order and matches the plan; what differs from the manifest.
+Out: whether the archive is intact and matches the plan; the files that differ from the manifest.
 """
 
 from __future__ import annotations

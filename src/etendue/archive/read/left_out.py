@@ -22,7 +22,7 @@ from etendue.archive.structure.layout import SAME_AS, paths_of
 
 
 def with_left_out(groups: Mapping[str, xarray.Dataset]) -> dict[str, xarray.Dataset]:
-    """Return groups by path, with their variables that have no array."""
+    """Return groups by path, each with its variables without an array."""
     found = dict(groups)
     for path, group in groups.items():
         for text in paths_of(group.attrs):

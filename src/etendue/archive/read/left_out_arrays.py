@@ -32,7 +32,7 @@ class LeftOutArrays:
         self.by_node = {f"{one.group}/{one.variable}": one for one in archive.followed}
 
     def form(self, node: str) -> StoredForm:
-        """Return the form of such an array: that of the chunks which have its values, one cell to a file."""
+        """Return the form of such an array: the form of the chunks that have its values, with one cell per file."""
         one = self.by_node[node]
         return replace(self.archive.form(one.source, one.variable), block=(1,) * len(self._axes(one)))
 

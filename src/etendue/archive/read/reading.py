@@ -185,7 +185,7 @@ class StoredArchive:
 
     @cached_property
     def _elsewhere(self) -> dict[str, tuple[StoredChunk, ...]]:
-        """By name of a cell, the chunks of other cells that have its values."""
+        """For each cell, by name, the chunks of other cells that have its values."""
         found: dict[str, tuple[StoredChunk, ...]] = {}
         for one in self.followed:
             for cell, chunks in one.cells.values():

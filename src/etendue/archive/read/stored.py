@@ -109,7 +109,7 @@ def _whole(path: Path) -> Any:
     check_array(path)
     array = zarr.open_array(str(path), mode="r")
     if array.nbytes > LARGEST_TABLE:
-        raise ArchiveError(f"{array.name} claims the shape {array.shape}, too large for axes or tables of an archive")
+        raise ArchiveError(f"{array.name} has the shape {array.shape}, too large for an axis or table of an archive")
     return array[...]
 
 

@@ -1,10 +1,12 @@
-"""Groups of a study in the store of an archive, beside those of stages: what it found, and the cells that it is of.
+"""Groups of a study in the store of an archive, next to those of stages: its results, and the cells that they were
+computed from.
 
 In:  the folder of an archive, its journal.
 Out: which studies are stored, and how many of their cells have other results now.
 
-A study has a group of its own, with a group for everything it found; these name the cells they are of and their keys.
-A run leaves them as they are, so that they can be of earlier results: this is told, by comparing keys.
+A study has its own group, with a group for each result; these groups name the cells from which the result was computed,
+and their keys. A run leaves them as they are. They may therefore describe earlier results; a comparison of keys shows
+this.
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ class StoredStudy:
 
     @property
     def stale(self) -> str:
-        """Why it is not of what the archive holds; '' if it is."""
+        """The reason why it does not describe the archive's present results; '' if it does."""
         parts = [f"{self.other} of its {self.cells} cells have changed"] if self.other else []
         parts += [f"{self.since} cells were finished since"] if self.since else []
         return " and ".join(parts)

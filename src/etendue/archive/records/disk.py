@@ -268,7 +268,7 @@ def append_to(root: str | Path, path: str) -> int:
 
 
 def lacks(folder: Path, what: str) -> str:
-    """Return why a folder is no archive: it does not exist, or holds no ``what``."""
+    """Return the reason why a folder is not an archive: it does not exist, or has no ``what``."""
     return f"it holds no {what}" if folder.exists() else "it does not exist"
 
 
@@ -301,7 +301,7 @@ def in_place_of_file(root: Path, path: str) -> ArchiveError:
 class Listing:
     """The names below the folders of an archive, by folder: ``files["data.zarr/scene"]``. Links are not listed.
 
-    What an archive must not hold is refused, or collected by path in ``odd`` if that is given.
+    Content that an archive must not have is refused or, if ``odd`` is given, collected there by path.
     """
 
     def __init__(self, root: Path, odd: dict[str, str] | None = None) -> None:

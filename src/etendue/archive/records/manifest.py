@@ -1,7 +1,7 @@
 """The manifest: digests of everything in an archive except chunks of cells. It exists only while no run is unfinished.
 
-A run removes it before its first change and writes it at the end, so that any deviation from it was caused by somebody
-else or by a failing disk.
+A run removes it before its first change and writes it at the end, so any deviation from it was caused by another
+program or a failing disk.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def read_manifest(folder: Path) -> Manifest | None:
 
 
 def _inside(path: str) -> bool:
-    """Return True if a path is one where an archive has files; a manifest with any other path is rejected."""
+    """Return True if an archive can have a file at this path; a manifest with any other path is rejected."""
     first, *rest = path.split("/")
     return (first in disk.FOLDERS and bool(rest) and not {"", ".", ".."} & set(rest)) if rest else first in disk.FILES
 

@@ -1,8 +1,8 @@
 """Ownership of an archive: its lock, and the run named in ``run.id``, so that workers of an ended run stop.
 
 In:  the folder of an archive, or the content of the file.
-Out: whether a run owns it; a checksummed name for a run, which shows whether the file was changed. Also registers
-     what follows a run in that folder: nothing, or an object store.
+Out: whether a run owns it; a checksummed name for a run, which shows whether the file was changed. Also registers the
+action that follows a run in that folder: none, or the upload to an object store.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ class Behind:
         self.running = running
 
     def own(self) -> None:
-        """Called before the first change; from then on nobody else writes. It may refuse by raising an error."""
+        """Called before the first change; afterwards no other process writes. It may refuse by raising an error."""
 
     def begun(self) -> None:
         """Called when everything known before computing has been written."""
 
     def sealed(self, paths: Iterable[str]) -> None:
-        """Called when these shards are complete. May raise an earlier error of a background thread."""
+        """Called when these shards are complete. An earlier error of a background thread may be raised here."""
 
 
 NOBODY = Behind()
@@ -66,7 +66,7 @@ def fresh_id() -> str:
 
 
 def is_id(text: bytes) -> bool:
-    """Return True if ``run.id`` holds what a run writes there; early versions wrote no checksum."""
+    """Return True if the content of ``run.id`` has the form that a run writes; early versions wrote no checksum."""
     return (
         text == ABANDONED.encode()
         or len(text) == 32

@@ -61,7 +61,7 @@ class Recorded:
 
 
 def input_fault(folder: Path, name: str) -> str:
-    """Return what is wrong with one input of an archive and what to do; '' if it is intact."""
+    """Return the fault of one input of an archive and the remedy; '' if it is intact."""
     copy, told = folder / "inputs" / name, disk.read_document(folder / "inputs" / f"{name}.json")
     if not copy.exists():
         if told is not None:

@@ -26,7 +26,7 @@ RUNNING, LEFT, CLOSED = "running", "left", "closed"
 
 @dataclass(frozen=True)
 class SeenOwner:
-    """The content of ``owner.json``. An archive uploaded by another program has none."""
+    """The content of ``owner.json``. An archive that another program uploaded has no such file."""
 
     run: str = ""
     state: str = CLOSED
@@ -38,7 +38,7 @@ class SeenOwner:
 
 
 def look(objects: Objects) -> SeenOwner:
-    """Return who owns an archive on a store."""
+    """Return the owner of an archive on a store."""
     try:
         data, found = objects.get(OWNER)
     except FileNotFoundError:

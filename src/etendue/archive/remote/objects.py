@@ -231,7 +231,7 @@ def _store(url: str) -> Any:
 
 
 def endpoint_of(url: str) -> str:
-    """Return the endpoint that, beside a URL, identifies the store."""
+    """Return the endpoint that identifies the store together with a URL."""
     names = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT") if url.startswith("s3:") else ()
     return next((os.environ[name] for name in names if os.environ.get(name)), "")
 

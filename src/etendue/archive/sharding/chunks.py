@@ -70,7 +70,7 @@ def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) 
 
 
 class Spent:
-    """Bytes that this process has written, as in memory, and the thread time that it took."""
+    """Bytes that this process has written, before compression, and the thread time of writing."""
 
     def __init__(self) -> None:
         self.lock, self.bytes, self.seconds = threading.Lock(), 0, 0.0
@@ -80,7 +80,7 @@ class Spent:
             self.bytes, self.seconds = self.bytes + size, self.seconds + seconds
 
     def taken(self) -> tuple[int, float]:
-        """Return both, and begin anew."""
+        """Return both, and reset them."""
         with self.lock:
             found, self.bytes, self.seconds = (self.bytes, self.seconds), 0, 0.0
         return found

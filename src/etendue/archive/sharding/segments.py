@@ -176,8 +176,8 @@ class Parts:
     def settle(self, root: str, run_id: str) -> None:
         """Write everything that the threads of this process have appended to its files.
 
-        A part stays listed until it is settled. A thread that finds nothing of its own left may then report its cells
-        as finished, and the owner makes a shard of them.
+        A part stays listed until it is settled. A thread whose part is gone reports its cells as finished, and the
+        owner makes a shard of them.
         """
         check_owner(root, run_id)
         with self.lock:

@@ -148,7 +148,7 @@ class Shard:
 
     @cached_property
     def _runs(self) -> dict[str, tuple[Sequence[int], Sequence[tuple[int, int, int]]]]:
-        """By part, where each run of bytes begins in it, in order, and the runs: (from, to, length)."""
+        """For each part, the starts of its runs of bytes in order, and the runs: (from, to, length)."""
         found: dict[str, list[tuple[int, int, int]]] = {}
         for part, start, to, length in self.kept:
             found.setdefault(part, []).append((start, to, length))

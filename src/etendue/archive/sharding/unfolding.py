@@ -53,7 +53,7 @@ def refuse_other_size(body: bytes, size: int) -> None:
     said, own = (int.from_bytes(body[at : at + 4], "little") for at in (4, 12))
     if len(body) < 16 or (said, own) != (size, len(body)):
         raise ArchiveError(
-            f"the stored bytes claim to decompress from {own} to {said} bytes; they are {len(body)}, for {size}"
+            f"the stored bytes claim to decompress from {own} to {said} bytes; expected {len(body)} to {size}"
         )
 
 

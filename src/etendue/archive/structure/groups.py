@@ -4,7 +4,7 @@ In:  the cells of a stage; where the journal says that cells are stored, and in 
 Out: the group of every cell, and a group that has to be renamed.
 
 In a new archive a stage has one group, or one child per shape if its grids differ. Stored cells stay where they are:
-cells of one shape stay in their group, whatever else of that shape is added. Only if a second shape joins cells that
+cells of one shape stay in their group when more cells of this shape are added. Only if a second shape joins cells that
 are stored in the group of the stage itself do these move into a child, without rewriting their bytes: a group with
 children holds no arrays.
 """

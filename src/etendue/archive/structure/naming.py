@@ -15,7 +15,7 @@ Index = tuple[int, ...]
 
 
 def cell_name(plan: Plan, ref: CellRef) -> str:
-    """Return the name of a cell from its stage and axis values; it does not depend on what else is swept."""
+    """Return the name of a cell from its stage and axis values; it does not depend on other axes of the sweep."""
     return cell_label(ref[0], plan.labels(ref))
 
 

@@ -89,7 +89,7 @@ def check_in_order(old: Path, archive: StoredArchive) -> None:
     lost = {chunk.group for cell in archive.cells.values() for chunk in cell.chunks} - archive.journal.axes.keys()
     if changed or lost or archive.journal.damaged or archive.journal.torn:
         raise ArchiveError(
-            f"{old / (changed or ['journal.jsonl'])[0]} is missing or damaged: only an archive in order "
+            f"{old / (changed or ['journal.jsonl'])[0]} is missing or damaged: only a complete archive "
             f"can be compacted. "
             f"Run its pipeline on it first"
         )

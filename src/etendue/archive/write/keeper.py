@@ -104,7 +104,9 @@ class ArchiveKeeper:
         return found
 
     def _is_elsewhere(self, old: DocumentView | None, now: DocumentView) -> bool:
-        """Return True if the archive was begun on another platform; raise if that could mix different bits."""
+        """Return True if the archive was begun on another platform; raise an error if continuing could mix different
+        bits.
+        """
         folder, mixed = self.store.folder, not (self.accept_platform or self.recompute)
         way_out = "Keep its finished cells with --accept-platform, or recompute everything with --recompute"
         if old is None:

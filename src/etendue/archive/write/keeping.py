@@ -47,7 +47,7 @@ def with_stored(asked: Plan, store: ArchiveWriter, prune: bool) -> tuple[Plan, l
 
 
 def refuse_regrown(asked: Plan, record: DocumentView | None, folder: str) -> None:
-    """Refuse a Latin hypercube of another number of points: none of its rows is one of those stored.
+    """Refuse a Latin hypercube with another number of points, because it has none of the stored rows.
 
     Raises
     ------
@@ -57,14 +57,14 @@ def refuse_regrown(asked: Plan, record: DocumentView | None, folder: str) -> Non
     own, sweep = asked.pipeline.design, sweep_of(record, Path(folder), "design") if record else {}
     if own.get("method") == "lhs" == sweep.get("method") and own.get("points") != sweep.get("points"):
         raise ArchiveError(
-            f"{folder} holds a Latin hypercube of {sweep.get('points')} points, and one of {own.get('points')} has "
-            f"other values in every row: it cannot be extended. Use another archive with --archive DIR; designs with "
-            f"method 'sobol', 'halton', 'random', 'saltelli' or 'list' can be extended"
+            f"{folder} holds a Latin hypercube of {sweep.get('points')} points. It cannot be extended to "
+            f"{own.get('points')}, because every row would change. Use another archive with --archive DIR; designs "
+            f"with method 'sobol', 'halton', 'random', 'saltelli' or 'list' can be extended"
         )
 
 
 def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:
-    """Map each cell asked for to its cell in a plan over more values; empty if one is missing there."""
+    """Map each requested cell to its cell in a plan over more values; empty if a cell is missing there."""
     if plan.cells is asked.cells:
         return {ref: ref for ref in asked.cells}
     by_name = {name: ref for ref, name in Names(plan).items()}
@@ -144,7 +144,7 @@ def _with_optional(node: Node, stored: set[tuple[str, str]]) -> Node:
 
 
 def pruned(plan: Plan, entries: Mapping[str, Entry]) -> RemovedCells:
-    """Return the cells that are removed if only the results of this run stay."""
+    """Return the cells that must be removed to keep only the results of this run."""
     names = set(Names(plan).values())
     gone = RemovedCells()
     for name, entry in entries.items():

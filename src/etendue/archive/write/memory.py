@@ -121,7 +121,9 @@ class MemoryKeeper(Passing):
         return found
 
     def _put(self, ref: CellRef, arrays: Mapping[str, Array]) -> dict[str, Array]:
-        """Copy a cell into its place; return its arrays as views there (variables that are not kept: unchanged)."""
+        """Copy a cell into its place; return its arrays as views of this place, and variables that are not kept
+        unchanged.
+        """
         path = self.layout.home.get(ref)
         placed = {}
         for name, array in arrays.items():
@@ -245,7 +247,7 @@ class _Coordinates:
 
 
 def _tree_of(groups: Mapping[str, xarray.Dataset]) -> xarray.DataTree:
-    """Return what ``DataTree.from_dict`` gives, which copies every group twice more."""
+    """Return the tree that ``DataTree.from_dict`` would give, without its two further copies of every group."""
     children: dict[str, dict[str, xarray.DataTree]] = {"": {}}
     for path, dataset in groups.items():
         parent, _, name = path.rpartition("/")

@@ -44,9 +44,7 @@ Chunks = Mapping[int, tuple[StoredCell, StoredChunk]]  # of a shard, by slot
 
 @dataclass(frozen=True)
 class Compacted:
-    """What was written: cells, shards, and bytes of their chunks; the axes that were sorted, by group; all bytes
-    written.
-    """
+    """The written cells, shards, and bytes of their chunks; the axes that were sorted, by group; all bytes written."""
 
     folder: Path
     cells: int

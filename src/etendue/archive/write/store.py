@@ -8,9 +8,9 @@ paper/
   runs/               a record of every run: pipeline, versions, platform
   lock  run.id        which run owns it
 
-Chunks of cells are trusted if the journal names them and they lie where it says. Everything else in the store follows
-from the plan (``tree``): it is compared with the files and rewritten if they differ. Files are removed only by name,
-and nothing is written if nothing has changed.
+A chunk of a cell is trusted if the journal names it and it lies at the recorded place. Everything else in the store
+follows from the plan (``tree``): it is compared with the files and rewritten if they differ. Files are removed only by
+name, and nothing is written if nothing has changed.
 """
 
 from __future__ import annotations
@@ -167,7 +167,9 @@ class ArchiveWriter:
         return found | {(group.split("/")[0], name) for group, own in self.journal.same.items() for name in own}
 
     def finished(self, ref: CellRef) -> bool:
-        """Return True if a cell needs no computing: the journal has it done with its key, and its files are intact."""
+        """Return True if a cell need not be computed: it is done in the journal with this key, and its files are
+        intact.
+        """
         entry, key = self.journal.entries.get(self.names[ref]), self.plan.cells[ref].key
         if entry is None or not (is_done(entry, key) or is_done(entry, self.former.keys.get(ref, key))):
             return False
@@ -395,7 +397,7 @@ class ArchiveWriter:
         self._put(own)
 
     def write_manifest(self) -> None:
-        """End the run: whatever differs from the manifest from now on was changed by somebody else."""
+        """End the run: any later difference from the manifest was not caused by a run."""
         if not self.touched:
             return
         self.journal.closed()

@@ -1,4 +1,4 @@
-"""Store what a study found as groups of an archive: plain arrays, consolidated with those of its stages.
+"""Store the results of a study as groups of an archive: plain arrays, consolidated with those of its stages.
 
 In:  the folder of an archive whose last run ended in order, arrays by group.
 Out: the groups, below one of the study; root and manifest that know them. A run leaves them as they are.
@@ -48,10 +48,10 @@ def _write(folder: Path, study: str, groups: Mapping[str, DocumentView]) -> None
     listing, manifest = disk.Listing(folder), read_manifest(folder)
     root = disk.read_document(folder / DATA / ROOT) or {}
     if manifest is None or "consolidated_metadata" not in root or manifest.changed(folder):
-        raise ArchiveError(f"{folder} is not in order: run its pipeline on it first")
+        raise ArchiveError(f"{folder} is incomplete or damaged: run its pipeline on it first")
     there = disk.read_document(folder / DATA / study / ROOT)
     if listing.has(f"{DATA}/{study}") or (study in listing.folders.get(DATA, ()) and not is_study(there)):
-        raise ArchiveError(f"{folder / DATA / study} is not of a study")
+        raise ArchiveError(f"{folder / DATA / study} was not written by a study")
     tree = Tree()
     tree.put_group(study, {STUDY: study})
     for name, group in groups.items():

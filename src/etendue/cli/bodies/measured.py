@@ -46,9 +46,7 @@ def held(
 
 
 def _choices(chosen: Any) -> list[str]:
-    """Return the values chosen for those that the pipeline leaves open, and the reasons why no finer ones were
-    chosen.
-    """
+    """Return the values chosen for open parameters of the pipeline, and the reasons why no finer values were chosen."""
     every = {f"{stage}.{name}": value for stage, own in chosen.values.items() for name, value in own.items()}
     told = ", ".join(
         f"{name} = {value:.4g}{' (refined)' if name in chosen.refined else ''}" for name, value in every.items()
@@ -64,7 +62,7 @@ def _choices(chosen: Any) -> list[str]:
 
 
 def with_values(pipeline: PipelineFile, held: holding.HeldTolerance) -> PipelineFile:
-    """Return the pipeline with what is held: the tolerance, and the values of what it leaves open."""
+    """Return the pipeline with the tolerance that ``--hold`` found, and the values of its open parameters."""
     chosen = with_chosen(pipeline, held.chosen.values) if held.chosen else pipeline
     # The record of the run holds the tolerance as if it had been given, so that the record can be checked.
     overrides = tuple({**dict(chosen.overrides), "tolerance": held.tolerance}.items())
@@ -101,7 +99,7 @@ def _remedy(answers: DocumentView, part: str) -> str:
 
 
 def beyond(held: holding.HeldTolerance, answers: DocumentView) -> list[str]:
-    """Return a sentence for each variable whose answer is further off than what is held: ``--hold`` refines only the
+    """Return a sentence for each variable whose error exceeds the requested limit: ``--hold`` refines only the
     discretisations that the pipeline leaves open.
     """
     said = []
@@ -116,7 +114,11 @@ def beyond(held: holding.HeldTolerance, answers: DocumentView) -> list[str]:
         parts = {part: own[size] for part, own in error["parts"].items() if held.chosen or part != "omissions"}
         if parts and sum(parts.values()) > most:
             worst = max(parts, key=lambda part: parts[part])
-            missed = "not held" if name in held.missed else "held against the reference, but not the answer"
+            missed = (
+                "not held"
+                if name in held.missed
+                else "within the limit relative to the reference, but the error of the answer is not"
+            )
             said.append(
                 f"{missed}: {name} is off by {plus_minus(error, unit)}, mostly "
                 f"by its {worst}" + ("" if worst == "omissions" else f"; {_remedy(answers, worst)}")

@@ -62,7 +62,7 @@ def run(
 
 
 def _tell_run(outcome: Outcome, measured: Document | None, way: Way) -> None:
-    """Print what a run did, and the errors that were measured."""
+    """Print the results of a run, and the errors that were measured."""
     if way.as_json:
         answers = {"answer": outcome.answers} if outcome.answers else {}
         say({**outcome_document(outcome), **answers, **(measured or {})})

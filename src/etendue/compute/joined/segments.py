@@ -65,7 +65,7 @@ class Result:
 
 
 def passed_on(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, CellArrays]:
-    """Return what a cell that is left out passes on: the very arrays of its input, and the light of its segment."""
+    """Return the arrays that a left-out cell passes on, which are those of its input, and the light of its segment."""
     result, arrays = Result(), CellArrays()
     for _, ref, variable in job.inputs:
         if variable in job.passes and variable not in arrays:

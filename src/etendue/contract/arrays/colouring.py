@@ -32,7 +32,7 @@ class Pattern:
         return len(self.rows), len(self.rows[0])
 
     def moved(self, down: int, across: int) -> tuple[str, ...]:
-        """Return its rows as seen from another position."""
+        """Return its rows relative to another position."""
         down, across = down % len(self.rows), across % len(self.rows[0])
         return tuple(row[across:] + row[:across] for row in (*self.rows[down:], *self.rows[:down]))
 

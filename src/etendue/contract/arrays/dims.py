@@ -69,11 +69,11 @@ def declared_dims() -> tuple[str, ...]:
 
 
 def banded(dims: Iterable[str]) -> str:
-    """Return which of some dims is one of bands; '' if none is."""
+    """Return the first dim that is divided into bands; '' if there is none."""
     return next((name for name in dims if name not in PLACE and dim(name).bins), "")
 
 
 def is_light(dims: Iterable[str]) -> bool:
-    """Return whether something with these dims has a value for every band and position."""
+    """Return whether an array with these dims has a value for every band and position."""
     own = {*dims}
     return own > {*PLACE} and bool(banded(own))

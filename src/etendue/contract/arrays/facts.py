@@ -1,7 +1,6 @@
 """Facts: properties of a variable that are known before it is computed.
 
-Facts decide what may be left out and which precision a scene needs. An unknown fact is ``None``, and nothing is
-concluded from it.
+Facts decide what may be left out and which precision a scene needs. An unknown fact is ``None``; no decision uses it.
 """
 
 from __future__ import annotations
@@ -79,7 +78,7 @@ class Content:
         return {**own, "widths": (), "peaks": ()}
 
     def _times(self, factors: Sequence[float]) -> dict[str, Any]:
-        """Return the fields of the largest values after a factor that is at least this in each band. A blur has no
+        """Return the fields of the largest values after a factor with these lower bounds by band. A blur has no
         negative weights, so it keeps the factor of light that is nowhere below 0.
         """
         if not self.widths or min(self.low) < 0:
@@ -152,15 +151,15 @@ class Facts:
     Attributes
     ----------
     uniform : the same value at every position
-    white : of light, that of a white surface by band, in the variable's unit
+    white : for light, the light of a white surface by band, in the variable's unit
     low, high : bounds on the values, in the variable's unit
     mean : lower bound of the mean of the values over the frame
     brightest : lower bound of the largest value over the whole light
     contrast : largest over smallest value; inf if the scene contains exact black
     band_limit : frequency above which the scene has less than a hundredth of its contrast, cycles/um
-    rendered : of a scene, how its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which values
+    rendered : for a scene, how its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which values
         are means), um, each 0 if it does not apply
-    content : of light, its content by band and frequency; the planner finds it for a scene, and passes it on through
+    content : for light, its content by band and frequency; the planner finds it for a scene, and passes it on through
         transfer functions
     """
 

@@ -11,7 +11,7 @@ from typing import NoReturn
 
 
 class NotKnown(Exception):
-    """A part of the plan depends on a value that only a run finds."""
+    """A part of the plan depends on a value that is known only during a run."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class LateValue:
 
 
 def ends(value: float | LateValue) -> tuple[float, float]:
-    """Return the smallest and largest possible value of a quantity: twice a number itself, or the range of one that a
-    run finds.
+    """Return the smallest and largest possible value of a quantity: a number twice, or the range of a quantity that
+    only a run finds.
 
     Examples
     --------

@@ -24,8 +24,8 @@ class Quantity(Parameter):
 
     ``prefix`` is written before its values instead of its name; ``off`` is the value that turns it off.
 
-    ``scales``: another quantity whose values it multiplies or explains. A preset's value of this one therefore does not
-    fit a pipeline's own value of the other.
+    ``scales``: another quantity whose values it multiplies or explains. A value of this quantity from a preset
+    therefore does not fit a value of the other quantity from the pipeline.
 
     ``compared``: the value with which two samples differ by their factors alone; a design for Sobol' indices takes it
     unless the pipeline gives one.

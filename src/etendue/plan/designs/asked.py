@@ -1,4 +1,4 @@
-"""What a pipeline asks of its design: method, points, seed, factors, correlations, rows.
+"""The design that a pipeline requests: method, points, seed, factors, correlations, rows.
 
 In:  ``[design]`` as written, the pipeline's folder.
 Out: ``Asked``, and one fault for each entry that is wrong.
@@ -45,7 +45,7 @@ class Asked:
 
     @property
     def drawn(self) -> int:
-        """The number of points that are drawn: more than asked for where rows beyond them are."""
+        """The number of points that are drawn, which exceeds the requested number if requested rows lie beyond it."""
         fixed = self.method in ("lhs", "list") or not self.rows
         return self.points if fixed else max(self.points, max(self.rows) // self.per_point + 1)
 
@@ -61,7 +61,7 @@ class Asked:
 
 
 def asked_of(pipeline: PipelineFile, faults: list[Fault]) -> Asked | None:
-    """Return the design that a pipeline asks for; None if it has none, or too much of it is wrong."""
+    """Return the design that a pipeline asks for; None if there is no such part, or if too much of it is wrong."""
     design = pipeline.design
     if not design:
         return None
@@ -112,7 +112,7 @@ def _rows(design: DocumentView, faults: list[Fault]) -> tuple[int, ...]:
 
 
 def _too_many(asked: Asked) -> str:
-    """Return what is beyond the end of a design; '' if nothing is."""
+    """Return the part of a request that lies beyond the end of a design; '' if there is none."""
     if asked.count > LONGEST:
         return f"{asked.count} rows"
     last = max(asked.rows, default=-1)

@@ -1,5 +1,5 @@
-"""Axes whose values change together, as one axis of rows. A node that only some of them reach gets the distinct
-combinations of those, so that nothing is computed twice.
+"""Axes whose values change together, as one axis of rows. A node that depends on only some of them gets their distinct
+combinations, so that nothing is computed twice.
 
 In:  nodes whose axes are the single factors; which axes share a dim.
 Out: nodes with the axis of rows, or one derived from it; the axes that stand for themselves; the derived ones.
@@ -75,10 +75,10 @@ def _made(dim: str, numbers: tuple[int, ...], factors: Sequence[Axis], rows: tup
 
 
 def _part(one: Axis, chosen: list[int], pipeline: PipelineFile) -> Axis:
-    """Return the axis of a node that only some factors reach: that of all rows, unless rows have their values in
-    common by design.
+    """Return the axis of a node that depends on only some factors: the axis of all rows, unless the design lets rows
+    share values.
 
-    Combinations are numbered by the first row, of all that are drawn, that has them: further rows change no number.
+    A combination has the number of the first drawn row that contains it, so further rows change no number.
     """
     zips = [pipeline.zipped[one.factors[n].key] for n in chosen]
     if len(chosen) == len(one.factors) or not _share(zips):
@@ -104,7 +104,9 @@ def _share(zips: Sequence[Zip]) -> bool:
 
 
 def _name(one: Axis, chosen: list[int]) -> str:
-    """Return the name of a part of an axis of rows: by its factors, or by those that it lacks if these are fewer."""
+    """Return the name of a part of an axis of rows, from its factors or, if these are fewer, from the factors that it
+    lacks.
+    """
     lacking = [n for n in range(len(one.factors)) if n not in chosen]
     if len(lacking) < len(chosen):
         return f"{one.dim}_without_{'_'.join(one.factors[n].dim for n in lacking)}"

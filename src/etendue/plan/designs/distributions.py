@@ -60,7 +60,7 @@ class Distribution:
         return math.sqrt(first * last) if self.shape == "log" else (first + last) / 2
 
     def tightened(self, share: float) -> Distribution:
-        """Return the distribution with its spread about the centre smaller by a share of it."""
+        """Return the distribution with its spread about the centre reduced by a share."""
         keep, centre = 1 - share, self.centre
         if self.shape == "normal":
             return replace(self, numbers=(centre, keep * self.numbers[1]))
@@ -159,7 +159,7 @@ def distribution_of(written: Any, parameter: Parameter, kind: Any, folder: Path)
         if name not in KEYS:
             raise Unfit(f"unknown key {name!r}{nearest(name, KEYS)}")
     if kind not in (int, float):
-        raise Unfit("expected a list of choices: its values are no numbers")
+        raise Unfit("expected a list of choices, because the values are not numbers")
     found = _shaped(written, parameter, folder)
     levels = written.get("levels", 0)
     if isinstance(levels, bool) or not isinstance(levels, int) or not 0 <= levels <= MOST_LEVELS:
@@ -168,7 +168,7 @@ def distribution_of(written: Any, parameter: Parameter, kind: Any, folder: Path)
     ends |= {name: _number(written[name], parameter, folder) for name in ends if name in written}
     found = replace(found, low=ends["at_least"], high=ends["at_most"], levels=levels, whole=kind is int)
     if found._below(found.high) - found._below(found.low) < 1e-9:
-        raise Unfit("nothing of its probability lies between at_least and at_most")
+        raise Unfit("the probability of a value between at_least and at_most is 0")
     _check_ends(found, parameter)
     return found
 
@@ -202,14 +202,16 @@ def _shaped(written: DocumentView, parameter: Parameter, folder: Path) -> Distri
             raise Unfit("normal: expected [mean, deviation] with a deviation above 0; a fixed value is no factor")
         return Distribution(name, numbers)
     if not numbers[0] < numbers[-1] or list(numbers) != sorted(numbers):
-        raise Unfit(f"{name}: expected rising numbers, got {as_written(list(values))}")
+        raise Unfit(f"{name}: expected ascending numbers, got {as_written(list(values))}")
     if spacing == "log" and numbers[0] <= 0:
         raise Unfit(f"spacing 'log' requires both ends above 0, got {numbers[0]:g} to {numbers[1]:g}")
     return Distribution("log" if spacing == "log" else "uniform" if name == "from" else name, numbers)
 
 
 def _number(value: Any, parameter: Parameter, folder: Path) -> float:
-    """Return a number in the unit of a parameter; it need not be in its range: a deviation is none of its values."""
+    """Return a number in the unit of a parameter; it may lie outside its range, because a deviation is not a value of
+    the parameter.
+    """
     free = replace(parameter, above=None, at_least=None, below=None, at_most=None, held=None)
     return float(resolve(value, free, float, folder))
 

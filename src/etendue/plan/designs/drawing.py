@@ -51,8 +51,8 @@ def with_design(pipeline: PipelineFile, registry: Registry) -> PipelineFile:
 
 
 def compared_of(pipeline: PipelineFile, registry: Registry) -> Document:
-    """Return the shared quantities that a design for Sobol' indices sets unless the pipeline does: two of its rows
-    must differ by their factors alone.
+    """Return the shared quantities that a design for Sobol' indices sets, unless the pipeline sets them, so that two
+    rows differ by their factors alone.
     """
     if pipeline.design.get("method") != "saltelli":
         return {}
@@ -81,7 +81,7 @@ def _in_units(asked: Asked, pipeline: PipelineFile, registry: Registry) -> Asked
 def distributions(
     asked: Asked, pipeline: PipelineFile, registry: Registry, faults: list[Fault]
 ) -> dict[str, Distribution]:
-    """Return the distribution of every factor; of a list and of faulty factors none."""
+    """Return the distribution of every factor, except for lists and faulty factors."""
     found: dict[str, Distribution] = {}
     for key, written in asked.factors.items() if asked.method != "list" else ():
         parameter, kind = _parameter(key, pipeline, registry) or (Parameter(), float)
@@ -93,7 +93,7 @@ def distributions(
 
 
 def _drawn(asked: Asked, found: dict[str, Distribution]) -> tuple[Document, dict[str, Zip]]:
-    """Return the distinct values of every factor, and which of them each row has."""
+    """Return the distinct values of every factor, and the index of each row's value among them."""
     values, zipped = dict[str, Any](), dict[str, Zip]()
     if asked.method == "list":
         for key, written in asked.factors.items():
@@ -116,7 +116,7 @@ def _drawn(asked: Asked, found: dict[str, Distribution]) -> tuple[Document, dict
 
 
 def shares_of(asked: Asked) -> Array:
-    """Return the shares of the probability of each factor, by row."""
+    """Return, for each row, the place of every factor in its distribution: a share of the probability, 0 to 1."""
     return unit_points(asked.method, asked.drawn, len(asked.factors), asked.seed, asked.correlated)
 
 

@@ -19,7 +19,9 @@ TINY = 2.0**-33  # a share of 0 has no quantile
 
 
 def rows_of(method: str, points: int, factors: int) -> int:
-    """Return how many rows a design of so many points has: of Saltelli's, all of one base point together."""
+    """Return the number of rows of a design with this number of points; for Saltelli's design, all rows of each base
+    point count.
+    """
     return points * (factors + 2) if method == "saltelli" else points
 
 
@@ -46,7 +48,7 @@ def unit_points(method: str, points: int, factors: int, seed: int, correlated: t
 
 
 def positive(matrix: Sequence[Sequence[float]]) -> bool:
-    """Return whether factors can have such correlations all at once."""
+    """Return whether factors can have all these correlations at the same time."""
     import numpy as np
 
     return float(np.linalg.eigvalsh(np.array(matrix)).min()) > 1e-9
@@ -66,7 +68,9 @@ def _drawn(method: str, points: int, factors: int, seed: int) -> Array:
 
 
 def discrepancy(shares: Array, levels: Sequence[int]) -> tuple[float, float]:
-    """Return the centred discrepancy of points, and that of the same points at so many levels per factor (0: all)."""
+    """Return the centred discrepancy of points, and that of the same points with this number of levels per factor (0:
+    no levels).
+    """
     import numpy as np
     from scipy.stats import qmc
 

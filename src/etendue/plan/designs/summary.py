@@ -1,4 +1,4 @@
-"""What a plan says of its axes and of its design.
+"""The description of a plan's axes and design.
 
 In:  a plan.
 Out: the entries ``axes`` and ``design`` of the document of ``etendue plan --json``.
@@ -74,7 +74,7 @@ def design_said(plan: Plan) -> Document | None:
 
 
 def _compared(key: str, value: Any) -> bool:
-    """Return whether a shared quantity has the value with which rows differ by their factors alone."""
+    """Return whether a shared quantity has the value that makes rows differ by their factors alone."""
     return key in quantities.names() and quantities.declared(key).compared == value != ""
 
 

@@ -12,7 +12,7 @@ from etendue.types.documents import Document, DocumentView
 
 
 def design_lines(document: Document) -> list[str]:
-    """Return what is drawn, what its levels save, and what they cost; nothing for a plan without design."""
+    """Return the samples of a design, and the savings and the cost of its levels; nothing for a plan without design."""
     own = document.get("design")
     if not own:
         return []
@@ -46,7 +46,7 @@ def _said(one: DocumentView) -> str:
 
 
 def row_settings(plan: Plan, axis: Axis, ref: CellRef) -> list[str]:
-    """Return the options that leave of an axis of rows only one that has a cell."""
+    """Return the options that reduce an axis of rows to one row with a cell."""
     at = dict(zip(plan.node(ref[0]).axes, ref[1], strict=True))
     position = at.get(axis.dim, 0)
     for part in plan.derived:

@@ -65,12 +65,12 @@ def open_knobs(kind: type[Stage], written: Collection[str]) -> tuple[str, ...]:
 def choose(
     stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked
 ) -> tuple[Stage, tuple[Approximated, ...]]:
-    """Return a stage with its open knobs set, and those chosen settings that add an error to that of the reference.
+    """Return a stage with its open knobs set, and the chosen settings whose error exceeds that of the reference.
 
-    Knobs are set one after the other, each to its first setting from the cheap end that keeps the stage's whole error
-    within the tolerance. If the error stays above the tolerance, all knobs start from their finest setting. If even the
-    finest is above it, coarser settings add at most a tenth of the tolerance, so that the result is as close to the
-    tolerance as the knobs allow.
+    Knobs are set one after the other, each to its cheapest setting that keeps the whole error of the stage within the
+    tolerance. If the error stays above the tolerance, all knobs start from their finest setting. If even the finest is
+    above it, coarser settings add at most a tenth of the tolerance, so that the result is as close to the tolerance as
+    the knobs allow.
 
     A stage with a ``dear`` knob, whose finer settings the plan may not choose, stays as it is in this case: finer
     settings of its other knobs would cost time without reaching the tolerance. So does a stage that does not know its

@@ -195,7 +195,7 @@ class _Expansion:
         return self.described[stage]
 
     def seen_before(self, stage: Stage, facts: Facts, grids: Mapping[str, Grid]) -> tuple[Facts, Mapping[str, Grid]]:
-        """Add to the facts of a scene what its light contains, if anything may be left out because of it."""
+        """Add the content of its light to the facts of a scene, if this may allow an omission."""
         assert isinstance(stage, Source)
         if not (self.choice.leave_out or self.choice.digits) or facts.content is not None:
             return facts, grids
@@ -270,7 +270,7 @@ class _Expansion:
         self.cells[cell.ref] = cell
 
     def by_dim(self, node: Node, index: tuple[int, ...]) -> dict[str, int]:
-        """Return the positions of a cell on its axes, and on the factors that these stand for."""
+        """Return the positions of a cell on its axes, and on the factors of these axes."""
         found = dict(zip(node.axes, index, strict=True))
         for dim, position in zip(node.axes, index, strict=True):
             axis = self.axes[dim]

@@ -26,7 +26,7 @@ from etendue.transfer import effects
 
 
 class Decisions(NamedTuple):
-    """What the planner decides for one cell."""
+    """The decisions of the planner for one cell."""
 
     stage: Stage
     left_out: LeftOut | None

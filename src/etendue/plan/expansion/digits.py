@@ -1,12 +1,10 @@
-"""The digits that a tolerance leaves: the steps to whose multiples the pictures of a cell are rounded where its stage
-hands them on.
+"""The digits that are significant at a tolerance: the rounding steps of the pictures of a cell.
 
 In:  cells in the order of the plan, with their facts; the tolerance.
 Out: for each cell, by variable, the exponent of a power of two; None where all digits stay.
 
-A step is the largest power of two within the tolerance times full scale. It follows from the plan alone, so that it can
-be in the key of the cell, and from earlier cells alone, so that an edited exposure computes no light again. Full scale
-is
+A step is the largest power of two within the tolerance times full scale. It depends only on the plan, so it can be part
+of the cell's key, and only on earlier cells, so light is not recomputed when the exposure is edited. Full scale is
 
 - for light and charge, the largest value that it may reach, or twice the value that it is known to reach after any blur
   if that is less. Rounding changes a value by at most half a step: at most the tolerance times the largest value, also
@@ -47,7 +45,9 @@ def is_rounded(declared: Declaration) -> bool:
 
 
 def is_in_range(declared: Declaration) -> bool:
-    """Return whether a picture is relative to the range of a converter or to white: codes, and what has no unit."""
+    """Return whether a picture is relative to the range of a converter or to white: codes, and pictures without a
+    unit.
+    """
     return declared.unit == "1" or declared.dtype != "float"
 
 
@@ -101,9 +101,7 @@ class Digits:
         return found
 
     def converted(self, stage: Stage, inputs: Inputs, port: str) -> float:
-        """Return the part of its range that a converter gives light or charge: that of an error as large as all of
-        it.
-        """
+        """Return the part of a converter's range that an error as large as all light or charge would fill."""
         facts = {own: self.cells[ref].facts for own, ref, _ in inputs}
         full = brightest(facts[port])
         return stage_calls.growth_of(stage, {**facts, port: replace(facts[port], high=full)}) if full > 0 else 0.0

@@ -1,4 +1,4 @@
-"""Cells of an earlier plan that a new one would only make again: nothing that decides them has changed.
+"""Cells of an earlier plan that a new plan can reuse, because nothing that determines them has changed.
 
 In:  earlier plans, and the graph of a new one.
 Out: the cells that can be taken over, one after the other in the order of the new plan.
@@ -34,9 +34,7 @@ class Earlier:
         return {grid: grid for cell in self.plan.cells.values() for grid in cell.grids.values()}
 
     def take(self, name: str, index: tuple[int, ...]) -> Cell | None:
-        """Return a cell that is as before because its stage and all that it reads and looks at are as before; else
-        None.
-        """
+        """Return the previous cell if its stage and everything that it reads and looks at are unchanged; else None."""
         cell = self.plan.cells.get((name, index)) if name in self.unchanged else None
         if cell is None:
             return None
@@ -51,7 +49,7 @@ class Earlier:
 
 
 def nearest_of(plans: Sequence[Plan], graph: Graph, pipeline: PipelineFile, choice: Choice) -> Earlier | None:
-    """Return the plan of which most nodes are unchanged; None if none was decided alike."""
+    """Return the plan of which most nodes are unchanged; None if no cell has the same decision."""
     sources = frozenset(node.name for node in graph.nodes if node.is_source)
     alike = [one for one in plans if _decided_alike(one, choice)]
     same = [(one, one.pipeline.seed == pipeline.seed) for one in alike]
@@ -60,7 +58,7 @@ def nearest_of(plans: Sequence[Plan], graph: Graph, pipeline: PipelineFile, choi
 
 
 def _decided_alike(plan: Plan, choice: Choice) -> bool:
-    """Return whether all that holds for a whole pipeline is the same."""
+    """Return whether all properties of the whole pipeline are equal."""
     own = plan.pipeline
     return (own.tolerance, own.norm, own.precision, plan.leaves_out, plan.expected, plan.digits) == (
         choice.tolerance,

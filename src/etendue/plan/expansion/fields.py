@@ -37,10 +37,10 @@ class _Field(NamedTuple):
 def notes_on_the_scene(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], axes: Mapping[str, Axis]) -> list[str]:
     """Return notes on cropping and on softness, at most one of each for every stage that samples light at pixels.
 
-    Cropping is noted for the cell that takes the smallest share of its light, if that is less than half of the area.
-    Softness is noted for the cell whose pixels are finest relative to the rendering of the chart, if the rendering
-    leaves less than a quarter of the contrast at their Nyquist frequency. Uniform light loses nothing and is skipped.
-    ``axes`` is by dimension.
+    A note reports the cell that uses the smallest share of its light, if this is less than half of the area. Softness
+    is noted for the cell whose pixels are finest relative to the rendering of the chart, if the rendering leaves less
+    than a quarter of the contrast at their Nyquist frequency. Uniform light loses nothing and is skipped. ``axes`` is
+    by dimension.
     """
     by_node: dict[str, list[tuple[_Field, Cell]]] = {}
     known: Once[_Field | None] = Once()  # cells share equal grids

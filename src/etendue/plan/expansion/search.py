@@ -1,4 +1,4 @@
-"""Search the settings of knobs for those that meet a goal at the lowest cost.
+"""Search the settings of knobs that meet a goal at the lowest cost.
 
 In:  knobs with their settings from the cheapest to the finest, and a function that evaluates a combination of settings.
 Out: trials, each combination evaluated once, within a budget; the front of error and cost.
@@ -198,10 +198,10 @@ class Search(Generic[_Tried]):
         return found
 
     def explored(self, choices: Choices, goals: Sequence[Goal], most: int, predicted: Predicted) -> None:
-        """Try at most ``most`` combinations. If there are no more, try all. Otherwise try, for every goal in turns, the
-        combination that is predicted to meet it at the lowest cost, as long as this is below the cost of the cheapest
-        trial that meets it. The remaining trials go to combinations that differ from that trial in one setting and cost
-        hardly more, because predictions may be wrong.
+        """Try at most ``most`` combinations. If there are no more, try all. Otherwise try, for each goal in turn, the
+        combination that is predicted to meet it at the lowest cost, until no prediction is below the cost of the
+        cheapest trial that meets the goal. The remaining trials go to combinations that differ from that trial in one
+        setting and cost hardly more, because predictions may be wrong.
 
         The first half of the trials are combinations that minimise cost + price x error for some price.
         """

@@ -4,7 +4,7 @@ that differ from their defaults.
 In:  cells of a plan.
 Out: lines of text; lines whose value is found during the run are left open.
 
-Three things change no draw: a new parameter with a default, an accuracy setting, and the way a quantity was obtained.
+Draws do not depend on a new parameter with a default, on an accuracy setting, or on the way a quantity was obtained.
 Whether a value is given, swept or found by a run, it makes the same word.
 """
 

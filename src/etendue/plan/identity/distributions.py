@@ -55,7 +55,7 @@ class ModulePlace:
 
 @cache
 def place_of(module: str) -> ModulePlace | None:
-    """Return where an import would find a module; None if nowhere, or if it has no file."""
+    """Return where an import would find a module; None if it is nowhere, or has no file."""
     loaded = sys.modules.get(module)
     spec = getattr(loaded, "__spec__", None)
     if spec is None and getattr(loaded, "__file__", None):  # a script
@@ -104,8 +104,8 @@ class Installed:
 
     @cached_property
     def knows_etendue(self) -> bool:
-        """Whether it requires etendue or brings plugins for it. If so, the code that a stage reaches in it is followed
-        file by file.
+        """Whether it requires etendue or brings plugins for it. If so, the code that a stage imports from it is
+        followed file by file.
         """
         points = self.folder / "entry_points.txt"
         return bool(_OF_ETENDUE.search(self.metadata)) or (

@@ -119,7 +119,7 @@ HELD = (
 
 
 def only_moves(module: str) -> bool:
-    """Return whether no digest follows a module: it is in ``MOVES``, or in a package that is as a whole."""
+    """Return whether a module is in no digest, because it or its whole package is in ``MOVES``."""
     if module in ENGINE or module in MOVES:
         return module not in ENGINE
     parts = module.split(".")

@@ -1,7 +1,7 @@
 """Find the variables that need no array of their own: all their cells are left out, so another stage has their values.
 
 In:  cells with their decisions, the kept variables, and those of which a copy is asked for.
-Out: by stage and variable, the stage that has the values. It is computed, or it stores copies itself: never a chain.
+Out: by stage and variable, the stage that has the values. That stage is computed, or stores copies itself.
 
 A variable keeps its own array if only some of its cells are left out, if no stage with the same values is kept, if
 several stages have the values, for example different ones for the alternatives of an axis, or if the stage that has
@@ -71,8 +71,8 @@ def _holder(
 
 
 def source_of(cell: Cell, variable: str) -> CellRef | None:
-    """Return the cell whose array a left-out cell passes on as its variable; None if it does not pass this
-    variable on.
+    """Return the cell that computed the array which a left-out cell passes on as its variable; None if it does not pass
+    this variable on.
     """
     return next((ref for _, ref, name in cell.inputs if name == variable), None) if cell.left_out else None
 

@@ -60,9 +60,9 @@ class SourceFile:
     """The analysis of a file. ``imports``: names of imported modules and of names imported from them; relative ones
     keep their dots.
 
-    ``words``: contains only a docstring. ``hides``: has imports that cannot be followed. ``beside``: reads files next
-    to it. ``classes``: for a module that imports the ``models`` of a package, which gives classes by name, every word
-    that may be the name of a class.
+    ``words``: whether it contains only a docstring. ``hides``: whether it has imports that cannot be followed.
+    ``beside``: whether it reads files next to it. ``classes``: if it imports the ``models`` of a package, from which
+    classes are loaded by name, every word that may be such a name.
     """
 
     digest: str

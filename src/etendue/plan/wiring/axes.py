@@ -89,7 +89,7 @@ def _parameter_of(request: Request, key: str, entries: Entries) -> _Target | Non
 
 
 def _quantity_of(request: Request, key: str, entries: Entries, shared: Quantities) -> _Target | None:
-    """Return the shared quantity that a bare name stands for; None if there is none, or a fault is reported."""
+    """Return the shared quantity that a bare name means; None if there is none, or a fault is reported."""
     place = f"sweep.{key}"
     if key not in shared.declared:
         if not request.whole:

@@ -129,7 +129,7 @@ def _written(made: tuple[Alternative, ...]) -> list[Declaration]:
 def _mapped(
     request: Request, entry: StageEntry, made: tuple[Alternative, ...], inputs: tuple[Bound, ...], earlier: list[Node]
 ) -> tuple[str, ...]:
-    """Return the leading dims of what a stage reads that the stage itself does not work on."""
+    """Return the leading dims of a stage's inputs on which the stage itself does not work."""
     by_name = {node.name: node for node in earlier}
     every = [_mapped_over(request, entry, one, bound, by_name) for one, bound in zip(made, inputs, strict=True)]
     if len(set(every)) > 1:
@@ -202,7 +202,7 @@ def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound,
     """Return what a node looks at: a probe looks at all stages, other stages at the transfer functions that their input
     has passed.
 
-    Datasheets are those that the input has passed or, if there are none, all.
+    Datasheets are those of the stages that the input has passed or, if there are none, of all stages.
     """
     found: dict[tuple[str, str], dict[str, None]] = {}
     for one, bound in zip(made, inputs, strict=True):

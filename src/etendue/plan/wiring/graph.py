@@ -34,7 +34,7 @@ from etendue.types.documents import Document, DocumentView
 
 @dataclass
 class Graph:
-    """A checked pipeline: what the planner expands into cells."""
+    """A checked pipeline, which the planner expands into cells."""
 
     nodes: tuple[Node, ...]
     axes: tuple[Axis, ...]
@@ -104,8 +104,8 @@ def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
 
 
 def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> frozenset[tuple[str, str]]:
-    """Return the (stage, variable) pairs to store. A variable stands for that of every stage, a stage's name for all it
-    writes, ``looks`` for everything but light.
+    """Return the (stage, variable) pairs to store. The name of a variable selects it in every stage, the name of a
+    stage selects all its variables, and ``looks`` selects everything but light.
     """
     everything = [(n.name, v) for n in nodes for v in n.writes]
     if keep is None:
@@ -244,7 +244,7 @@ def _wanted_of(request: Request, nodes: list[Node]) -> tuple[tuple[str, str], ..
 
 
 def _check_kept(request: Request, nodes: list[Node]) -> None:
-    """Report unknown names under ``keep``; those that are wanted too are reported there."""
+    """Report unknown names under ``keep``, except those that are reported under ``wanted`` already."""
     for text in request.pipeline.keep or ():
         if text != LOOKS and text not in (request.pipeline.wanted or ()):
             _find_variable(request, text, nodes, "keep")

@@ -114,7 +114,7 @@ def _stated(name: str, whose: Table) -> DocumentView:
 
 
 def _values(request: Request, tables: Mapping[str, DocumentView], whose: Table) -> dict[str, DocumentView]:
-    """Return what the preset of every value gives, by its label; one that cannot be read is reported."""
+    """Return the values of every preset on an axis, by label; a preset that cannot be read is reported."""
     found = dict[str, DocumentView]()
     for label, table in tables.items():
         try:

@@ -62,7 +62,7 @@ def resolve_quantities(request: Request, entries: Entries) -> Quantities:
 def _tell_stand_ins(request: Request, used: Mapping[str, Declared]) -> None:
     """Add a note on values that no source gives; report a fault if the pipeline does not allow such values."""
     for preset, names in standing_in(request.pipeline, used).items():
-        text = f"no source gives {', '.join(names)} of the {preset}: typical values stand in"
+        text = f"no source gives {', '.join(names)} of the {preset}: typical values are used"
         if request.pipeline.stand_ins:
             request.warnings.append(text)
         else:

@@ -21,7 +21,7 @@ def fitted_to_overrides(pipeline: PipelineFile, registry: Registry) -> tuple[Pip
     In a sweep of a ``.use``, all parameters in the table of the replaced stage are dropped; here those that both stages
     accept are kept.
 
-    A parameter that the file's own stage does not accept either is kept, so that it is reported as a fault.
+    A parameter that the stage of the file does not accept is also kept, so that it is reported as a fault.
     """
     notes: list[str] = []
     swapped = {key.removesuffix(".use") for key, _ in pipeline.overrides if key.endswith(".use")}

@@ -108,8 +108,8 @@ def plain(value: Any) -> Any:
 
 
 def start_of(opened: Opened) -> dict[str, int]:
-    """Return where a page starts, as does the contact sheet: the pipeline's own value if it is on the axis, else the
-    middle.
+    """Return the values at which a page and the contact sheet start: the pipeline's own value if it is on the axis,
+    else the middle.
     """
     written = _pipeline(opened)
     said = {
@@ -129,8 +129,8 @@ def start_of(opened: Opened) -> dict[str, int]:
 def _losses_command(opened: Opened, start: Mapping[str, int]) -> str:
     """Return the command that computes each stage's share of the losses, at the cell where the page starts.
 
-    '' if there is no pipeline file, or if stages, presets or rows of a design are swept: a name along such an axis
-    stands for several values, which no option can set.
+    '' if there is no pipeline file, or if stages, presets or rows of a design are swept: no option can set the several
+    values that a name on such an axis means.
     """
     last = sorted((opened.folder / "runs").glob("*.toml"))
     if not last or any(

@@ -51,7 +51,7 @@ class HttpRefusal(Exception):
 
 
 class Missing(HttpRefusal):
-    """A cell that is missing, perhaps only so far."""
+    """A cell that is missing; it may still be computed."""
 
 
 class Live:

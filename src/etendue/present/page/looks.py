@@ -98,7 +98,7 @@ class Picture:
 
     @cached_property
     def bright(self) -> float:
-        """The linear value shown as white: the same for all stages of a kind, as far as they exist."""
+        """The linear value shown as white, which is the same for all stages of a kind."""
         opened, stages = self.opened, pictured(self.opened)
         order = [
             Pictured(

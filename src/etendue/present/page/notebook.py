@@ -42,7 +42,7 @@ def answer(live: Live, widget: Any, asked: Any) -> None:
     words = {str(name): str(value) for name, value in words.items()} if isinstance(words, dict) else {}
     try:
         if question is None:
-            raise HttpRefusal(404, "nothing here")
+            raise HttpRefusal(404, "there is no page at this address")
         _, body, extra = question(words)
     except (HttpRefusal, EtendueError, ValueError) as error:
         widget.send({"number": number, "why": str(error)})

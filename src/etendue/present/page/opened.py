@@ -193,7 +193,7 @@ class Opened:
         return list(dict.fromkeys([*(value for value in given if value in known), *known]))
 
     def _factors(self, dim: str) -> dict[AxisValue, str]:
-        """Return in words what changes along a dim of rows, by row; nothing for an axis that stands for itself."""
+        """Return, for each row of a dim, the changing values in words; nothing for an ordinary axis."""
         found: dict[AxisValue, dict[str, AxisValue]] = {}
         units: dict[str, str] = {}
         for group in (one for groups in self.groups.values() for one in groups if dim in one.axes):

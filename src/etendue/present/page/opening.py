@@ -120,7 +120,9 @@ def _ranked(numbers: Sequence[Number], subject: str) -> list[Number]:
 
 
 def _open(numbers: Sequence[Number], chosen: DocumentView | None) -> list[Number]:
-    """Return one metric of each subject, those of the front first; if no subject is known, the first available."""
+    """Return one metric of each subject, beginning with those of the front; if no subject is known, the first available
+    metric.
+    """
     found = []
     for subject in _opens():
         ranked = _ranked(numbers, subject)
@@ -207,7 +209,7 @@ def _trades(one: Number) -> bool:
 
 
 def _burnt(numbers: Sequence[Number], over: Sequence[ArchivedAxis]) -> Array:
-    """Return where a metric exceeds what a chosen cell may have."""
+    """Return where a metric exceeds the limit for a chosen cell."""
     found = np.zeros([len(axis.values) for axis in over], bool)
     dims = {axis.dim for axis in over}
     for one in numbers:
@@ -239,7 +241,7 @@ def _shares(worth: Array) -> Array:
 def _beside(
     x: Number, y: Number, over: Sequence[ArchivedAxis], place: Mapping[str, int], usable: Any
 ) -> list[Document]:
-    """Return what one step along each axis would change: both metrics, and whether the cell is usable."""
+    """Return the effect of one step along each axis: both metrics, and whether the cell is usable."""
     found = []
     for axis in over:
         for step in (-1, 1):

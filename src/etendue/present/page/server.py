@@ -1,4 +1,4 @@
-"""Server of the live page: local, read-only, and only for those who know its address.
+"""Server of the live page: local, read-only, and only for users who know its address.
 
 In:  an archive; a port, 0 for any free one.
 Out: answers to GET below a path that cannot be guessed. A request that names another host is refused, so that a web

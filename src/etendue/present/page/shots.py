@@ -27,8 +27,8 @@ STRIP_SHARE = 0.5  # 24 noisy pictures of 256 x 192 take two thirds of it
 
 
 def chosen(sizes: Sequence[int], start: Sequence[int], most: int = MOST_CELLS) -> list[tuple[int, ...]]:
-    """Choose at most ``most`` positions on axes of these sizes: all of them, or corners, the position ``start`` and
-    evenly spaced ones.
+    """Choose at most ``most`` positions on axes of these sizes: all positions, or corners, ``start`` and evenly spaced
+    positions.
     """
     counts = [min(size, 2) for size in sizes]
     if np.prod(counts, dtype=float) >= most and np.prod(sizes, dtype=float) > most:  # more axes than corners fit

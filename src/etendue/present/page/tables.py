@@ -153,7 +153,7 @@ def _shown(value: Any) -> Scalar:
 
 
 def answer(opened: Opened) -> Document | None:
-    """Return what is known of the errors of an archive's metrics and pictures."""
+    """Return the known errors of an archive's metrics and pictures."""
     stored = latest(opened.folder, ANSWER)
     if stored is None or not is_sound(stored):  # none, or edited
         return None

@@ -66,7 +66,9 @@ def coloured(plane: Array, tints: Array, row: int = 0) -> Array:
 
 
 class Rows(ABC):
-    """Averages rows of a large picture as they arrive: each output row is computed as soon as its rows are there."""
+    """Averages rows of a large picture as they arrive: each output row is computed as soon as its input rows have
+    arrived.
+    """
 
     def __init__(self, shape: tuple[int, ...], decode: Decode) -> None:
         y, x = shape[-2:]
@@ -75,7 +77,7 @@ class Rows(ABC):
         self.start, self.left = 0, np.empty((*shape[:-2], 0, x), np.float32)  # rows needed again
 
     def take(self, start: int, rows: Array) -> None:
-        """Take the rows from ``start`` on, which follow those taken before."""
+        """Take the rows from ``start`` on, which follow the rows taken so far."""
         if self.left.size:
             start, rows = self.start, np.concatenate((self.left, rows), axis=-2)
         while self.next < len(self.down):

@@ -42,8 +42,8 @@ class Thumbnail:
 
 @dataclass(frozen=True)
 class _View:
-    """How one variable of one cell is reduced. It holds what it needs of the plan, and nothing else, since it is sent
-    to workers.
+    """How one variable of one cell is reduced. It holds only the parts of the plan that it needs, because it is sent to
+    workers.
     """
 
     seen: Appearance
@@ -101,7 +101,7 @@ class _View:
 
 @dataclass(frozen=True)
 class Observer:
-    """What is shown of a cell: its pictures, reduced, and its scalar metrics. It is sent to where the cell is
+    """The shown part of a cell: its pictures, reduced, and its scalar metrics. It is sent to where the cell is
     computed.
     """
 
@@ -128,7 +128,9 @@ class Observer:
         return replace(self, kept=frozenset(v for s, v in kept if s == stage)) if keeps else self
 
     def gathering(self, variable: str, shape: tuple[int, ...]) -> Gathering | None:
-        """Return what reduces a variable that arrives row by row; None if the whole is needed, or it is small."""
+        """Return an object that reduces a variable that arrives row by row; None if the whole is needed, or it is
+        small.
+        """
         view = self.views.get(variable)
         return view.gathering(shape) if view and max(shape[-2:]) > LARGEST else None
 
@@ -186,7 +188,7 @@ def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Observer]:
 
 
 def drawn_before(plan: Plan, cell: Cell, variable: str, shown: Collection[CellRef]) -> CellRef | None:
-    """Return the shown cell whose picture is that of a cell that is left out; None if it needs one of its own."""
+    """Return the shown cell whose picture also shows a cell that is left out; None if it needs one of its own."""
     found, ref = None, source_of(cell, variable)
     while ref is not None and ref in shown:
         found, ref = ref, source_of(plan.cells[ref], variable)

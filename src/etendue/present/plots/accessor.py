@@ -72,9 +72,7 @@ class TreeAccessor:
         return page.text(glance(self._tree))
 
     def _repr_html_(self) -> str:
-        """Return the summary as HTML: stages as small pictures, axes, metrics, what failed or was left out, and next
-        steps.
-        """
+        """Return the summary as HTML: stages as small pictures, axes, metrics, failures, omissions, and next steps."""
         return page.page(glance(self._tree))
 
     @property
@@ -122,7 +120,7 @@ def show(what: Any, variable: str = "", **at: Any) -> Plot:
     Raises
     ------
     RequestError, ArchiveError
-        No picture, or several and none is chosen; no archive.
+        There is no archive, no picture, or no choice among several pictures.
     """
     if isinstance(what, str | Path):
         what = opened(Path(what))

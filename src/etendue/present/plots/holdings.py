@@ -139,7 +139,7 @@ class HeldVariable:
         return self._joined(self.variable, at or {})[0]
 
     def failed(self, at: AxisValues | None = None) -> xarray.DataArray:
-        """Return over the axes whether a cell failed, or was skipped after one that failed."""
+        """Return, over the axes, whether a cell failed or was skipped because an earlier cell failed."""
         return self._joined(self.variable, at or {})[1]
 
     def there(self, at: AxisValues | None = None) -> xarray.DataArray:
@@ -297,7 +297,7 @@ class Holdings:
         )
 
     def table(self, name: str) -> xarray.Dataset | None:
-        """Return a table beside the stages: ``ledger``, ``summary``, ``frames``."""
+        """Return a table next to the stages: ``ledger``, ``summary``, ``frames``."""
         node = self.tree.children.get(name)
         return node.to_dataset() if node is not None and node.data_vars else None
 

@@ -29,7 +29,7 @@ class RowFactor:
 
 
 def factors_of(holdings: Holdings, dim: str) -> list[RowFactor]:
-    """Return the factors along a dim; none of an axis that stands for itself."""
+    """Return the factors along a dim; () for an ordinary axis."""
     found: dict[str, tuple[str, dict[AxisValue, Any]]] = {}
     for group in (group for one in holdings if dim in one.axes for group in one.groups):
         for name, coordinate in group.coords.items():

@@ -68,7 +68,7 @@ def document(found: Any) -> Document:
 
 
 def _times(timing: Any, stages: Collection[str] | None = None) -> Document:
-    """Return seconds: least and median, of the runs that are compared, and of cold ones."""
+    """Return minimum and median seconds of the compared runs and of the cold runs."""
     return {
         "seconds": timing.least("", stages),
         "median_seconds": timing.median("", stages),
@@ -235,7 +235,7 @@ def print_accuracy(document: Document, files: list[Path]) -> None:
 
 
 def _print_lines(console: Console, document: DocumentView, files: list[Path]) -> None:
-    """Print what holds for all settings, notes and files."""
+    """Print the facts that apply to all settings, the notes and the files."""
     planned = document["planned"]
     own = f"error {_number(planned['error'])} of {planned['variable']}"
     times = f"warm {_spread(planned, WARM)}, cold {_spread(planned, COLD)}"
@@ -273,7 +273,7 @@ def _law(curve: DocumentView) -> str:
 
 
 def _reference(curve: DocumentView) -> Any:
-    """Return the setting that goes without saying: the finest. Of a discretisation there is none."""
+    """Return the default setting of a study: the finest. Of a discretisation there is none."""
     return None if curve["discretisation"] else curve["reference"]
 
 

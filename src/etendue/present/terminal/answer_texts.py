@@ -76,7 +76,7 @@ def unknown_parts(error: DocumentView) -> list[str]:
 
 
 def size(error: DocumentView) -> float:
-    """Return how far a result may be off: of numbers the largest error, of pictures and curves the rms."""
+    """Return the error of a result: the largest error of numbers, or the rms error of pictures and curves."""
     return number(error[_norm(error)])
 
 
@@ -149,7 +149,7 @@ def remedies(document: DocumentView, command: str = "") -> list[str]:
 
 def notes(document: DocumentView, remedied: bool = False) -> list[str]:
     """Return notes: the cell at which errors were measured, the errors that were not measured, and the time or the
-    options that measuring them requires. ``remedied``: what makes errors smaller is said elsewhere.
+    options that measuring them requires. ``remedied``: the remedy for the errors is stated elsewhere.
     """
     if document.get("why"):
         return [f"error of the answer not measured: {document['why']}"]

@@ -55,9 +55,7 @@ def print_answers(document: DocumentView | None, headlines: Container[str] = ())
 
 
 def _error(row: DocumentView) -> str:
-    """Return the error: of pictures and curves the rms, relative to full scale; of numbers the largest, in their
-    unit.
-    """
+    """Return the error: of pictures and curves the rms relative to full scale, of numbers the largest in their unit."""
     value = size(row)
     if math.isnan(value):
         return "unknown"

@@ -86,7 +86,7 @@ def print_stages(documents: list[Document]) -> None:
 
 
 def _origin(document: Document) -> str:
-    """Return ' (from NAME VERSION)' for what is not built in."""
+    """Return ' (from NAME VERSION)' for an item that is not built in."""
     return (
         "" if document["distribution"] == discovery.OWN else f" (from {document['distribution']} {document['version']})"
     )
@@ -133,7 +133,7 @@ def _print_parameter(console: Console, key: str, p: Document) -> None:
     settings = f"; settings from cheapest: {', '.join(f'{v}' for v in p['settings'])}" if p["settings"] else ""
     for text in (
         p["doc"],
-        f"accuracy setting (finer costs time); reference: {p['fidelity']}{settings}" if p["fidelity"] else "",
+        f"accuracy setting (finer takes more time); reference: {p['fidelity']}{settings}" if p["fidelity"] else "",
     ):
         if text:
             console.print(Padding(escape(text), (0, 0, 0, 4)))

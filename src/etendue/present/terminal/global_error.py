@@ -89,7 +89,7 @@ def _plain(value: Any) -> str:
 
 
 def _print_held(out: Console, document: Document, errors: list[tuple[str, Document]]) -> None:
-    """Print whether the wanted variables are within the tolerance, and where that was measured."""
+    """Print whether the wanted variables are within the tolerance, and the points at which this was measured."""
     told = document["measured"]
     if len(errors) > SHOWN:
         out.print(f"{len(errors) - SHOWN} more variables, rms at most {_number(errors[SHOWN][1]['rms'])}")

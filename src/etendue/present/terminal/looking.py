@@ -31,7 +31,7 @@ def next_commands(outcome: Any) -> list[str]:
 
 
 def plots_text(document: Document) -> list[str]:
-    """Return what can be plotted from an archive, line by line."""
+    """Return the lines that list everything that can be plotted from an archive."""
     lines = []
     for name, what in document["kinds"].items():
         lines.append(f"kind {name:8s} {what}")

@@ -1,7 +1,7 @@
 """The end of a run: its stages, the errors of its results, headline metrics, and where the results are.
 
 In:  an ``Outcome``.
-Out: lines on stdout, what matters most last; the document of ``run --json``.
+Out: lines on stdout, the most important ones last; the document of ``run --json``.
 """
 
 from __future__ import annotations
@@ -74,8 +74,8 @@ def together(reasons: Mapping[str, str]) -> dict[str, list[str]]:
 
 
 def replay(plan: Plan, ref: CellRef) -> str:
-    """Return the command that computes only one cell and its inputs. Axes that do not reach it take their first
-    value.
+    """Return the command that computes only one cell and its inputs. An axis that does not affect the cell takes its
+    first value.
     """
     labels = plan.labels(ref)
     words = ["etendue", "run", plan.pipeline.file]
@@ -144,7 +144,7 @@ def print_outcome(outcome: Any) -> None:
 
 
 def _print_changes(console: Console, outcome: Any) -> None:
-    """Print what a run has changed among earlier results."""
+    """Print the changes that a run made to earlier results."""
     for why, names in together(outcome.reasons).items():
         more = f" and {len(names) - 4} more" if len(names) > 5 else ""
         console.print(f"recomputed: {', '.join(names[:4] if more else names)}{more}, because {escape(why)}")
@@ -172,7 +172,7 @@ def _print_changes(console: Console, outcome: Any) -> None:
 
 
 def _print_doubts(console: Console, outcome: Any) -> None:
-    """Print where light was clipped, and what failed."""
+    """Print the stages that clipped light, and the failures."""
     worst = outcome.reports.most_clipped()
     if worst is not None:
         console.print(

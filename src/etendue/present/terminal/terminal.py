@@ -137,7 +137,7 @@ def _bound(stages: list[Document]) -> list[str]:
 
 
 def _stored(document: Document) -> list[str]:
-    """Return the stored bytes by variable, largest first, and what the words under `keep` would store."""
+    """Return the stored bytes by variable, largest first, and the bytes for each choice of `keep`."""
     sizes: dict[str, int] = {}
     for stage in document["stages"]:
         for name, one in stage["variables"].items():

@@ -163,7 +163,7 @@ def reading(silent: bool = False) -> Iterator[Callable[[int, int], None]]:
 
 
 def print_verified(document: Document) -> None:
-    """Print what is damaged, and how much was read."""
+    """Print the damage, and the number of bytes read."""
     console = _out()
     for damage in document["damages"][:MOST]:
         console.print(escape(_damage(damage)), soft_wrap=True)
@@ -201,7 +201,7 @@ def _damage(damage: Document) -> str:
 
 
 def print_repaired(document: Document) -> None:
-    """Print what was damaged, what was done, and what is left."""
+    """Print the damage found, the repairs made, and the damage that remains."""
     console = _out()
     for damage in document["repaired"][:MOST]:
         console.print(escape(f"was {_damage(damage)}"), soft_wrap=True)

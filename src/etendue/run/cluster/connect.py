@@ -99,7 +99,7 @@ def _client(address: str, workers: int) -> Iterator[Any]:
 
 @contextmanager
 def _lost(address: str) -> Iterator[None]:
-    """Report errors that result from a lost scheduler as that."""
+    """Report errors that result from a lost scheduler as the loss of the scheduler."""
     try:
         yield
     except (EtendueError, Stopped):

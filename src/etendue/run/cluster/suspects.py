@@ -46,7 +46,7 @@ class Suspects:
         return self.cells(batch, self.results)
 
     def again(self, number: int) -> Any:
-        """Return the result of a batch that had ended, computed again."""
+        """Compute a finished batch again and return its result."""
         batch, sound = self.batches[number], ("finished", "pending")
         there = {n: self.results[n] for n in batch.imports if n in self.results and self.results[n].status in sound}
         return self.cells(batch, {n: there[n] if n in there else self.again(n) for n in batch.imports})

@@ -50,7 +50,9 @@ PLAIN = Pattern(
 
 
 def pattern_of(bench: Bench) -> Pattern:
-    """Return the pattern that a variable of the stage declares, else that of any variable, else a plain one."""
+    """Return the pattern that a variable of the stage declares, else the pattern of any variable, else a plain
+    pattern.
+    """
     own = (d.variable for d in (*bench.reads.values(), *bench.writes.values()))
     every = itertools.chain(own, discovery.installed().names("variables"))
     name = next((found for one in every if (found := variables.variable(one).pattern)), "")
@@ -269,7 +271,7 @@ def tried(bench: Bench, inputs: Arrays, frame: Frame) -> BenchTrial | None:
 
 
 def places_of(bench: Bench, trial: BenchTrial | None) -> Mapping[str, Array]:
-    """Return what is written for places, as floats."""
+    """Return the written values at some places, as floats."""
     if trial is None:
         return {}
     return {

@@ -29,7 +29,7 @@ SIDE = 0.2  # of a value, or of the range beside 0
 
 def neutral_is_identity(bench: Bench) -> None:
     """Find the values at which the stage hardly changes its input, for each parameter alone and for all such parameters
-    together, and check that it does not change it at all there.
+    together. At these values the stage must not change its input at all.
     """
     port = bench.one_array
     if port is None or is_random(bench.kind) or bench.given_grids:

@@ -288,8 +288,8 @@ def cheaper(bench: Bench) -> Bench:
 
 
 def awake(bench: Bench) -> Bench:
-    """Return the bench of the stage with numbers that are ordinarily 0 beside it, as many as it accepts together; not
-    those whose 0 has a meaning of its own.
+    """Return the bench of the stage with numbers near 0 in place of those that are ordinarily 0, as many as it accepts
+    together. Numbers whose 0 has a special meaning stay.
     """
     now = {name: getattr(bench.stage, name) for name in parameters_of(bench.kind)}
     wanted = {
@@ -319,7 +319,7 @@ def at_value(at: Callable[[float], Bench], value: float, inputs: Arrays) -> Resu
 
 
 def beside_a_whole_number(bench: Bench, walk: Walk, value: float, name: str, error: Callable[[float], float]) -> None:
-    """Compare a number for which there may be a formula of its own with the next one."""
+    """Compare the result at a number that may have its own formula with the result at the next number."""
     own, near = walk(np.array([value, value * (1 + BESIDE)]))
     for variable in by_place(bench) if own and near else ():
         assert own is not None

@@ -160,8 +160,8 @@ def check_variance(bench: Bench, given: Array, found: Array, unit: str, by_line:
 
 
 def matrix_told(bench: Bench) -> None:
-    """Measure the condition number of what a stage solves: of a matrix that it writes, or of its mapping from colours
-    to colours.
+    """Measure the condition number of the problem that a stage solves: of a matrix that it writes, or of its mapping
+    from colours to colours.
 
     A table that may contain undefined values is not a matrix. A linear stage on channels is inverted: its effect on
     three colours can be undone as accurately as its condition number allows.

@@ -22,7 +22,7 @@ class PlaceLaws:
         geometry.uniform_to_the_rim(self.bench)
 
     def test_mirrored_input_gives_the_mirrored_result(self) -> None:
-        """Up and down, left and right; unless it declares ``handed``."""
+        """The picture is mirrored up and down, left and right, unless the stage declares ``handed``."""
         geometry.mirror_images(self.bench)
 
     def test_a_shifted_picture_gives_the_shifted_result(self) -> None:

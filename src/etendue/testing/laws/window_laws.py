@@ -115,8 +115,8 @@ def _pixel_by_pixel(bench: Bench) -> bool:
 
 
 def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -> Array:
-    """Return an input for the whole frame. For uniform colours, a single frame has the colour of its mask at every
-    pixel, and each of several planes has a colour of its own.
+    """Return an input for the whole frame. For uniform colours, a masked frame has at every pixel the level of its
+    filter's colour, and each of several planes has its own level.
     """
     declaration = bench.reads[port]
     if what == "a picture" or not has_rows(declaration.dims):

@@ -67,9 +67,9 @@ def check_display(name: str) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Display(Displaying, Haloed):
-    """Convert tristimulus values to linear display RGB: the inverse of primaries x cones (section 3.2 of the paper).
+    """Convert tristimulus values to linear display RGB, with the inverse of primaries x cones (paper, section 3.2).
 
-    For an RGB space, which has no spectra, use the inverse of the matrix of its primaries and white.
+    An RGB space has no spectra: its matrix is the inverse of the one that its primaries and white define.
     """
 
     role: ClassVar = "display primaries"
@@ -228,8 +228,9 @@ class _Encoding(Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class Encode(_Encoding):
-    """Encode linear display values (gamma), clipped to the display's range. Clipped values are counted, except within
-    rounding: white that is clipped in the camera is 1 up to the last bits, on either side."""
+    """Encode linear display values (gamma), clipped to the display's range. Clipped values are counted, unless they
+    exceed the range by no more than rounding: white that is clipped in the camera can differ from 1 in its last bits.
+    """
 
     role: ClassVar = "display encoding"
     working: ClassVar = 1.5

@@ -61,12 +61,15 @@ class ColourFit(Collecting):
         doc="ColorChecker, or a CSV file: wavelength_nm, then one column per patch; end values are extended",
     )
     white: str = param(
-        "kept", choices=("kept", "fitted"), doc="whether the white of the light is exact, or fitted like any patch"
+        "kept",
+        choices=("kept", "fitted"),
+        doc="whether the matrix maps the white of the light exactly, or fits it like any patch",
     )
     ridge: float = param(
         0.0,
         at_least=0,
-        doc="regularisation: weight of the matrix norm against the error; less noise for more colour error",
+        doc="regularisation: weight of the matrix norm relative to the error; a larger one gives less noise and more "
+        "colour error",
     )
 
     def __post_init__(self) -> None:
@@ -166,12 +169,13 @@ class ColourFit(Collecting):
 
 @dataclass(frozen=True, kw_only=True)
 class CameraToXyz(Haloed):
-    """Apply the fitted matrix to camera RGB divided by the white: the level rendered as display white gets Y = 1.
+    """Apply the fitted matrix to camera RGB divided by the white; the level rendered as display white gets Y = 1.
 
-    This level is that of the scene white, but at most the level at which the first balanced channel clips (with
-    ``brightness = "camera"`` always that one). ``balance_mosaic`` uses the same level, so the result does not depend on
-    whether it was applied. The true value of a clipped channel is unknown: ``highlights = "neutral"`` clips all
-    balanced channels at that level, so that overexposed areas are white and not magenta.
+    This level is the scene white or the level at which the first balanced channel clips, whichever is lower; with
+    ``brightness = "camera"`` it is always the clipping level. ``balance_mosaic`` uses the same level, so the result
+    does not depend on whether it was applied. The true value of a clipped channel is unknown:
+    ``highlights = "neutral"`` clips all balanced channels at that level, so overexposed areas are white and not
+    magenta.
     """
 
     role: ClassVar = "camera colour"

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Exposure(Sampled, Noisy, Datasheet, Haloed):
-    """Compute the expected charge after the integration time: photo (with PRNU) + dark (with DSNU); no clipping."""
+    """Compute the expected charge after the integration time: photo charge with PRNU plus dark charge, not clipped."""
 
     role: ClassVar = "exposure"
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
@@ -53,7 +53,8 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         reference="true: a dark current for each pixel",
         settings=(False, True),
         costs=(0.75, 1.0),
-        doc="whether each pixel has its own dark current, drawn with dark_nonuniformity; false: all have the mean",
+        doc="whether each pixel has its own dark current, drawn with dark_nonuniformity; false: all pixels have the "
+        "mean",
     )
 
     @property
@@ -217,7 +218,7 @@ class ShotNoise(Sampled, Noisy, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class FullWell(Well, Bounded, Datasheet):
-    """Clip charge at the full well, after the draw, so that noise collapses at saturation."""
+    """Clip charge at the full well, after the random draw, so that saturated pixels have no noise."""
 
     role: ClassVar = "full well"
     reads: ClassVar = {"charge": "y x [electron]"}

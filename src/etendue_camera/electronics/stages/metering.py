@@ -47,7 +47,7 @@ class Meter(GainChain):
         at_least=0,
         at_most=100,
         apart=(0.0,),
-        doc="target fraction of saturation; 0: 0.128 for mean and centre, 0.9 for highlight",
+        doc="fraction of saturation to reach; 0: 0.128 for mean and centre, 0.9 for highlight",
     )
     quantile: float = param(0.99, above=0, at_most=1, doc="fraction of the pixels at or below the highlight")
     exposure_value: float = param(
@@ -115,9 +115,9 @@ class Meter(GainChain):
 
 @dataclass(frozen=True, kw_only=True)
 class Bracket(Stage):
-    """Take repeated and bracketed exposures of one scene: one frame each, brackets in order, each ``repeats`` times.
+    """Take repeated and bracketed exposures of one scene, a frame each: the brackets in order, each ``repeats`` times.
 
-    Frames have independent shot and read noise; the fixed patterns of the sensor are the same in all.
+    Frames have independent shot and read noise; all frames have the same fixed patterns of the sensor.
     """
 
     role: ClassVar = "bracketing"

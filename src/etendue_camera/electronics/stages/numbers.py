@@ -63,8 +63,7 @@ def _with(noise: float, more: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class DynamicRange(NoiseFloor):
-    """Compute the dynamic range, by two definitions: with dark noise as smallest signal (eqs. 12-13), or with SNR = 1
-    (EMVA 1288).
+    """Compute the dynamic range, down to the dark noise (eqs. 12-13) and down to SNR = 1 (EMVA 1288).
 
     Both are at the camera's analogue gain, which ``system_gain`` gives in DN per electron. Row and column noise counts
     as if independent per pixel; dark current non-uniformity is not in the DSNU of eq. 13.
@@ -105,14 +104,13 @@ class DynamicRange(NoiseFloor):
 @dataclass(frozen=True, kw_only=True)
 class ExposureReport(KnownNoise):
     """Report the exposure of the frame: fractions of clipped and black pixels, and mean signal-to-noise ratio of the
-    expected charge, 0 where clipped.
+    expected charge (0 for clipped pixels).
 
-    Noise is that of one frame after the expected charge: shot noise, read noise, DSNU, rounding, rows and columns.
-    PRNU, the dark current pattern and hot pixels are part of that charge.
+    Noise is that of one frame: shot noise, read noise, DSNU, rounding, rows and columns. PRNU, the dark current pattern
+    and hot pixels are part of the expected charge, not of the noise.
 
     A pixel counts as clipped at the top code, or where the expected charge exceeds the full well. The second condition
-    is needed because the codes do not show clipping at a full well that lies below the top code, or is followed by read
-    noise.
+    is needed because codes do not reveal clipping at a full well below the top code, or before read noise.
     """
 
     role: ClassVar = "figures"
@@ -149,7 +147,7 @@ class ExposureNumbers(NoiseFloor, Collecting):
     the raw channel with most charge: shot noise of light and dark current, read noise (also of rows and columns),
     quantisation; no fixed patterns. ``snr10_illuminance`` is the scene illuminance (lx on the card) at which that ratio
     is 10, at this f-number, time and light; the mobile industry's metric, which is measured after a colour matrix at
-    1/15 s, f/2.8 and 3200 K, is larger by the matrix's noise amplification. Both are undefined (NaN) where the card
+    1/15 s, f/2.8 and 3200 K, is larger by the matrix's noise amplification. Both are undefined (NaN) if the card
     saturates first.
     """
 

@@ -32,8 +32,12 @@ class PeriodicPattern(Stage):
     error: ClassVar = proved(3e-7, 1e-12)
 
     amplitudes: tuple[float, ...] = param((), units="electron", at_least=0, doc="amplitude of each wave")
-    frequencies_y: tuple[float, ...] = param((), at_least=-0.5, at_most=0.5, doc="cycles/pixel along y, one a wave")
-    frequencies_x: tuple[float, ...] = param((), at_least=-0.5, at_most=0.5, doc="cycles/pixel along x, one a wave")
+    frequencies_y: tuple[float, ...] = param(
+        (), at_least=-0.5, at_most=0.5, doc="frequency of each wave along y, cycles/pixel"
+    )
+    frequencies_x: tuple[float, ...] = param(
+        (), at_least=-0.5, at_most=0.5, doc="frequency of each wave along x, cycles/pixel"
+    )
     phases: tuple[float, ...] = param((), at_least=-1, at_most=1, doc="phase of each wave at the first pixel, cycles")
 
     def __post_init__(self) -> None:

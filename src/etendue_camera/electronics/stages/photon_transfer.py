@@ -36,18 +36,17 @@ FIGURES = {
 
 @dataclass(frozen=True, kw_only=True)
 class PhotonTransfer(Stage):
-    """Measure the photon transfer of one cell: every channel of a uniform scene after ``bracket``, whose first level is
-    dark.
+    """Measure the photon transfer curve of every channel, from frames of a uniform scene that ``bracket`` takes.
 
     A level is ``repeats`` consecutive frames, as ``bracket`` takes them; surplus frames are ignored. The first level
     must be dark (a bracket of -30 stops receives no light). All metrics except the curve are NaN without a dark level,
-    with fewer than four other levels, with fewer than 8 x 8 pixels per channel, or if the signal does not rise. Where
+    with fewer than four other levels, with fewer than 8 x 8 pixels per channel, or if the signal does not rise. If
     nothing saturates, full well and saturation are NaN.
 
     ``transfer_signal`` is the mean above dark and ``transfer_variance`` the temporal variance with the dark variance
     subtracted; ``transfer_fit`` is the line through the origin with slope ``emva_gain``
     (`etendue_camera.electronics.emva`). Dark current charge counts as signal here, since the dark level has no exposure
-    time. ``etendue emva`` takes dark frames at every time and measures it.
+    time. ``etendue emva`` takes dark frames at every time, and so measures the dark current.
     """
 
     role: ClassVar = "figures"

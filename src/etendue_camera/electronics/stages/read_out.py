@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ReadNoise(ReadOut, Bounded, Sampled, Noisy, Datasheet, Haloed):
-    """Add read noise, new in every cell and frame, and the sensor's fixed offset pattern (DSNU).
+    """Add read noise, which differs in every cell and frame, and the fixed offset pattern of the sensor (DSNU).
 
     Noise after the amplifier (``read_noise_after``) is divided by the gain: sigma^2 = read_noise^2 + (after / gain)^2.
     """
@@ -97,16 +97,16 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
     sensor_row_noise: float = quantity("sensor_row_noise")
     sensor_column_noise: float = quantity("sensor_column_noise")
     row_pattern: float = param(
-        0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by row, fixed per sensor"
+        0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms of row offsets that are fixed for a sensor"
     )
     column_pattern: float = param(
-        0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by column, fixed per sensor"
+        0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms of column offsets that are fixed for a sensor"
     )
     row_noise: float = param(
-        0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by row, new in every frame"
+        0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms of row offsets that are new in every frame"
     )
     column_noise: float = param(
-        0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by column, new in every frame"
+        0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms of column offsets that are new in every frame"
     )
 
     @property
@@ -178,7 +178,7 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
 @dataclass(frozen=True, kw_only=True)
 class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
     """Convert charge to codes by amplifier and ADC: optional non-linear response, gain, pedestal, rounding, clipping at
-    the top code 2^n - 1, which a high gain reaches below the full well.
+    the top code 2^n - 1. With a high gain, the top code is reached below the full well.
     """
 
     role: ClassVar = "converter"
@@ -244,8 +244,8 @@ class Linearise(KnownNoise, Scaled):
     """Scale to (DN - black) / (white - black): 1 where pixels saturate, at full well or top code; negatives are kept.
     A non-linear response (``response_bend``) is inverted.
 
-    ``clipping_level`` is the lowest value of a clipped pixel: rounding, and noise after a full well that lies below the
-    top code, bring it slightly below 1 (four sigma of read noise and offsets).
+    ``clipping_level`` is the lowest value that a clipped pixel can have. Rounding brings it slightly below 1; if the
+    full well lies below the top code, so does the noise after it (four sigma of read noise and offsets).
     """
 
     role: ClassVar = "linearisation"

@@ -35,7 +35,7 @@ class Aberrations(Blur, Aberrated, Banded):
     for each point.
 
     The aperture is a circle or an annulus. For a single wavefront over the whole frame, ``wavefront`` is exact and
-    faster; image displacement belongs to ``distortion``. PSFs are truncated where their tails hold half of
+    faster; image displacement belongs to ``distortion``. PSFs are truncated where the light in their tails is half of
     ``accuracy``.
     """
 
@@ -44,7 +44,7 @@ class Aberrations(Blur, Aberrated, Banded):
         at_least=0,
         below=1,
         held=(0, 0.999),
-        doc="diameter of the central obstruction over that of the aperture; 0: clear",
+        doc="diameter of the central obstruction divided by that of the aperture; 0: none",
     )
     accuracy: float = param(
         0.03,
@@ -77,9 +77,7 @@ class Aberrations(Blur, Aberrated, Banded):
         settings=(1, 2, 3, 5, 9, 17, 33, 64),
         doc="number of wavelengths in the PSF bank, interpolated between them",
     )
-    method: str = param(
-        "auto", choices=("auto", "eigen", "tiles"), doc="how the bank is applied; auto: whichever is faster"
-    )
+    method: str = param("auto", choices=("auto", "eigen", "tiles"), doc="method of the blur; auto: the faster method")
     light: str = param(
         "bandlimited",
         choices=("bandlimited", "cells"),

@@ -114,18 +114,18 @@ class LensPsfField(Banded, Bounded):
         choices=("auto", "eigen", "tiles"),
         fidelity=True,
         reference="the other method",
-        doc="auto: whichever is faster; both meet the tolerance, neither is always more accurate",
+        doc="method of the blur; auto: the faster method; both meet the tolerance",
     )
     weights: str = param(
         "source",
         choices=("source", "image"),
-        doc="source: the flux of a point is conserved exactly; image: a uniform plane stays uniform exactly",
+        doc="conserved quantity. source: the flux of every point; image: a uniform plane",
     )
     centre: str = param(
         "reference",
         choices=("reference", "centroid"),
-        doc="what lies on the image point: the PSF's middle sample, or its centroid where distortion sets where "
-        "that is",
+        doc="part of the PSF at the image point: its middle sample, or its centroid (if the distortion is applied "
+        "elsewhere)",
     )
     light: str = param(
         "bandlimited",
@@ -216,9 +216,9 @@ class Distortion(Profiled, Banded, Bounded):
     """Apply distortion and lateral colour: move each image point to its real height, r' = r (1 + k1 q + k2 q^2 + k3
     q^3).
 
-    q = (r / reference_radius)^2, with r the ideal height. Irradiance is moved without a change of area, since the lens
-    images radiance: a uniform scene stays uniform, and falloff at the real position belongs to the falloff stage.
-    Where the distorted frame extends beyond the rendered light it reads the mirror image; the plan reports by how much.
+    q = (r / reference_radius)^2, with r the ideal height. Irradiance is not scaled by the change of area, because a
+    lens preserves radiance: a uniform scene stays uniform, and the falloff stage applies the falloff at the real
+    position. Beyond the rendered light, the distorted frame shows its mirror image; the plan reports how far.
     """
 
     role: ClassVar = "distortion"

@@ -46,7 +46,7 @@ class Falloff(Dimming, Profiled, Banded, Bounded):
     geometry: str = param(
         "physical",
         choices=("physical", "paper"),
-        doc="angles from positions, or the paper's full field scaled to the frame",
+        doc="physical: angles from positions; paper: the paper's full field scaled to the frame",
     )
     full_field: float = param(
         60.0, units="deg", above=0, below=170, doc="field of view over the frame diagonal (geometry 'paper')"
@@ -62,7 +62,7 @@ class Falloff(Dimming, Profiled, Banded, Bounded):
             )
 
     def tabled(self) -> bool:
-        """Return whether a table applies: the stage's own, or what was measured of the lens instead of the cos4 law."""
+        """Return whether a table applies: the stage's own, or measured values of the lens in place of the cos4 law."""
         return self.model == "table" or (
             self.model == "cos4" and self.geometry == "physical" and self.of_lens() is not None
         )

@@ -65,7 +65,7 @@ class Vignetting(Dimming, Banded, Bounded):
     """Apply vignetting: a round rim in front of the entrance pupil cuts oblique beams. The open part is the overlap of
     two discs, and stopping down reduces the effect.
 
-    It multiplies with any falloff stage.
+    Its effect multiplies that of a falloff stage.
     """
 
     role: ClassVar = "vignetting"
@@ -118,7 +118,7 @@ class Vignetting(Dimming, Banded, Bounded):
 
 @dataclass(frozen=True, kw_only=True)
 class AngularResponse(Dimming, Banded, Bounded):
-    """Apply the angular response of pixels: less signal from angles that their microlenses are not designed for."""
+    """Apply the angular response of pixels: less signal from angles for which their microlenses are not designed."""
 
     role: ClassVar = "angular response"
     once: ClassVar = ("angular response",)
@@ -129,7 +129,7 @@ class AngularResponse(Dimming, Banded, Bounded):
         0.0,
         at_least=0,
         at_most=1e3,
-        doc="response cos^power of the angle error; 0: none. 0.8 at 30 degrees is power 1.55",
+        doc="exponent of the response cos^power of the angle error; 0: no loss; 1.55: a response of 0.8 at 30 degrees",
     )
     table: str = param(
         "", table=True, doc="CSV file angle_deg,ratio or angle_deg,450,550,650 (by wavelength, nm) instead of the power"
@@ -143,7 +143,7 @@ class AngularResponse(Dimming, Banded, Bounded):
         doc="distance from the exit pupil to the sensor; 0: from the camera's pupils, f (m_p - m); inf: telecentric",
     )
     microlens_shift: float = param(
-        0.0, units="deg/mm", doc="design chief-ray angle of a pixel per distance from the axis"
+        0.0, units="deg/mm", doc="chief-ray angle for which a pixel is designed, per distance from the axis"
     )
 
     def __post_init__(self) -> None:

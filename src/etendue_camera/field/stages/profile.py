@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -76,7 +75,7 @@ class Profiled(Stage):
         return notes
 
 
-def measured_falloff(stage: Any, focal: float, aperture: float, distance_mm: float) -> FieldTable | None:
+def measured_falloff(stage: Profiled, focal: float, aperture: float, distance_mm: float) -> FieldTable | None:
     """Return the relative illumination of a stage's lens by height; None if it was not measured near these settings."""
     if not stage.lens_profile:
         return None

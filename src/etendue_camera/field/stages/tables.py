@@ -133,7 +133,7 @@ def _wavelengths(path: str, names: list[str]) -> tuple[float, ...]:
 
 
 def _number(text: str) -> float:
-    """Return the number that the text denotes, or NaN if it denotes none."""
+    """Return the number in the text, or NaN if it is not a number."""
     try:
         return float(text)
     except ValueError:

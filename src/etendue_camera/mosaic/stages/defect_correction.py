@@ -54,12 +54,12 @@ FIGURES = {"defects_corrected": "[1]", "defects_left": "[1]", "defects_missed": 
 
 @dataclass(frozen=True, kw_only=True)
 class CorrectDefects(DefectDetection):
-    """Replace defective pixels from neighbours of the same colour: those of the sensor's map, those detected in the
-    picture, or both.
+    """Replace defective pixels with values interpolated from neighbours of the same colour.
 
-    ``by = "map"`` is a camera with a defect list from its maker, ``"detection"`` one without; ``"both"`` searches the
-    picture after correcting the list. In every case the map gives which defects were missed (including hot pixels too
-    weak to be visible) and which good pixels were replaced. Counts are in pixels.
+    ``by = "map"`` replaces the pixels of the sensor's map, like a camera with a defect list from its maker.
+    ``"detection"`` replaces the pixels detected in the picture, like a camera without a list. ``"both"`` searches the
+    picture after correcting the list. In every case the map serves to count the defects that were missed (including hot
+    pixels too weak to be visible) and the good pixels that were replaced. Counts are in pixels.
     """
 
     role: ClassVar = "defect correction"
@@ -72,7 +72,7 @@ class CorrectDefects(DefectDetection):
     nanoseconds: ClassVar = 55.0
     working: ClassVar = 3.4
 
-    by: str = param("both", choices=("map", "detection", "both"), doc="which pixels are replaced")
+    by: str = param("both", choices=("map", "detection", "both"), doc="pixels to replace")
 
     def run(self, mosaic_linear: FloatArray, defect_map: Array, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         known, first, mask = defect_map != 0, first_pixel(y, x), mask_of(self.pattern)
@@ -86,10 +86,11 @@ class CorrectDefects(DefectDetection):
 
 @dataclass(frozen=True, kw_only=True)
 class CorrectFoundDefects(DefectDetection):
-    """Replace outliers in the picture from neighbours of the same colour, where there is no map to count misses.
+    """Replace outliers of the picture with values interpolated from neighbours of the same colour, without a defect
+    map.
 
-    Takes the place of ``correct_defects`` for a sensor with unknown defects; on one without defects every correction is
-    a false alarm.
+    It takes the place of ``correct_defects`` for a sensor with unknown defects. On a sensor without defects, every
+    correction is a false alarm.
     """
 
     role: ClassVar = "defect correction"

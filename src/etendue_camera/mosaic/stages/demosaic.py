@@ -101,7 +101,7 @@ class DemosaicDirectional(_Demosaic, Haloed):
         directional.FLOOR,
         above=0,
         at_most=1,
-        doc="floor of mean differences, 1 at clipping; smaller ones carry no direction information",
+        doc="floor of mean differences (1 = clipping); smaller differences do not decide the direction",
     )
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:

@@ -43,12 +43,13 @@ def _table(path: str, state: tuple[int, int]) -> shading.GainTable:
 class LensShading(Conjugates, Bounded, Haloed):
     """Correct falloff with gains by image height, relative to the axis, from a model of the lens or a calibrated table.
 
-    ``map = "model"``: the falloff of the stage ``falloff`` (``model``, ``geometry``, ``full_field``), times the rim of
-    ``vignetting`` and the cosine response of ``angular_response``, for the camera's own aperture and focus. The
-    parameters have the same names as in these stages; if the values differ, the correction is wrong by the difference.
-    ``map = "table"``: a CSV file with gains by height, one column for all channels or one per channel, as
-    `etendue_camera.mosaic.shading.calibrated` computes from a flat field. Black stays black; noise grows with the gain,
-    and the plan reports by how much. ``clipping_level`` is multiplied by the smallest gain of the frame.
+    With ``map = "model"`` the gains correct the falloff of the stage ``falloff`` (``model``, ``geometry``,
+    ``full_field``), the rim of ``vignetting`` and the cosine response of ``angular_response``, for the camera's own
+    aperture and focus. The parameters have the same names as in these stages; if the values differ, the correction is
+    wrong by the difference. With ``map = "table"`` the gains come from a CSV file by height, with one column for all
+    channels or one per channel, as `etendue_camera.mosaic.shading.calibrated` computes from a flat field. Black stays
+    black; noise grows with the gain, and the plan reports by how much. ``clipping_level`` is multiplied by the smallest
+    gain of the frame.
     """
 
     role: ClassVar = "shading correction"
@@ -65,7 +66,10 @@ class LensShading(Conjugates, Bounded, Haloed):
     pattern: str = quantity("pattern")
     map: str = param("model", choices=("model", "table"), doc="source of the gains")
     strength: float = param(
-        1.0, at_least=0, at_most=1, doc="strength of the correction: gain 1 + strength (1/relative - 1)"
+        1.0,
+        at_least=0,
+        at_most=1,
+        doc="strength s of the correction: the gain is 1 + s (1/r - 1), with r the relative illumination",
     )
     largest_gain: float = param(16.0, at_least=1, at_most=1e4, doc="upper limit of the gains")
     table: str = param("", table=True, doc="for map 'table': CSV file height_mm,gain or height_mm,R,G,B")
@@ -119,7 +123,7 @@ class LensShading(Conjugates, Bounded, Haloed):
             )
         return table
 
-    def weakened(self, gains: Any) -> FloatArray:
+    def weakened(self, gains: FloatArray) -> FloatArray:
         """Return the gains of a table at the given strength and limit."""
         return np.minimum(1 + self.strength * (gains - 1), self.largest_gain)
 
@@ -182,7 +186,7 @@ class LensShading(Conjugates, Bounded, Haloed):
         return (self.largest(grid) - 1, "the largest gain is within this of 1") if self.map == "model" else None
 
     def assumes(self) -> dict[str, Hashable]:
-        """Return the model's assumptions on the lens; a table makes none."""
+        """Return the model's assumptions about the lens; a table has none."""
         if self.map != "model" or self.strength == 0:
             return {}
         fall_off = (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))

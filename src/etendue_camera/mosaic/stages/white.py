@@ -128,8 +128,8 @@ class WhiteEstimate(KnownNoise):
         0.0,
         at_least=0,
         below=1,
-        doc="floor for weak channels, as a fraction of the largest (counted); 0: no floor, vanishing channels are an "
-        "error",
+        doc="floor for weak channels, as a fraction of the largest (raised channels are counted); 0: a channel without "
+        "signal is an error",
     )
 
     def __post_init__(self) -> None:
@@ -186,11 +186,10 @@ class BalanceMosaic(Haloed):
     colours.
 
     Gains are relative to the largest channel of the white, which is the first to clip: ``clipping_level`` remains the
-    level at which that channel clips. Above this level its true value is unknown, and the other channels alone give no
-    colour, so ``highlights = "neutral"`` clips them there too. ``white`` becomes the level rendered as display white,
-    equal in all channels: that of the scene white as long as no channel clips below it, otherwise (and with
-    ``brightness = "camera"`` always) the clipping level. Overexposed areas are white, whatever the exposure, and later
-    stages need no change.
+    level at which that channel clips. Above this level its true value is unknown, so ``highlights = "neutral"`` clips
+    the other channels there too. ``white`` becomes the level rendered as display white, equal in all channels. This is
+    the scene white if no channel clips below it; otherwise (and always with ``brightness = "camera"``) it is the
+    clipping level. Overexposed areas are white, whatever the exposure, and later stages need no change.
     """
 
     role: ClassVar = "white balance"
@@ -205,7 +204,9 @@ class BalanceMosaic(Haloed):
     pattern: str = quantity("pattern")
     brightness: str = quantity("brightness")
     highlights: str = param(
-        "neutral", choices=("neutral", "keep"), doc="treatment of channels above the level at which the first clips"
+        "neutral",
+        choices=("neutral", "keep"),
+        doc="treatment of channels above the level at which the first channel clips",
     )
 
     def __post_init__(self) -> None:

@@ -22,7 +22,7 @@ from etendue_camera.optics.stages.lens import Blur
 
 @dataclass(frozen=True, kw_only=True)
 class Birefringent(Blur, Transfer):
-    """Apply an optical low-pass filter: split light into four equal spots, or two where one separation is 0."""
+    """Apply an optical low-pass filter: split light into four equal spots, or into two if one separation is 0."""
 
     role: ClassVar = "low-pass filter"
     gain: ClassVar = 41.0  # subsample shifts on a grid that truncates the spectrum of the light, 10000 x 10000; else 1
@@ -44,8 +44,7 @@ class Birefringent(Blur, Transfer):
     dispersion: str = param(
         "",
         table=True,
-        doc="CSV file wavelength_nm,scale: separation by wavelength relative to the given ones; '': the same at every "
-        "wavelength",
+        doc="CSV file wavelength_nm,scale: factor on both separations by wavelength; '': the same at every wavelength",
     )
 
     def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, FloatArray]:

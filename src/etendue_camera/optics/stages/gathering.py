@@ -101,7 +101,7 @@ class OpticalFilter(Banded, Bounded, Tinting):
     table: str = param(
         "",
         table=True,
-        doc="CSV (wavelength_nm,transmission) or SPDX file; 0 from half a step outside its rows; '': the smooth "
+        doc="CSV (wavelength_nm,transmission) or SPDX file; 0 beyond its rows by more than half a step; '': the smooth "
         "short-pass",
     )
     cut_off: float = param(
@@ -111,7 +111,7 @@ class OpticalFilter(Banded, Bounded, Tinting):
         infinite=True,
         doc="wavelength of half transmission of the smooth short-pass; inf: none",
     )
-    edge: float = param(15.0, units="nm", above=0, doc="width of the cut-off, from 73 to 27 per cent")
+    edge: float = param(15.0, units="nm", above=0, doc="width of the cut-off, from 73 % to 27 % transmission")
 
     def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         if self.table:

@@ -20,9 +20,7 @@ from etendue_camera.optics.stages.lens import Blur
 
 @dataclass(frozen=True, kw_only=True)
 class Glare(Blur, Transfer):
-    """Scatter light into a tail around every point and a uniform veil over the frame. On the padded frame no light is
-    lost.
-    """
+    """Scatter light into a tail around every point and a uniform veil over the (padded) frame. No light is lost."""
 
     role: ClassVar = "glare"
     gain: ClassVar = 1.3  # at most 1.23, where the grid truncates the transfer function of a narrow tail

@@ -25,8 +25,7 @@ from etendue_camera.optics.undershoot import undershoot
 
 @dataclass(frozen=True, kw_only=True)
 class Blur(Bounded):
-    """Apply a transfer function to irradiance. A uniform scene is unchanged exactly, so the stage is left out for
-    it."""
+    """Apply a transfer function to irradiance. A uniform scene is not changed at all, so the stage is then left out."""
 
     role: ClassVar = "lens"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
@@ -69,7 +68,7 @@ class Diffraction(Blur, Cone, Transfer):
         at_least=0,
         below=1,
         held=(0, 0.999),
-        doc="diameter of the central obstruction over that of the aperture; 0: clear",
+        doc="diameter of the central obstruction divided by that of the aperture; 0: none",
     )
 
     def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> FloatArray:

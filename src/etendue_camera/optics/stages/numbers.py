@@ -28,7 +28,7 @@ class LensNumbers(Cone):
     working f-numbers; depth of field.
 
     The T-number is that of the lens focused at infinity. Distances are from the front principal plane; ``far_limit`` is
-    infinite from the hyperfocal distance on.
+    infinite if the focus distance is at least the hyperfocal distance.
     """
 
     role: ClassVar = "figures"
@@ -60,7 +60,7 @@ class LensNumbers(Cone):
         5.0,
         units="um",
         above=0,
-        doc="circle of confusion: the blur that still counts as sharp, of the order of the pitch",
+        doc="circle of confusion: the largest blur that counts as sharp, about one pixel pitch",
     )
 
     def run(self) -> dict[str, Array]:
@@ -113,7 +113,7 @@ class PixelEtendue(Conjugates):
 
 @dataclass(frozen=True, kw_only=True)
 class Illuminance(Stage):
-    """Compute the on-axis illuminance on the sensor of a white and a grey diffuser, in lux, behind any filters before
+    """Compute the on-axis illuminance on the sensor of a white and a grey diffuser, in lux, after all filters before
     this stage.
     """
 

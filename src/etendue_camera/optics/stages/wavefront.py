@@ -94,12 +94,12 @@ class Wavefront(Blur, Aberrated, Transfer):
         at_least=0,
         below=1,
         held=(0, 0.999),
-        doc="annular: diameter of the central obstruction over that of the aperture",
+        doc="annular: diameter of the central obstruction divided by that of the aperture",
     )
     blades: int = param(6, at_least=3, at_most=64, doc="polygonal: number of blades")
     rotation: float = param(0.0, units="deg", doc="polygonal: angle of a corner, from +x towards +y")
     rounding: float = param(
-        0.0, at_least=0, at_most=1, doc="polygonal: curvature of the blades, 1 being the circle through the corners"
+        0.0, at_least=0, at_most=1, doc="polygonal: curvature of the blades; 1: the circle through the corners"
     )
     zernike: tuple[float, ...] = param(
         (), **WAVES, doc="Zernike coefficients, rms over the f-number's circle, piston first"
@@ -117,7 +117,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         fidelity=True,
         reference="Gauss quadrature over the overlap, or 2048 samples",
         settings=(16, 32, 64, 128, 256, 512, 1024, 2048),
-        doc="samples across the pupil for aberrations without rotational symmetry; steep ones use more",
+        doc="samples across the pupil for aberrations without rotational symmetry; steep aberrations use more",
     )
 
     def __post_init__(self) -> None:

@@ -40,7 +40,7 @@ class _HandedOn(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class NoMask(_HandedOn):
-    """Record every channel at every pixel, as if all filters were behind each pixel. Takes the place of ``mosaic``."""
+    """Record every channel at every pixel, as if every pixel had all filters. Takes the place of ``mosaic``."""
 
     reads: ClassVar = {"photon_rate": "channel y x [electron/s]"}
     writes: ClassVar = {"photocurrent": "channel y x [electron/s]"}

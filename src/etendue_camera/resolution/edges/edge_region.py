@@ -46,7 +46,7 @@ def find_edge(image: FloatArray, sites: Sites | None = None) -> tuple[tuple[int,
     survey = _surveyed(image, sites)
     row, column = np.unravel_index(int(survey.score.argmax()), survey.score.shape)
     if not survey.score[row, column] > 0:
-        raise ValueError(lost("nothing in it is slanted"))
+        raise ValueError(lost("it has no slanted edge"))
     ridge = _followed(survey, int(row), int(column))
     return _checked_strip(survey, ridge, SHORTEST, sites, (FLATTEST, STEEPEST))
 
@@ -91,7 +91,7 @@ def find_edges(
     for _ in range(tries):
         row, column = (int(one) for one in np.unravel_index(int(score.argmax()), score.shape))
         if not score[row, column] > 0:
-            why = why or [lost("nothing in it is slanted")]
+            why = why or [lost("it has no slanted edge")]
             break
         if survey.total[row, column] < least:
             why = why or [lost("its step is lost in noise")]

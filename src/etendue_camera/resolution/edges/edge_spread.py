@@ -114,7 +114,7 @@ def _filled(distance: FloatArray, limit: float, spacing: float) -> int:
 class EdgeSpread:
     """A complete edge spread function: coefficients of a cubic spline about distance 0, plateaus with tails beyond.
 
-    Or many of them: ``coefficients`` may be (n, coefficients), and the plateaus and the spread (n,).
+    It may hold n functions: ``coefficients`` is then (n, coefficients), and the plateaus and the spread are (n,).
     """
 
     coefficients: FloatArray

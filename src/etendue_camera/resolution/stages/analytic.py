@@ -139,22 +139,22 @@ def first_largest(values: FloatArray) -> float:
 class Resolution(Probe):
     """Compute analytic resolution after each stage: the photon-weighted polychromatic MTF along one direction.
 
-    The weights are those of the pixel's second channel (green; on a monochrome sensor the only one) in the light of the
-    scene white behind the filters, or, if the scene does not give it, in light equally strong in all bands. The pixel
-    row includes charge diffusion, below the colour filters or per plane (``crosstalk``). The curve is the camera's: the
-    softness with which the chart was drawn is in every picture and in ``edge_resolution``, but here only with
-    ``rendering = true``.
+    Wavelengths are weighted with the photons of the pixel's second channel (green; on a monochrome sensor the only
+    channel) under the scene white after the filters. If the scene gives no white, light is taken as equally strong in
+    all bands. The pixel row includes charge diffusion, below the colour filters or per plane (``crosstalk``). The curve
+    describes the camera alone. The softness of the chart is included in every picture and in ``edge_resolution``, but
+    in this curve only with ``rendering = true``.
 
     ``mtf50`` and ``mtf10``: lowest frequency at which contrast has fallen to one half and to a tenth. ``cut_off``:
-    highest frequency at which contrast is ``cut_off_contrast``. They are NaN if this frequency is not below
-    ``highest``, and from the first stage on that moves light without a transfer function. ``aliasing``: fraction of the
-    line spread energy (white spectrum) above Nyquist, which sampling folds back. ``sparrow``: separation at which the
-    dip between two points disappears. ``rayleigh``: separation at which the dip equals that of two Airy discs at
-    Rayleigh's criterion. Both use the curve along the direction for all directions. ``effective_*``: MTF50, capped at
-    Nyquist. ``limiting_factor`` is the index into ``factor`` with the largest ``resolution_gain``, the factor by which
-    MTF50 would grow without it; for sampling, MTF50 over Nyquist. ``mtf`` is the whole curve after each stage and
-    ``factor_mtf`` that of each factor alone, at 65 frequencies up to 1 cycle/pixel (``frequency``; ``frequency_lp_mm``
-    in cycles/mm); sampling has no transfer function and no curve.
+    highest frequency at which contrast is ``cut_off_contrast``. All three are NaN if the frequency is not below
+    ``highest``, and after any stage that moves light without a transfer function. ``aliasing``: fraction of the line
+    spread energy (white spectrum) above Nyquist, which sampling folds back. ``sparrow``: separation at which the dip
+    between two points disappears. ``rayleigh``: separation at which the dip equals that of two Airy discs at Rayleigh's
+    criterion. Both assume that the curve is the same in all directions. ``effective_*``: MTF50, capped at Nyquist.
+    ``resolution_gain`` is the ratio by which MTF50 would grow without a factor; for sampling it is MTF50 over Nyquist.
+    ``limiting_factor`` is the index, into ``factor``, of the largest gain. ``mtf`` is the curve after each stage and
+    ``factor_mtf`` the curve of each factor alone, at 65 frequencies up to 1 cycle/pixel (``frequency``;
+    ``frequency_lp_mm`` in cycles/mm). Sampling has no transfer function and no curve.
     """
 
     role: ClassVar = "resolution"
@@ -190,8 +190,8 @@ class Resolution(Probe):
         0.0, units="deg", at_least=-180, at_most=180, doc="direction along which detail changes, from x towards y"
     )
     rendering: bool = param(False, doc="whether the curve includes the softness or the cells of the scene's chart")
-    cut_off_contrast: float = param(1e-3, above=0, below=0.5, doc="contrast that counts as none")
-    highest: float = param(4.0, units="cycles/um", above=0, doc="upper end of the search")
+    cut_off_contrast: float = param(1e-3, above=0, below=0.5, doc="contrast at which detail counts as lost")
+    highest: float = param(4.0, units="cycles/um", above=0, doc="highest frequency of the search")
     solved: bool = param(
         True,
         fidelity=True,

@@ -56,29 +56,30 @@ class EdgeProbe(PictureProbe):
     """Measure the slanted edge of the pipeline's own scene at every stage that has a picture.
 
     One edge between uniform areas is searched in every picture (2 to 43 degrees from rows and columns), or in a region
-    around a position on the image plane. The measured signal is luminance: for light, the photons of the pixel's second
-    channel (green); after the filters that channel's plane, or its sites in the mosaic; for camera channels Y through
-    the fitted matrix if there are ``colour_fit`` and ``white`` (otherwise green); Y of tristimulus values; Y of display
-    RGB taken as sRGB, with encoded values decoded first by ``encoding``.
+    around a position on the image plane. The measured signal is luminance. For light, this is the photons of the
+    pixel's second channel (green); after the filters it is the plane of this channel, or its sites in the mosaic. For
+    camera channels it is Y from the fitted matrix if there are ``colour_fit`` and ``white``, otherwise green.
+    Tristimulus values give Y directly; display RGB gives Y as sRGB, after ``encoding`` has been decoded.
 
     ``edge_mtf50``, its 95 % interval (bootstrap over rows; NaN where a picture has no noise) and ``edge_mtf50_cycles``
-    are along the edge normal. A pixel is the camera's, even where the picture is light before it, on its own grid. This
-    applies to ``edge_mtf50_cycles``, ``edge_aliasing`` (fraction of the line spread energy above Nyquist), the flags
-    and ``edge_effective_*``: MTF50, capped at Nyquist. ``edge_analytic`` is the MTF50 of the transfer functions up to
-    the stage under the scene's own white, including the rendering of the chart: NaN from the first stage on that is not
-    linear and shift-invariant, at the latest the mosaic. ``edge_difference`` is measured minus analytic. ``edge_flags``
-    adds 1 (MTF50 above Nyquist), 2 (not reached), 4 (clipped: in this picture, or in the mosaic before it), 8 (interval
-    wider than a tenth), 16 (no edge to measure). ``esfr`` is the measured response at 65 frequencies up to 1
-    cycle/pixel (``frequency``; ``frequency_lp_mm`` in cycles/mm), NaN above 1 cycle/sample for light on a grid coarser
-    than the pixels, and ``esfr_analytic`` that of the transfer functions.
+    are along the edge normal. Cycles per pixel and Nyquist refer to the pixels of the camera, even if the picture is
+    light on a finer grid. This applies to ``edge_mtf50_cycles``, ``edge_aliasing`` (fraction of the line spread energy
+    above Nyquist), the flags and ``edge_effective_*`` (MTF50, capped at Nyquist). ``edge_analytic`` is the MTF50 of the
+    transfer functions up to the stage under the scene's own white, including the rendering of the chart. It is NaN from
+    the first stage that is not linear and shift-invariant, at the latest from the mosaic. ``edge_difference`` is
+    measured minus analytic. ``edge_flags`` adds 1 (MTF50 above Nyquist), 2 (not reached), 4 (clipped: in this picture,
+    or in the mosaic before it), 8 (interval wider than a tenth), 16 (no edge to measure). ``esfr`` is the measured
+    response at 65 frequencies up to 1 cycle/pixel (``frequency``; ``frequency_lp_mm`` in cycles/mm), NaN above 1
+    cycle/sample for light on a grid coarser than the pixels, and ``esfr_analytic`` that of the transfer functions.
 
     ``limiting_factor`` is an index into ``factor``. It is noise if the intervals of the mosaic and of the first picture
     in camera channels, both capped at Nyquist, are wider than a tenth of MTF50, or if noise hides an edge that is
     visible in the noise-free pixels. Otherwise it is the factor with the largest ``resolution_gain``, the ratio by
-    which MTF50 would grow without it. Lens, diffusion, geometry and sampling are analytic (see ``resolution``);
-    demosaic is MTF50 of the pixels over that of the first ``rgb_camera``, each capped at Nyquist; noise is 1 plus the
-    width of the narrower interval over MTF50. It is NaN where pixels are clipped, where the analytic gains are unknown
-    (a lens without a transfer function), and where the pixels' own noise-free picture shows no edge.
+    which MTF50 would grow without it. The gains of lens, diffusion, geometry and sampling are analytic (see
+    ``resolution``). The gain of demosaicing is MTF50 of the pixels divided by that of the first ``rgb_camera``, each
+    capped at Nyquist. The gain of noise is 1 plus the width of the narrower interval divided by MTF50. It is NaN if
+    pixels are clipped, if the analytic gains are unknown (a lens without a transfer function), or if the noise-free
+    picture of the pixels shows no edge.
     """
 
     writes: ClassVar = {

@@ -32,17 +32,17 @@ class Information(KnownNoise, Probe):
     """Compute the information capacity after each stage, noise-equivalent quanta and the ideal observer's SNR, for grey
     detail about the picture's mean.
 
-    The mean charge of each channel is that of the picture (``expected_charge``), and its light-induced part that of
-    ``photocurrent`` without the dark current. Noise is shot noise, ``read_noise``, ``dsnu``, rounding, and what
-    preceding stages state for PRNU, dark current non-uniformity, rows and columns. All pixels of the mosaic are
-    combined, each with its own noise; stages after the mosaic are ignored, see ``etendue information``.
+    The mean charge of each channel is taken from the picture (``expected_charge``); the part of it that light causes
+    follows from ``photocurrent``. Noise is shot noise, ``read_noise``, ``dsnu``, rounding, and the PRNU, dark current
+    non-uniformity, row and column noise that earlier stages state. All pixels of the mosaic are combined, each with its
+    own noise; stages after the mosaic are ignored, see ``etendue information``.
 
-    ``information_capacity``: bits per pixel, half the integral over the Nyquist square of log2(1 + variance NEQ), with
-    the blurs up to a stage and all of the noise; ``information_of_light`` is limited by photon shot noise alone,
-    without blur. The signal is light between two levels of ``contrast_ratio``, all equally likely, with equal power up
-    to Nyquist: variance (range/mean)^2 / 12. ``neq`` is along x, in quanta per pixel. ``snri`` is for a Gaussian spot
-    ``object_size`` pixels wide at half height. NaN from the first stage on that moves light without a transfer
-    function.
+    ``information_capacity`` is half the integral over the Nyquist square of log2(1 + variance NEQ), in bits per pixel,
+    with all blurs up to a stage and all noise of the camera. ``information_of_light`` is the same without blur and with
+    photon shot noise alone. The signal is light that is uniformly distributed between two levels of ``contrast_ratio``,
+    with equal power up to Nyquist and the variance (range/mean)^2 / 12. ``neq`` is along x, in quanta per pixel.
+    ``snri`` is for a Gaussian spot ``object_size`` pixels wide at half height. All results are NaN after any stage that
+    moves light without a transfer function.
     """
 
     role: ClassVar = "resolution"
@@ -71,7 +71,7 @@ class Information(KnownNoise, Probe):
 
     pattern: str = quantity("pattern")
     prnu: float = param(
-        0.01, at_least=0, at_most=1, doc="photo-response non-uniformity, relative rms, where no stage states it"
+        0.01, at_least=0, at_most=1, doc="photo-response non-uniformity, relative rms; used if no stage states it"
     )
     contrast_ratio: float = param(4.0, above=1, at_most=1e6, doc="ratio of the brightest to the darkest detail")
     object_size: float = param(

@@ -84,11 +84,9 @@ class StarProbe(_Pictures):
     is measured. Frequencies are means over all directions, including the rendering of the chart.
 
     Contrast is relative to the star before the lens (the limit of the outer rings of the first ``irradiance`` towards
-    frequency 0), so that veiling glare counts as lost contrast.
-
-    NaN where there is no star with this many cycles about that centre, where it is fainter than 2 % or than the fit
-    residual, where the picture is too small for rings below half contrast or is clipped, or where half contrast is not
-    reached at ``highest``.
+    frequency 0), so that veiling glare counts as lost contrast. The result is NaN if there is no star with this many
+    cycles about the centre, if its contrast is below 2 % or the fit residual, if the picture is clipped or too small
+    for rings below half contrast, or if half contrast is not reached at ``highest``.
     """
 
     writes: ClassVar = {
@@ -109,7 +107,7 @@ class StarProbe(_Pictures):
         0.0,
         at_least=0,
         at_most=1,
-        doc="contrast of the star, (light - dark)/(light + dark); 0: that of the first irradiance",
+        doc="contrast of the star, (light - dark)/(light + dark); 0: measured in the first irradiance",
     )
     highest: float = param(0.7, above=0, at_most=1, doc="frequency of the innermost ring, cycles/pixel")
 
@@ -187,14 +185,14 @@ class LeavesProbe(_Pictures):
     """Measure the dead-leaves texture of the pipeline's own scene at every stage that has a picture, by its
     cross-spectrum with the light before the lens.
 
-    That reference is the first ``irradiance``: used as it is on the same grid, otherwise blurred by a Gaussian of one
-    pixel, which is divided out again, and interpolated at the pixel centres. The rendering of the chart is in both and
-    cancels: the result is the response of the stages after it, averaged over all directions. Noise and aliases, which
-    the reference does not explain, do not count.
+    The reference is the first ``irradiance``. If its grid differs from that of the picture, it is blurred by a Gaussian
+    of one pixel, which is divided out again, and interpolated at the pixel centres. The rendering of the chart is in
+    both and cancels: the result is the response of the stages after it, averaged over all directions. Noise and aliases
+    are not in the reference and do not count.
 
     Luminance is measured as in ``edge_resolution``, over the whole of every picture; a mosaic of several colours is
-    skipped. NaN where there is no texture (uniform light, or edges of one direction), for pictures below 64 x 64
-    pixels, for clipped ones, or where half contrast is not reached below 0.5 cycles/pixel or is hidden by noise.
+    skipped. The result is NaN if there is no texture (uniform light, or edges of one direction), if the picture is
+    below 64 x 64 pixels or clipped, or if half contrast is not reached below 0.5 cycles/pixel or is hidden by noise.
     """
 
     writes: ClassVar = {"leaves_mtf50": "stage [cycles/um] nan", "leaves_mtf50_cycles": "stage [cycles/pixel] nan"}

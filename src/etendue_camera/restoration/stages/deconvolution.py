@@ -74,11 +74,11 @@ class Wiener(Inverse):
     """Wiener deconvolution with the pipeline's own transfer function: the linear filter with minimum squared error.
 
     The filter models the picture as a power law over frequency with a known contrast. The noise is the camera's at the
-    white level plus what aliases from above the pixel's Nyquist frequency. Each channel has its own transfer function.
-    The mean is preserved. ``mtf50_gain`` is along x of the second channel (green), ``noise_gain`` the factor on white
-    noise there; both are NaN where a preceding stage blurs without a transfer function. At the Nyquist frequency half
-    of the signal is aliased, so the filter restores at most half of the contrast there, and its MTF50 does not exceed
-    Nyquist.
+    white level, plus the content that aliases from above the pixel's Nyquist frequency. Each channel has its own
+    transfer function. The mean is preserved. ``mtf50_gain`` is along x of the second channel (green), ``noise_gain``
+    the factor on white noise there; both are NaN where a preceding stage blurs without a transfer function. At the
+    Nyquist frequency half of the signal is aliased, so the filter restores at most half of the contrast there, and its
+    MTF50 does not exceed Nyquist.
     """
 
     reads: ClassVar = LOOKS
@@ -92,7 +92,7 @@ class Wiener(Inverse):
         0.0,
         at_least=0,
         apart=(0.0,),
-        doc="noise variance, 1 = the square of clipping; 0: the camera's own at clipping",
+        doc="noise variance, relative to the square of the clipping level; 0: the camera's own noise at clipping",
     )
     contrast: float = param(0.2, above=0, at_most=10, doc="rms contrast of the picture, 1 = clipping")
     exponent: float = param(
@@ -153,9 +153,9 @@ class RichardsonLucy(Inverse):
     Iteration ends when the blurred estimate differs from the picture by no more than the camera's noise times ``stop``,
     or after ``iterations``; the default of ``stop`` is below 1 because demosaicing averages some of the noise. Negative
     values are kept, by a pedestal. The iteration starts from the picture, so the result is never less sharp. Each
-    channel has its own transfer function and number of iterations. The metrics are those of small contrasts on a
-    uniform background after the iterations done, where the method is a linear filter of known response; total variation
-    reduces the noise gain, which they do not include.
+    channel has its own transfer function and number of iterations. The metrics apply to small contrasts on a uniform
+    background, where the iterations are a linear filter of known response. They do not include the reduction of the
+    noise gain by total variation.
     """
 
     reads: ClassVar = LOOKS
@@ -167,7 +167,7 @@ class RichardsonLucy(Inverse):
 
     iterations: int = param(10, at_least=1, at_most=1000, doc="largest number of iterations")
     stop: float = param(
-        0.7, at_least=0, at_most=100, doc="stops when the residual falls to this multiple of the known noise; 0: never"
+        0.7, at_least=0, at_most=100, doc="multiple of the known noise at which the iteration stops; 0: no such limit"
     )
     start: str = param(
         "data",

@@ -34,7 +34,7 @@ class System:
     """The transfer function of the camera before a picture: each channel's photon-weighted mean over wavelength, at
     frequencies of its pixels.
 
-    Only the baseband counts: the transfer function at the frequency itself. What aliases onto it is noise to a
+    Only the baseband counts: the transfer function at the frequency itself. Content that aliases onto it is noise for a
     restoration.
     """
 

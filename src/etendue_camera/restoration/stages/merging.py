@@ -23,9 +23,9 @@ class MergeFrames(KnownNoise):
 
     ``mean`` divides all light by all time, for bursts of equal exposures; ``sigma_clipped`` rejects values too far from
     the median of the frames (motion, cosmic rays); ``hdr`` weights every frame by its known noise and rejects clipped
-    values. ``clipping_level`` remains that of the shortest frame, the last to saturate. ``merged_variance`` is the
-    variance of a mosaic value with this weighting, from shot noise and read-out noise; a demosaicer that averages
-    neighbours leaves less.
+    values. ``clipping_level`` is that of the shortest frame, which saturates last. ``merged_variance`` is the variance
+    of a mosaic value with this weighting, from shot noise and read-out noise; a demosaicer that averages neighbours
+    leaves less.
     """
 
     role: ClassVar = "merging"

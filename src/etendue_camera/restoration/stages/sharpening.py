@@ -105,8 +105,8 @@ class SharpenMosaic(Laplacian, Bounded, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class Unsharp(Bounded, Haloed):
-    """Sharpen with an unsharp mask: add ``amount`` times the difference from a Gaussian blur, without clipping. The
-    metrics are those above the threshold.
+    """Sharpen with an unsharp mask: add ``amount`` times the difference from a Gaussian blur, without clipping.
+    ``mtf50_gain`` and ``noise_gain`` apply to differences above the threshold.
     """
 
     role: ClassVar = "sharpening"
@@ -121,7 +121,7 @@ class Unsharp(Bounded, Haloed):
     radius: float = param(0.7, units="pixel", above=0, at_most=100, doc="standard deviation of the Gaussian")
     amount: float = param(0.8, at_least=0, at_most=10, doc="factor on the difference that is added; 0: none")
     threshold: float = param(
-        0.0, at_least=0, at_most=1, doc="differences are first reduced by this much towards 0, 1 = clipping"
+        0.0, at_least=0, at_most=1, doc="amount by which differences are first reduced towards 0 (1 = clipping)"
     )
 
     def run(
@@ -146,8 +146,8 @@ class Unsharp(Bounded, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class Denoise(KnownNoise, Bounded):
-    """Denoise with an edge-preserving filter based on the camera's noise: areas that vary by no more than the noise
-    become their local mean.
+    """Denoise with an edge-preserving filter based on the camera's noise: areas that vary no more than the noise are
+    replaced by their local mean.
 
     The noise is that of the mosaic. Demosaicing averages some of it, so the default strength is on the strong side.
     Channels are processed separately, and the mean of each is preserved.

@@ -54,7 +54,7 @@ class RadianceCube(Source, Banded, Discretised):
         0.0,
         units="cd m-2",
         at_least=0,
-        doc="luminance of a perfect white diffuser under the illuminant, to which the cube is relative, 1 = white; 0: "
+        doc="luminance of a perfect white diffuser under the illuminant, for a cube of relative values (1 = white); 0: "
         "the cube is in absolute radiance",
     )
     spacing: float = param(0.0, units="um", at_least=0, doc="sample spacing; 0: from the coordinates of the store")

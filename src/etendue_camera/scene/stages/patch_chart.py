@@ -25,7 +25,7 @@ from etendue_camera.scene.stages.scene import Scene, softness_knob
 class PatchChart(Scene):
     """Draw uniform patches with user-supplied reflectances, row by row from the upper left, on grey.
 
-    Table values are used as given: end values outside its rows, and more than 1 (up to 2) for fluorescent surfaces. The
+    Outside the rows of the table its end values are used. Values up to 2 are allowed, for fluorescent surfaces. The
     rest of the last row is background.
     """
 

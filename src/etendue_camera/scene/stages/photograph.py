@@ -74,7 +74,8 @@ class Photograph(Scene):
     """Use a picture (PNG, JPEG, TIFF; sRGB-encoded, at full bit depth) as a reflecting surface under the illuminant.
 
     The picture is decoded to linear light, area-averaged onto the grid, and given spectra from a basis that reproduces
-    its colours under D65 (to rounding, over the full spectrum). Its band limit is that of its samples.
+    its colours under D65 (to rounding, over the full spectrum). The samples of the picture set the band limit of the
+    scene.
     """
 
     file: str = param(

@@ -43,8 +43,8 @@ class Scene(Source, Banded, Discretised):
         units="cd m-2",
         at_least=0,
         example=1000.0,
-        doc="luminance of a perfect white diffuser in the scene, over its full spectrum, rendered or not; 0: give "
-        "radiance",
+        doc="luminance of a perfect white diffuser in the scene, over its full spectrum, rendered or not; 0: radiance "
+        "is given",
     )
     radiance: float = param(
         0.0,
@@ -60,7 +60,7 @@ class Scene(Source, Banded, Discretised):
         0.0,
         units="um",
         at_least=0,
-        doc="width of more of the same chart around width and height, for light that blur and glare bring into them; "
+        doc="width of a margin of the same chart around the frame, from which blur and glare bring light into it; "
         "auto: an eighth of the longer side",
     )
     spacing: float = param(

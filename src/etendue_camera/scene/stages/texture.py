@@ -22,8 +22,8 @@ FEW_SAMPLES = 4.0  # samples in the radius of the smallest leaf: smaller leaves 
 
 @dataclass(frozen=True, kw_only=True)
 class DeadLeaves(Scene):
-    """Draw dead leaves: overlapping discs of all sizes and greys, fixed by the chart's seed whatever noise a camera
-    adds.
+    """Draw dead leaves: overlapping discs of all sizes and greys, which depend on the chart's seed only, not on the
+    camera's noise.
     """
 
     nanoseconds: ClassVar = 40.0

@@ -28,9 +28,10 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
     """Apply charge diffusion below the colour filters (``crosstalk = "through_filter"``), with one pixel kernel per
     channel.
 
-    A kernel gives where the charge generated under a pixel's filter is collected: the area under the filter is lit
-    uniformly, diffusion is as in the stage ``diffusion``, and neighbours are as wide as the pitch. The kernel is the
-    mean over wavelength, weighted with the photons of the channel under the scene white. Charge is conserved.
+    A kernel gives the share of the charge generated under a pixel's filter that each neighbour collects. The area under
+    the filter is lit uniformly, charge diffuses as in the stage ``diffusion``, and every pixel collects over its whole
+    pitch. The kernel is the mean over wavelength, weighted with the photons of the channel under the scene white.
+    Charge is conserved.
     """
 
     role: ClassVar = "crosstalk"
@@ -50,8 +51,8 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         fidelity=True,
         reference="1e-14: kernels as wide as the diffusion reaches",
         settings=(0.1, 0.03, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-14),
-        doc="fraction of the charge allowed beyond the kernels, which is redistributed over them; nothing diffuses if "
-        "all diffusing charge is within this fraction",
+        doc="fraction of the charge that may diffuse beyond the kernels, where it is added to them; if no more than "
+        "this diffuses at all, the stage does nothing",
     )
 
     def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, tuple[FloatArray, ...]]:
@@ -113,7 +114,9 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
 
 
 def tables_of(stage: Any, edges: tuple[float, ...]) -> tuple[FloatArray, ...]:
-    """Return the charge kept and moved, by wavelength, and where moved charge arrives along both axes."""
+    """Return the fractions of charge that stay and move, by wavelength, and the distribution of the moved charge along
+    both axes.
+    """
     diode = (stage.depletion_depth, stage.diffusion_depth, stage.diffusion_length, stage.back)
     pixel = (stage.pixel_pitch, stage.aperture_fraction, stage.aperture_offset_y, stage.aperture_offset_x)
     return _tables(tuple(edges), diode, pixel)

@@ -84,8 +84,8 @@ class Defects(Sampled):
 
 @dataclass(frozen=True, kw_only=True)
 class StuckPixels(Sampled):
-    """Make pixels stuck at a code that does not depend on light, time and noise: each pixel at its own code, or all at
-    the same.
+    """Give stuck pixels a constant code, whatever the light, time and noise: each pixel its own code, or all the
+    same.
     """
 
     role: ClassVar = "stuck pixels"
@@ -104,7 +104,7 @@ class StuckPixels(Sampled):
         -1.0,
         at_least=-1,
         at_most=1,
-        doc="level of all stuck pixels as a fraction of the top code; -1: each has its own",
+        doc="level of all stuck pixels as a fraction of the top code; -1: each pixel has its own level",
     )
     file: str = param("", file=True, doc="CSV list of defective pixels: row,column,kind")
 

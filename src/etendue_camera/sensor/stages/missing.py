@@ -88,8 +88,8 @@ def _highest(light: Grid, kept: float) -> float:
 
 @lru_cache(96)
 def _left(before: tuple[Transfer, ...], edges: tuple[float, ...], rings: tuple[float, ...], width: float) -> FloatArray:
-    """Return, for every ring of frequencies, the smallest transfer function of the stages and the aperture, (band or 1,
-    ring).
+    """Return the smallest value of the transfer function of the stages and the aperture in every ring of frequencies,
+    (band or 1, ring).
     """
     points = scene_rings.frequencies_in(np.array(rings))
     found = np.abs(effects.in_directions(before, edges, points)).min(axis=0)

@@ -18,7 +18,9 @@ from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 
 @dataclass(frozen=True, kw_only=True)
 class Mosaic(Haloed):
-    """Apply the colour filter array: each pixel keeps one channel, by its index on the sensor, whatever the window."""
+    """Apply the colour filter array: each pixel keeps one channel, selected by its position on the sensor, not in the
+    window.
+    """
 
     role: ClassVar = "colour filter array"
     reads: ClassVar = {"photon_rate": "channel y x [electron/s]"}

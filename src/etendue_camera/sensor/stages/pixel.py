@@ -150,8 +150,8 @@ class Pixel(Collecting, Summed):
         fidelity=True,
         reference="0: a transform for every band",
         settings=(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 20, 24, 32, 0),
-        doc="number of planes that the bands are expanded in before the transforms, at least the number of channels; "
-        "7 to 9 suit most lenses",
+        doc="number of planes into which the bands are combined before the transforms, at least the number of "
+        "channels; 7 to 9 suit most lenses",
     )
     kept_frequencies: float = param(
         1.0,

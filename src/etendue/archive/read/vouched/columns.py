@@ -3,8 +3,8 @@
 In:  a tree that xarray has opened from the verified store of an archive.
 Out: the same tree, in which each small variable is an array that reads all its cells at once, when it is first used.
 
-Zarr decodes every chunk by itself, at about 0.1 ms each; a metric of 9,000 cells has 9,000 chunks of some bytes. Every
-chunk is checked against the journal here as there, and a cell that is missing has the fill value of its array.
+Zarr decodes every chunk by itself, at about 0.1 ms each; a metric of 9,000 cells has 9,000 chunks of some bytes. Here
+too every chunk is checked against the journal, and a missing cell has the fill value of its array.
 """
 
 from __future__ import annotations

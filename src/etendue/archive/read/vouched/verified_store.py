@@ -321,7 +321,7 @@ class VouchedStore(WrapperStore[LocalStore]):
             tree.put_array(group, name, self._grown(f"{group}/{name}", document, shape), dims, attrs)
         return tree.files()
 
-    def _grown(self, node: str, document: DocumentView, shape: tuple[int, ...]) -> Any:
+    def _grown(self, node: str, document: DocumentView, shape: tuple[int, ...]) -> Array:
         """Return a coordinate along grown axes: the values on disk, and NaN for those not written yet."""
         dtype, old = np.dtype(document["data_type"]), tuple(document["shape"])
         data = disk.content_of((self.folder / DATA / node).joinpath("c", *("0" for _ in shape))) or b""

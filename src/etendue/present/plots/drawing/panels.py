@@ -204,7 +204,7 @@ def _checked(values: Array, sides: Sides) -> Array:
     values = np.asarray(values, dtype=float)
     wanted = (len(sides.panels), len(sides.y), len(sides.x))
     if values.shape != wanted:
-        raise ValueError(f"values have shape {values.shape}; the sides need (panel, y, x) = {wanted}")
+        raise ValueError(f"values have shape {values.shape}; expected (panel, y, x) = {wanted}")
     return values
 
 

@@ -35,7 +35,7 @@ MOST_NAMED = 24
 
 
 def front(points: Any) -> Array:
-    """Return which points no other dominates: none is at least as good in every column and better in one.
+    """Return the points that no other point dominates, by being at least as good in every column and better in one.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def _at(held: HeldVariable, place: AxisValues) -> xarray.DataArray:
 
 
 class _Drawn(NamedTuple):
-    """What the points of a front are."""
+    """The meaning of the points of a front."""
 
     holdings: Holdings
     held: Sequence[HeldVariable]

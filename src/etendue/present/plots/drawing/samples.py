@@ -52,7 +52,7 @@ def columns_of(
     """
     dim = rows_dim(holdings)
     if not dim:
-        raise RequestError(f"{holdings.archive} is of a grid: no values change together; plot it with map or curves")
+        raise RequestError(f"{holdings.archive} holds a grid, not a design; plot it with map or curves")
     held = [holdings.find(name, "figure") for name in figures] or _usual(holdings, dim)
     if not held:
         raise RequestError(f"no metric depends on {dim}; to list all: etendue plot {holdings.archive} --list")
@@ -70,14 +70,14 @@ def columns_of(
 
 
 def _rows_of(held: Sequence[HeldVariable], dim: str) -> list[Any]:
-    """Return the rows that any of some variables has; none if one of them does not depend on rows."""
+    """Return the rows on which at least one of some variables depends; none if one of them does not depend on rows."""
     if not all(dim in one.axes for one in held):
         return []
     return sorted({row for one in held for row in one.values_of(dim)})
 
 
 def _usual(holdings: Holdings, dim: str) -> list[HeldVariable]:
-    """Return the metrics that are shown if none is named."""
+    """Return the metrics that are shown by default."""
     own = {one.variable: one for one in holdings.of_kind("figure") if dim in one.axes}
     names = [name for text in (*goes_first("front"), *goes_first("headline")) for name in text.split()]
     plain = [name for name, one in own.items() if not one.dims]

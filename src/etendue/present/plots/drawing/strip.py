@@ -135,7 +135,7 @@ def picture_of(held: HeldVariable, at: AxisValues) -> tuple[xarray.DataArray, bo
 
 
 def _open_text(held: HeldVariable, open_: list[str]) -> str:
-    """Return the message that a swept variable needs a choice, and the command that shows all of it."""
+    """Return the message that a swept variable requires a choice of values, and the command that shows all values."""
     said = []
     for dim in open_:
         values = held.values_of(dim)

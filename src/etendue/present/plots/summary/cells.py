@@ -127,7 +127,7 @@ def _failed_by_status(holdings: Holdings, units: Mapping[str, str]) -> list[tupl
 
 
 def omissions(table: DocumentView) -> list[Document]:
-    """Return what was left out or approximated, and why: a row per stage and reason."""
+    """Return the omissions and approximations: a row per stage and reason."""
     rows = []
     for kind, column in (("left out", "why_left_out"), ("coarser", "approximated")):
         for stage, why, own in each_of(table, table[column] != "", column):

@@ -206,8 +206,8 @@ def _named(tree: xarray.DataTree | xarray.Dataset, folder: Path | None) -> str:
 
 
 def _damage(folder: Path) -> str:
-    """Return what in an archive has changed since it was written, apart from chunks of cells, and how to repair it; ''
-    if nothing.
+    """Return the changes in an archive since it was written, apart from chunks of cells, and how to repair them; '' if
+    there are none.
     """
     try:
         refuse_changed(folder, is_running(folder))
@@ -326,7 +326,7 @@ def _values(values: list[AxisValue], units: str, dim: str) -> str:
 
 
 def _going_on(place: str, folder: Path | None, state: str) -> list[tuple[str, str]]:
-    """Return the command that computes what is missing, for an unfinished run."""
+    """Return the command that computes the missing cells of an unfinished run."""
     files = sorted((folder / "runs").glob("*.toml")) if folder else []
     if not files or state == "complete" or state.startswith("running"):
         return []

@@ -46,7 +46,7 @@ def text(one: Glance) -> str:
 
 
 def page(one: Glance, run: str = "") -> str:
-    """Return the summary as HTML. ``run``: what a run has just done."""
+    """Return the summary as HTML. ``run``: the results of the last run."""
     bad = bool(one.counts.get("failed")) or one.state.startswith("damaged")
     head = (
         f'<div><b style="font-size:1.15em">{safe(one.name)}</b> '
