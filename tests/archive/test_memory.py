@@ -55,13 +55,12 @@ def test_a_stage_swept_under_the_name_of_its_variable_gives_the_tree_of_its_arch
 def told(node):
     """Everything that a group holds, as values that nothing changes any more."""
     held = node.to_dataset(inherit=False)
-    variables = {
-        name: (one.dims, str(one.dtype), one.values.tolist(), dict(one.attrs), dict(one.encoding))
+    words = {name: (one.dims, one.dtype, dict(one.attrs), dict(one.encoding)) for name, one in held.variables.items()}
+    indexes = {name: (index.name, index.tolist()) for name, index in held.indexes.items()}
+    return repr((words, dict(held.attrs), indexes)), {
+        name: one.values.tobytes() if one.dtype.kind in "biuf" else repr(one.values.tolist())
         for name, one in held.variables.items()
     }
-    return repr(
-        (variables, dict(held.attrs), {name: (index.name, index.tolist()) for name, index in held.indexes.items()})
-    )
 
 
 def overwrite(array):

@@ -131,11 +131,22 @@ def assert_same_arrays(first: dict[Any, Any], second: dict[Any, Any]) -> None:
 RUNTIMES = {"seconds"}
 
 
+def files_of(archive: Path) -> dict[str, bytes]:
+    """Every file of the store but measured times: what agrees in them need not be read with xarray."""
+    files = (path for path in (archive / "data.zarr").rglob("*") if path.is_file() and path.parts[-3] not in RUNTIMES)
+    return {path.relative_to(archive).as_posix(): path.read_bytes() for path in files}
+
+
 def assert_same_archives(first: Path, second: Path, frames: bool = True) -> None:
     """Every array of two archives has the same dims, attributes and bits; measured times may differ.
 
     Frames are pictures of what a run saw: of stages that are not kept there is none after a resume.
     """
+    here, there = files_of(first), files_of(second)
+    changed = [path for path in {*here, *there} if here.get(path) != there.get(path)]
+    assert here
+    if not changed:
+        return
     with (
         xarray.open_datatree(first / "data.zarr", engine="zarr", chunks=None) as one,
         xarray.open_datatree(second / "data.zarr", engine="zarr", chunks=None) as other,
@@ -148,9 +159,9 @@ def assert_same_archives(first: Path, second: Path, frames: bool = True) -> None
             assert dict(node.dataset.attrs) == dict(twin.attrs), node.path
             assert set(node.dataset.variables) == set(twin.variables), node.path
             for name, variable in node.dataset.variables.items():
-                if name in RUNTIMES:
-                    continue
                 where = f"{node.path}/{name}"
+                if name in RUNTIMES or not any(path.startswith(f"data.zarr{where}/") for path in changed):
+                    continue
                 assert variable.dims == twin[name].dims, where
                 assert dict(variable.attrs) == dict(twin[name].attrs), where
                 mine, its = np.asarray(variable.values), np.asarray(twin[name].values)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from etendue.archive.read.tree import ROOT
 from etendue.archive.records import disk
-from etendue.archive.records.manifest import DATA
+from etendue.archive.records.manifest import DATA, digest_of
 from etendue.contract.values.names import TABLES
 
 if TYPE_CHECKING:
@@ -51,17 +51,14 @@ def _laid_out_alike(store: ArchiveWriter) -> bool:
 
 def damaged(store: ArchiveWriter) -> Iterator[str]:
     """Yield files that differ from the manifest or are not valid JSON, so that no run can have written them."""
-    known = store.manifest.metadata if store.manifest else {}
-    found: dict[str, None] = {}
-    for path in known or [f"{DATA}/{path}" for path in store.tree.held if path.endswith(ROOT)]:
-        own = path.removeprefix(f"{DATA}/")
-        if own in store.tree.held or own.split("/")[0] in TABLES:
-            data = disk.content_of(store.folder / path)
-            if (known and hashlib.sha256(data or b"").hexdigest() != known[path]) or (
-                data is not None and own.endswith(ROOT) and disk.read_document(store.folder / path) is None
-            ):
-                found[re.sub(r"(/zarr\.json|/c(/\d+)*)$", "", path)] = None
-    yield from found
+    folder, held = store.folder, dict.fromkeys(f"{DATA}/{path}" for path in store.tree.held)
+    if store.manifest and (known := store.manifest.metadata):
+        ours = (path for path in known if path in held or path.split("/")[1] in TABLES)
+        odd = [path for path in ours if digest_of(folder / path) != known[path]]
+    else:
+        there = (path for path in held if path.endswith(ROOT) and store.listing.has(path))
+        odd = [path for path in there if disk.read_document(folder / path) is None]
+    yield from dict.fromkeys(re.sub(r"(/zarr\.json|/c(/\d+)*)$", "", path) for path in odd)
     if store.manifest:
-        yield from (path for path in store.manifest.changed(store.folder) if path in store.manifest.files)
+        yield from store.manifest.changed(store.folder, metadata=False)
     yield from (f"{path} (its size or index)" for path in store.blocks.odd())

@@ -100,6 +100,14 @@ def _consolidated(files: Mapping[str, bytes]) -> bytes:
     return whole
 
 
+def content_first(path: str) -> list[str]:
+    """Return a key that sorts files of the store folder by folder, the metadata of a group or array after all below it:
+    readers find an array through its metadata.
+    """
+    *folders, name = path.split("/")
+    return [*folders, f"\U0010ffff{name}"]
+
+
 def incompatible(old: DocumentView | None, new: DocumentView) -> bool:
     """Return True if chunks written for the old metadata of an array cannot be read with the new one. Unknown metadata
     counts as incompatible.

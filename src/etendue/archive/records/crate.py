@@ -49,9 +49,7 @@ def write_crate(folder: Path, plan: Plan, known: Manifest | None, fresh: bool, d
         files[CITATION] = _citation(about, plan, _date(runs)).encode()
     elif known is not None and CITATION in known.files:
         disk.remove(folder, CITATION)
-    for name, data in files.items():
-        if disk.content_of(folder / name) != data:
-            disk.write(folder, name, data, durable)
+    disk.put(folder, files.items(), durable)
 
 
 def crate_of(folder: Path, plan: Plan) -> Entity:

@@ -15,12 +15,13 @@ import json
 import os
 import stat
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from etendue import plain_files
+from etendue.archive.records.folders import FOLDER, Folders, in_place_of_file, in_place_of_folder, link_at
 from etendue.errors import ArchiveError
 from etendue.types.documents import Document
 
@@ -38,39 +39,13 @@ FILES = (
     "measured.json",
 )
 FOLDERS = ("data.zarr", "inputs", "runs")
-_DIRECTORY = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
-_LINKED = (errno.ELOOP, errno.ENOTDIR)  # the error codes for a link or a file in the place of a folder
 
 
 @contextmanager
 def _place(root: str | Path, path: str, make: bool = False, durable: bool = False) -> Iterator[tuple[int, str]]:
-    """Give an open handle of a file's folder, and the file's name in it. With ``make`` the folder is created if
-    necessary; with ``durable`` it survives a power cut.
-    """
-    *parts, name = path.split("/")
-    handle = os.open(root, _DIRECTORY)
-    try:
-        for number, part in enumerate(parts):
-            try:
-                try:
-                    below = os.open(part, _DIRECTORY, dir_fd=handle)
-                except FileNotFoundError:
-                    if not make:
-                        raise
-                    with suppress(FileExistsError):  # another worker has created it
-                        os.mkdir(part, dir_fd=handle)
-                        if durable:
-                            os.fsync(handle)
-                    below = os.open(part, _DIRECTORY, dir_fd=handle)
-            except OSError as error:
-                if error.errno in _LINKED:
-                    raise in_place_of_folder(Path(root), "/".join(parts[: number + 1])) from None
-                raise
-            os.close(handle)
-            handle = below
-        yield handle, name
-    finally:
-        os.close(handle)
+    """Give an open handle of a file's folder, and the file's name in it."""
+    with Folders(root, make, durable) as folders:
+        yield folders.of(path)
 
 
 def write_all(handle: int, data: bytes) -> None:
@@ -86,31 +61,67 @@ def _aside(name: str) -> str:
 
 def write(root: str | Path, path: str, data: bytes | Iterable[bytes], durable: bool = False) -> None:
     """Write a file atomically: it is written beside its place and renamed."""
+    with Folders(root, True, durable) as folders:
+        _write(folders, path, data)
+
+
+def put(
+    root: str | Path,
+    files: Iterable[tuple[str, bytes]],
+    durable: bool = False,
+    change: Callable[[], None] | None = None,
+) -> None:
+    """Write the files that differ from those in their places, one after the other; ``change`` is called before."""
+    with Folders(root, True, durable, change) as folders:
+        for path, data in files:
+            if not _holds(folders, path, data):
+                if change is not None:
+                    change()
+                _write(folders, path, data)
+
+
+def _holds(folders: Folders, path: str, data: bytes) -> bool:
+    """Return True if a file holds exactly these bytes."""
+    folder, name = folders.of(path)
+    try:
+        handle = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder)
+    except FileNotFoundError:
+        return False
+    try:
+        state = os.fstat(handle)
+        if not stat.S_ISREG(state.st_mode):
+            raise in_place_of_file(Path(folders.root), path)
+        return state.st_size == len(data) and os.pread(handle, len(data), 0) == data
+    finally:
+        os.close(handle)
+
+
+def _write(folders: Folders, path: str, data: bytes | Iterable[bytes]) -> None:
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-    with _place(root, path, make=True, durable=durable) as (folder, name):
-        temporary = _aside(name)
+    folder, name = folders.of(path)
+    temporary = _aside(name)
+    try:
+        handle = os.open(temporary, flags, 0o644, dir_fd=folder)
+    except FileExistsError:  # left by a killed run whose process had the same ID
+        os.unlink(temporary, dir_fd=folder)
+        handle = os.open(temporary, flags, 0o644, dir_fd=folder)
+    try:
         try:
-            handle = os.open(temporary, flags, 0o644, dir_fd=folder)
-        except FileExistsError:  # left by a killed run whose process had the same ID
+            for part in [data] if isinstance(data, bytes) else data:
+                write_all(handle, part)
+            if folders.durable:
+                os.fsync(handle)
+        finally:
+            os.close(handle)
+        os.replace(temporary, name, src_dir_fd=folder, dst_dir_fd=folder)
+    except BaseException as error:
+        with suppress(OSError):
             os.unlink(temporary, dir_fd=folder)
-            handle = os.open(temporary, flags, 0o644, dir_fd=folder)
-        try:
-            try:
-                for part in [data] if isinstance(data, bytes) else data:
-                    write_all(handle, part)
-                if durable:
-                    os.fsync(handle)
-            finally:
-                os.close(handle)
-            os.replace(temporary, name, src_dir_fd=folder, dst_dir_fd=folder)
-        except BaseException as error:
-            with suppress(OSError):
-                os.unlink(temporary, dir_fd=folder)
-            if isinstance(error, IsADirectoryError):
-                raise in_place_of_file(Path(root), path) from None
-            raise
-        if durable:
-            os.fsync(folder)
+        if isinstance(error, IsADirectoryError):
+            raise in_place_of_file(Path(folders.root), path) from None
+        raise
+    if folders.durable:
+        os.fsync(folder)
 
 
 def write_stand_in(root: str | Path, path: str, size: int, tail: bytes) -> None:
@@ -130,7 +141,7 @@ def write_stand_in(root: str | Path, path: str, size: int, tail: bytes) -> None:
 
 def sync_folder(path: Path) -> None:
     """Sync a folder, so that the names in it survive a power cut."""
-    handle = os.open(path, _DIRECTORY & ~os.O_NOFOLLOW)
+    handle = os.open(path, FOLDER & ~os.O_NOFOLLOW)
     try:
         os.fsync(handle)
     finally:
@@ -272,32 +283,6 @@ def lacks(folder: Path, what: str) -> str:
     return f"it holds no {what}" if folder.exists() else "it does not exist"
 
 
-def link_at(root: Path, path: str) -> ArchiveError:
-    """Return the error about a link inside an archive."""
-    try:
-        target = os.readlink(root / path)
-    except OSError:
-        target = "?"
-    short = target if len(target) <= 60 else f"...{target[-57:]}"
-    return ArchiveError(
-        f"{root / path} is a link (to {short}); an archive must not contain links, because runs write and remove "
-        f"files in it. "
-        f"Replace it by the files themselves, or use another archive with --archive DIR"
-    )
-
-
-def in_place_of_folder(root: Path, path: str) -> ArchiveError:
-    """Return the error about a link or file where an archive has a folder."""
-    if (root / path).is_symlink():
-        return link_at(root, path)
-    return ArchiveError(f"{root / path} is not a folder, where an archive has one; move it elsewhere")
-
-
-def in_place_of_file(root: Path, path: str) -> ArchiveError:
-    """Return the error about a folder or special file where an archive has a file."""
-    return ArchiveError(f"{root / path} is not a regular file, where an archive has one; move it elsewhere")
-
-
 class Listing:
     """The names below the folders of an archive, by folder: ``files["data.zarr/scene"]``. Links are not listed.
 
@@ -333,7 +318,7 @@ class Listing:
         while open_:
             path = open_.pop()
             files, folders = self.files.setdefault(path, set()), self.folders.setdefault(path, set())
-            with os.scandir(root / path) as entries:
+            with os.scandir(f"{root}/{path}") as entries:
                 for entry in entries:
                     own = f"{path}/{entry.name}"
                     if entry.is_dir(follow_symlinks=False):

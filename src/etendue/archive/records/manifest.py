@@ -32,9 +32,12 @@ class Manifest:
     files: Mapping[str, str]
     journal: str = ""  # SHA-256 of the journal as the run left it; checked only by a full verification
 
-    def changed(self, folder: Path) -> list[str]:
-        """Return the paths of files that are missing or differ from what was written."""
-        return [path for path, known in {**self.metadata, **self.files}.items() if digest_of(folder / path) != known]
+    def changed(self, folder: Path, metadata: bool = True) -> list[str]:
+        """Return the paths of files that are missing or differ from what was written; with ``metadata`` also in the
+        store.
+        """
+        known = {**self.metadata, **self.files} if metadata else self.files
+        return [path for path, digest in known.items() if digest_of(folder / path) != digest]
 
     def nodes(self) -> set[str]:
         """Return the groups and arrays of the store, by path below it."""

@@ -14,6 +14,7 @@ import platform
 import sys
 import time
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -189,9 +190,23 @@ def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: DocumentView
         "options": dict(options),
         "platform": platform_record(),
         "libraries": {name: version_of(name) for name in LIBRARIES},
-        "distributions": {name: version for name, version in map(named, importlib.metadata.distributions()) if name},
+        "distributions": dict(_distributions(tuple(map(_changed, sys.path)))),
         "began": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
     }
+
+
+def _changed(folder: str) -> tuple[str, int]:
+    """Return a folder of the path, and when a distribution was last added to it or removed from it."""
+    try:
+        return folder, os.stat(folder or ".").st_mtime_ns
+    except OSError:
+        return folder, 0
+
+
+@lru_cache(maxsize=1)
+def _distributions(path: tuple[tuple[str, int], ...]) -> DocumentView:
+    """Return the version of every installed distribution; ``path``: the folders in which they lie."""
+    return {name: version for name, version in map(named, importlib.metadata.distributions()) if name}
 
 
 def preset_said(pipeline: PipelineFile) -> str:

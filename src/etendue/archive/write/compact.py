@@ -18,7 +18,7 @@ from pathlib import Path
 
 from etendue import interrupts
 from etendue.archive.read.reading import StoredArchive, open_archive
-from etendue.archive.records import disk
+from etendue.archive.records.folders import link_at
 from etendue.archive.records.manifest import read_manifest
 from etendue.archive.write.rewriting import Anew, Compacted
 from etendue.errors import ArchiveError, ArchiveInUse
@@ -45,7 +45,7 @@ def compact(old: Path, new: Path) -> Compacted:
         archive = open_archive(old)
         check_in_order(old, archive)
         if aside.is_symlink():
-            raise disk.link_at(aside.parent, aside.name)
+            raise link_at(aside.parent, aside.name)
         shutil.rmtree(aside, ignore_errors=True)  # of an earlier attempt that was killed
         aside.mkdir()
         try:

@@ -21,6 +21,7 @@ from pathlib import Path
 from etendue import interrupts
 from etendue.archive.read.reading import open_archive
 from etendue.archive.records import disk
+from etendue.archive.records.folders import link_at
 from etendue.archive.records.manifest import DATA
 from etendue.archive.write.compact import aside_of, check_in_order, locked
 from etendue.archive.write.rewriting import Anew, Compacted
@@ -54,7 +55,7 @@ def _exchanged(folder: Path) -> Compacted:
         check_in_order(folder, archive)
         # through a link, the new archive would be written somewhere else, perhaps on another file system
         if aside.is_symlink():
-            raise disk.link_at(aside.parent, aside.name)
+            raise link_at(aside.parent, aside.name)
         anew = Anew(archive, aside, shares=True)
         needed = anew.needed()
         if not needed and not anew.changed():

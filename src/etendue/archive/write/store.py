@@ -26,8 +26,9 @@ from etendue.archive.journaling.entries import Entry
 from etendue.archive.journaling.journal import Journal, is_done
 from etendue.archive.read import earlier_pictures, last_run
 from etendue.archive.read.earlier_pictures import FRAMES
-from etendue.archive.read.tree import ROOT, incompatible
+from etendue.archive.read.tree import ROOT, content_first, incompatible
 from etendue.archive.records import disk
+from etendue.archive.records.folders import in_place_of_file, in_place_of_folder
 from etendue.archive.records.manifest import DATA, read_manifest, write_manifest
 from etendue.archive.records.owner import ABANDONED, behind, fresh_id, take
 from etendue.archive.records.provenance import latest_record, record_paths
@@ -147,12 +148,12 @@ class ArchiveWriter:
         refuse_strangers(self.folder, self.listing, {node.name for node in plan.nodes}, self.ours)
         for node in self.nodes:
             if self.listing.has(f"{DATA}/{node}"):
-                raise disk.in_place_of_folder(self.folder, f"{DATA}/{node}")
+                raise in_place_of_folder(self.folder, f"{DATA}/{node}")
         for path, group in self.layout.groups.items():
             for name in group.variables:
                 folder = f"{DATA}/{path}/{name}"
                 for found in filter(CHUNK.fullmatch, self.listing.folders.get(folder, ())):
-                    raise disk.in_place_of_file(self.folder, f"{folder}/{found}")
+                    raise in_place_of_file(self.folder, f"{folder}/{found}")
 
     # -- what is finished -----------------------------------------------------------------------------
 
@@ -236,15 +237,11 @@ class ArchiveWriter:
         self.change()
         # The journal first says which arrays are ours and which results are replaced or given up; only then do files
         # change. A run that is killed in between leaves nothing that wrongly reads as a result.
-        names = {
-            path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path]
-            for path in self.layout.groups
-        }
-        earlier = {
-            group: [node.rpartition("/")[2] for node in self.ours if node.rpartition("/")[0] == group]
-            for group in self.laid.axes
-        }
-        self.journal.set_arrays({path: [*own, *earlier.get(path, ())] for path, own in names.items()})
+        arrays: dict[str, list[str]] = {path: [] for path in self.layout.groups}
+        for path, _, name in (node.rpartition("/") for node in self.nodes | self.ours):
+            if path in arrays:
+                arrays[path].append(name)
+        self.journal.set_arrays(arrays)
         keys = ((self.names[ref], self.plan.cells[ref].key) for ref in self.todo)
         self.journal.set_outdated(self.journal.entries.done_otherwise(keys))
         self.journal.give_up(gone)
@@ -306,9 +303,12 @@ class ArchiveWriter:
                     remove_node(self.folder, self.listing, f"{path}/{name}")
             for name in group.variables:
                 folder = f"{DATA}/{path}/{name}"
+                shards = list(filter(CHUNK.fullmatch, self.listing.files.get(folder, ())))
+                if not shards:
+                    continue
                 old = disk.read_document(self.folder / folder / ROOT)
                 fresh = incompatible(old, json.loads(files[f"{path}/{name}/{ROOT}"]))
-                for file in filter(CHUNK.fullmatch, self.listing.files.get(folder, ())):
+                for file in shards:
                     own = self.blocks.wanted.get(f"{folder}/{file}")
                     if own is None or (fresh and not own):  # after a change of form, drop shards without finished cells
                         disk.remove(self.folder, f"{folder}/{file}")
@@ -316,11 +316,8 @@ class ArchiveWriter:
 
     def _put(self, files: Mapping[str, bytes]) -> None:
         """Write files of the store that differ from those on disk; metadata of a group or array after its content."""
-        # Readers find an array through its metadata, so the metadata is written after the content.
-        for path in sorted(files, key=lambda path: (path.endswith(ROOT), -path.count("/"))):
-            if disk.content_of(self.folder / DATA / path) != files[path]:
-                self.change()
-                disk.write(self.folder, f"{DATA}/{path}", files[path], self.durable)
+        order = sorted(files, key=content_first)
+        disk.put(self.folder, ((f"{DATA}/{path}", files[path]) for path in order), self.durable, self.change)
 
     def target(self, cell: Cell) -> CellFiles:
         held: tuple[WrittenChunk, ...] = self.held.get(cell.ref, ())
