@@ -3,11 +3,11 @@ figure that needs no picture.
 
     python benchmarks/left_out_seconds.py [--pipelines paper_physical sweep] [--tolerances 1e-1 ...] [--repeats 5]
 
-Rows: a pipeline with nothing left out ("reference") and at each tolerance, in turn, there and back, into archives. Columns: thread
-seconds of the stages (least, median, largest of the repeats) and the least as a share of the reference's; the same of
-the wall; bytes of the archive; milliseconds that a cell which is left out costs, and the bytes of variables whose cells
-are all left out. Below: paper_physical.toml from scene to pixel under 550 nm and under D65, and sweep.toml with
---want mtf50_lp_mm, with the number of its pixel cells.
+Rows: a pipeline with nothing left out ("reference") and at each tolerance, in turn, there and back, into archives.
+Columns: thread seconds of the stages (least, median, largest of the repeats) and the least as a share of the
+reference's; the same of the wall; bytes of the archive; milliseconds that a cell which is left out costs, and the bytes
+of variables whose cells are all left out. Below: paper_physical.toml from scene to pixel under 550 nm and under D65,
+and sweep.toml with --want mtf50_lp_mm, with the number of its pixel cells.
 """
 
 from __future__ import annotations
