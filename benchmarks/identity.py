@@ -83,14 +83,14 @@ from pathlib import Path
 def main(pipeline, archive, overrides, strips, bands, options):
     from etendue.plan.planner import make_plan
     from etendue.contract.registry import installed_stages
-    from etendue.archive.sharding import partition as pieces
+    from etendue.archive.structure import cutting
     from etendue.compute import rows as cut
     from etendue.session import Options, execute, load
 
     if strips:
         cut.LARGEST_WHOLE, cut.STRIP, cut.TILE, cut.HALOS = 0, 1, 8, 2
     if bands:
-        pieces.LARGEST_CHUNK = 4096
+        cutting.LARGEST_CHUNK = 4096
     made = execute(make_plan(load(Path(pipeline), overrides), installed_stages()), archive, Options(**options))
     sys.exit(len(made.failed) and 3)
 

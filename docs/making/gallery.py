@@ -18,12 +18,13 @@ from PIL import Image
 import etendue
 from etendue.builder.stages import Placed
 from etendue.contract.arrays.variables import variable
+from etendue.contract.listing import stage_document
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, reads_of, writes_of
 from etendue.contract.values.parameter import MISSING
 from etendue.errors import EtendueError
 from etendue.present.plots import pictures
-from etendue.present.terminal.catalogue import first_sentence, stage_document
+from etendue.present.terminal.catalogue import first_sentence
 from making.markdown import shown
 from making.stages import roles
 

@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from etendue.contract.arrays.variables import parse_declaration, variable
+from etendue.contract.listing import quantity_document, stage_document
 from etendue.contract.registry import Registry, installed_stages
 from etendue.contract.values import quantities as camera
 from etendue.plugins import discovery
-from etendue.present.terminal.catalogue import first_sentence, quantity_document, stage_document
+from etendue.present.terminal.catalogue import first_sentence
 from making.markdown import paragraphs, shown, table, toctree
 
 SEEN = {

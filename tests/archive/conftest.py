@@ -2,7 +2,6 @@
 
 import pytest
 
-from etendue.archive.sharding import partition
 from etendue.archive.structure import cutting
 from etendue.session import Options, execute
 from tests.archive.tiny import LARGEST, SMALL, tiny_plan
@@ -15,7 +14,7 @@ def in_bands(request):
     """
     with pytest.MonkeyPatch.context() as patch:
         if not getattr(request.module, "WHOLE_CELLS", False):
-            patch.setattr(partition, "LARGEST_CHUNK", LARGEST)
+            patch.setattr(cutting, "LARGEST_CHUNK", LARGEST)
             patch.setattr(cutting, "SMALL", SMALL)
         yield
 

@@ -15,8 +15,8 @@ from etendue.archive.journaling.accepting import Former, accepted
 from etendue.archive.journaling.blocks import ShardContents
 from etendue.archive.journaling.entries import EVENTS, Entries, Entry
 from etendue.archive.journaling.journal import Journal, Read, _checked, _take, _take_own, read, summed
+from etendue.archive.records.names import STATUS
 from etendue.archive.sharding.shards import ChunkPlace, Index
-from etendue.archive.structure.layout import STATUS
 from etendue.contract.ports import WrittenChunk
 from etendue.trust.comparing import unchecked
 
@@ -94,9 +94,12 @@ def test_the_chunks_of_a_shard_are_held_as_in_a_dict(steps):
         )
     assert dict(held) == plain
     assert held.lying() == {place.file for _, place in plain.values()}
-    assert held.there() == {
-        slot: (place.offset, place.size) for slot, (_, place) in plain.items() if place.file == "a/c.0"
-    }
+    there = {slot: (place.offset, place.size) for slot, (_, place) in plain.items() if place.file == "a/c.0"}
+    for index in (there, Index.of(6, there)):
+        assert held.lies_as(index) == (len(there) == len(plain))
+    for slot, (offset, size) in there.items():
+        assert not held.lies_as(Index.of(6, {**there, slot: (offset + 1, size)}))
+        assert not held.lies_as(Index.of(6, {other: own for other, own in there.items() if other != slot}))
     assert all((slot in held) == (slot in plain) for slot in range(6))
 
 

@@ -15,11 +15,11 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 
 import etendue
 from etendue.archive.read.vouched.verified_store import VouchedStore
-from etendue.archive.sharding import partition
 from etendue.archive.sharding.chunks import CODEC, RAW, CellFiles, Chunk, encode
-from etendue.archive.sharding.partition import BANDS, Cutter, chunk_of, joined, pieces_of, windows_of
+from etendue.archive.sharding.partition import Cutter, joined, pieces_of, windows_of
 from etendue.archive.sharding.segments import PARTS
-from etendue.archive.structure.cutting import chunk_shapes
+from etendue.archive.structure import cutting
+from etendue.archive.structure.cutting import BANDS, chunk_of, chunk_shapes
 from etendue.archive.structure.metadata import array_node, document
 from tests.archive.tiny import index_of
 
@@ -43,7 +43,7 @@ def test_the_parts_of_a_cell_are_disjoint_and_together_the_cell(shape, data):
 @given(rows=st.integers(1, 5000), columns=st.integers(1, 300), channels=st.integers(1, 3))
 def test_a_band_holds_a_quarter_of_the_largest_chunk_or_is_a_row(rows, columns, channels):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(partition, "LARGEST_CHUNK", 40_000)
+        patch.setattr(cutting, "LARGEST_CHUNK", 40_000)
         shape = (channels, rows, columns)
         chunk = chunk_of(("channel", "y", "x"), shape, 4)
     if 4 * prod(shape) <= 40_000:

@@ -25,11 +25,10 @@ from tests.run.small import assert_same_archives, environment
 
 DIES = """
 import os, sys
-from etendue.archive.sharding import partition as pieces
 from etendue.archive.structure import cutting
 from etendue.archive.write.store import ArchiveWriter
 from tests.archive.tiny import LARGEST, SMALL
-pieces.LARGEST_CHUNK, cutting.SMALL = LARGEST, SMALL
+cutting.LARGEST_CHUNK, cutting.SMALL = LARGEST, SMALL
 left, reported = [int(os.environ["DIE_AFTER"])], ArchiveWriter.reported
 
 def die(self, reports):

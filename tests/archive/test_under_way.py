@@ -12,8 +12,8 @@ import pytest
 from etendue.archive import places
 from etendue.archive.checks.describe import describe_archive
 from etendue.archive.checks.verify import verify
+from etendue.archive.records.names import aside_of
 from etendue.archive.write import in_place
-from etendue.archive.write.compact import aside_of
 from etendue.archive.write.in_place import compact_in_place
 from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError, ArchiveInUse

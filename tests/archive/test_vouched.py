@@ -16,8 +16,7 @@ from etendue.archive.checks.describe import describe_archive
 from etendue.archive.checks.verify import verify
 from etendue.archive.journaling.journal import read
 from etendue.archive.read.differences import differences
-from etendue.archive.structure.layout import STATUS
-from etendue.archive.structure.naming import cell_label
+from etendue.archive.records.names import STATUS, cell_label
 from etendue.archive.write.keeper import ArchiveKeeper
 from etendue.archive.write.store import ArchiveWriter
 from etendue.errors import ArchiveError

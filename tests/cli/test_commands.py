@@ -118,6 +118,14 @@ def test_help_costs_no_import_of_arrays_or_drawing(arguments, tmp_path):
     assert not [name for name in modules if name.startswith(("etendue_camera.cli", "etendue_lab.cli"))]
 
 
+def test_looking_at_an_archive_imports_no_plan_and_no_codec(file, tmp_path):
+    etendue("run", file, "--archive", "seen", cwd=tmp_path)
+    code, modules = imported(["show", "seen"], tmp_path)
+    assert code == 0
+    assert "etendue.archive.checks.describe" in modules
+    assert not modules & {"scipy", "xarray", "zarr", "numcodecs", "pluggy", "etendue.plan.model", "etendue.session"}
+
+
 def test_planning_imports_no_scheduler_no_archive_and_no_colour_science(file, tmp_path):
     etendue(
         "plan", file, cwd=tmp_path

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from etendue.accuracy.answers.error import AnswerError, AnswerErrors, Part
+from etendue.contract.listing import quantity_document, role_documents, stage_document
 from etendue.contract.registry import installed_stages
 from etendue.contract.values import quantities
 from etendue.pipeline.presets import preset_names
 from etendue.present.terminal import terminal
-from etendue.present.terminal.catalogue import quantity_document, stage_document
 from etendue.present.terminal.cells import cells
 from etendue.present.terminal.outcome import outcome_document
 from etendue.result_files import finite
@@ -174,7 +174,10 @@ CASES = {
     "stages": Case(
         f"{ENGINE}.catalogue:print_stages",
         (lambda found: [*found, {}, {}],),  # below the headings of two roles
-        a_list(lambda: [stage_document(installed_stages(), name) for name in ("adc", "mosaic")]),
+        lambda: (
+            (own := [stage_document(installed_stages(), one) for one in ("adc", "mosaic")], role_documents()),
+            own,
+        ),
     ),
     "quantities": Case(
         f"{ENGINE}.catalogue:print_quantities", (of(),), a_list(lambda: [*map(quantity_document, quantities.names())])

@@ -17,6 +17,7 @@ from etendue.plan.agreement import taken_differently
 from etendue.plan.expansion import leave_out
 from etendue.plan.expansion.approximate import _allowed, open_knobs
 from etendue.plan.model import Approximated, LeftOut
+from etendue.present.terminal.terminal import omission_lines
 from tests.plan.test_rates import TEXT, plan_of
 
 
@@ -32,7 +33,7 @@ def knob(value, **words):
 
 @pytest.mark.parametrize("bound", [0.0, 1e-12, 1e-3, 0.5])
 def test_only_what_changes_nothing_is_left_out_exactly(bound):
-    (said,) = omissions.told("blur", left(bound=bound, at_stage=bound), None)
+    (said,) = omission_lines("blur", left(bound=bound, at_stage=bound), None)
     assert ("exactly" in said) == (bound == 0)
 
 
@@ -41,22 +42,22 @@ def test_only_what_changes_nothing_is_left_out_exactly(bound):
 )
 def test_a_saving_is_told_from_a_millisecond_on_and_where_it_is_known(seconds, said):
     for (text,) in (
-        omissions.told("blur", left(seconds_saved=seconds), None),
-        omissions.told("blur", None, [knob(64, seconds_saved=seconds)]),
+        omission_lines("blur", left(seconds_saved=seconds), None),
+        omission_lines("blur", None, [knob(64, seconds_saved=seconds)]),
     ):
         assert text.partition("saves about ")[2].partition(" s")[0] == said
 
 
 def test_a_saving_of_several_settings_is_known_where_that_of_each_is():
     for second, said in ((1.0, True), (None, False)):
-        (text,) = omissions.told("blur", None, [knob(64, seconds_saved=2.0), knob(128, seconds_saved=second)])
+        (text,) = omission_lines("blur", None, [knob(64, seconds_saved=2.0), knob(128, seconds_saved=second)])
         assert ("saves about 3 s" in text) == ("saves" in text) == said
 
 
 def test_the_bound_of_a_coarser_knob_is_that_of_its_worst_setting():
     settings = [knob(64, at_stage=0.01, bound=0.02), knob(32, at_stage=0.03, bound=0.09)]
     for every in (settings, settings[::-1]):
-        (text,) = omissions.told("blur", None, every)
+        (text,) = omission_lines("blur", None, every)
         assert "at most 0.03 of full scale at this stage, 0.09 in the results" in text
 
 
@@ -68,7 +69,7 @@ def test_a_bound_is_told_at_the_stage_and_in_the_results_where_they_differ():
         found = omissions.left_out(node, [cell, out], plan.precision)
         assert (found["cells"], found["of"], found["at_stage"]) == (1, 2, 0.01)
         assert found["bound"] == pytest.approx(0.01 * growth)
-        (said,) = omissions.told("diffraction", found, None)
+        (said,) = omission_lines("diffraction", found, None)
         assert ("0.03 in the results" in said) == ("results" in said) == (growth > 1)
         coarse = replace(cell, approximated=(Approximated("obstruction", 0.1, 0.0, 0.01),), growth=growth)
         (one,) = omissions.approximated(node, [coarse], plan.precision)

@@ -7,7 +7,7 @@ import pytest
 
 import etendue
 from etendue.archive.read.reading import open_archive
-from etendue.archive.sharding import partition
+from etendue.archive.structure import cutting
 from etendue.errors import RequestError
 from etendue.plan import cost
 from etendue.transfer import expansion, sampling
@@ -44,7 +44,7 @@ def camera(**pixel):
 def by_band(monkeypatch):
     """Everything with a wavelength is too large to be held."""
     monkeypatch.setattr(cost, "LARGEST_WHOLE", 1000)
-    monkeypatch.setattr(partition, "LARGEST_CHUNK", 8000)  # and a plane too large to be one chunk
+    monkeypatch.setattr(cutting, "LARGEST_CHUNK", 8000)  # and a plane too large to be one chunk
 
 
 def test_light_streamed_by_band_gives_what_the_whole_gives(by_band, monkeypatch):

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from etendue.archive.read.stored import Stored, StoredArrays
-from etendue.archive.records.provenance import latest_record, platform_record
+from etendue.archive.records.past_runs import latest_record
+from etendue.archive.records.provenance import platform_record
 from etendue.contract.ports import CellReport
 from etendue.errors import ArchiveError
 

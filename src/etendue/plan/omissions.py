@@ -9,14 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Hashable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from etendue.contract.stage import parameters_of
 from etendue.plan.cost import WRITING, Rates, cell_bytes, cell_seconds, told_seconds
+from etendue.plan.identity.once import Once
 from etendue.plan.model import Approximated, Cell, Node
-from etendue.telling import human_bytes
 from etendue.types.documents import Document
-
-LEAST_TOLD = 1e-3  # seconds; a smaller saving is not mentioned
 
 
 def left_out(
@@ -64,12 +63,15 @@ def approximated(
     found: dict[tuple[str, Hashable], list[Approximated]] = {}
     wanted: dict[tuple[str, Hashable], float] = {}  # bounds at the wanted variables
     saved: dict[tuple[str, Hashable], list[float | None]] = {}
+    alike: Once[float | None] = Once()
     for cell in cells:
         for one in cell.approximated:
             found.setdefault((one.knob, one.value), []).append(one)
             place = one.knob, one.value
             wanted[place] = max(wanted.get(place, 0.0), cell.at_wanted(one.bound))
-            saved.setdefault((one.knob, one.value), []).append(_saved(node, cell, one, precision, rates))
+            spared = partial(_saved, node, cell, one, precision, rates)
+            parts = (cell.stage, cell.grids, cell.input_grids)
+            saved.setdefault(place, []).append(alike(parts, spared, one, cell.left_out is None))
     if not found:
         return None
     return [
@@ -113,44 +115,5 @@ def _sum(seconds: Sequence[float | None]) -> float | None:
     return sum(known) if len(known) == len(seconds) else None
 
 
-def _saving(seconds: float | None) -> str:
-    """Return the end of a sentence that states the saving; '' if it is unknown or too small to mention."""
-    return f"; saves about {seconds:.2g} s" if seconds is not None and seconds >= LEAST_TOLD else ""
-
-
-def _at_most(at_stage: float, at_wanted: float) -> str:
-    """Return a bound, at the stage and, where later stages let it grow, in the results that are wanted."""
-    grown = f", {at_wanted:.2g} in the results" if f"{at_wanted:.2g}" != f"{at_stage:.2g}" else ""
-    return f"at most {at_stage:.2g} of full scale at this stage{grown}"
-
-
 def _shown(value: Hashable) -> Hashable:
     return "inf" if isinstance(value, float) and math.isinf(value) else value
-
-
-def _best(knob: Document) -> str:
-    """Return the reference setting of a knob and, if its declaration has one, the description of this setting."""
-    value, _, meaning = knob.get("best", "").partition(":")  # documents of earlier versions have none
-    own = str(knob["reference"])
-    return f"{own} ({meaning.strip()})" if meaning and value == own else own
-
-
-def told(name: str, left: Document | None, knobs: list[Document] | None) -> list[str]:
-    """Return the summaries of a stage as sentences."""
-    said = []
-    if left:
-        wrong = "exactly" if left["bound"] == 0 else f"error {_at_most(left['at_stage'], left['bound'])}"
-        copies = f"; their copies take {human_bytes(left['copies'])}" if left["copies"] else ""
-        said.append(
-            f"left out  {name} in {left['cells']} of {left['of']} cells, {wrong}: "
-            f"{left['why']}{_saving(left['seconds_saved'])}{copies}"
-        )
-    by_knob: dict[str, list[Document]] = {}
-    for one in knobs or ():
-        by_knob.setdefault(one["knob"], []).append(one)
-    for knob, own in by_knob.items():
-        worst = _at_most(max(one["at_stage"] for one in own), max(one["bound"] for one in own))
-        saved = _sum([one["seconds_saved"] for one in own])
-        values = ", ".join(f"{one['value']} ({one['cells']})" if len(own) > 1 else f"{one['value']}" for one in own)
-        said.append(f"coarser   {name}.{knob} = {values}, the best being {_best(own[0])}: {worst}{_saving(saved)}")
-    return said

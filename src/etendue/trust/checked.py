@@ -15,7 +15,7 @@ from typing import Any
 from etendue.archive.read.stored import LEDGER, Stored
 from etendue.archive.records import crate, disk
 from etendue.archive.records.manifest import DATA
-from etendue.archive.records.provenance import record_paths
+from etendue.archive.records.past_runs import record_paths
 from etendue.archive.records.rerun import Recorded, every_record
 from etendue.contract.values.names import TABLES
 from etendue.errors import ArchiveError, RequestError

@@ -25,14 +25,14 @@ from etendue.archive.journaling.journal import is_done
 from etendue.archive.read import earlier_pictures
 from etendue.archive.read.earlier_pictures import FRAMES
 from etendue.archive.read.stored import LEDGER, Stored
-from etendue.archive.read.tree import ROOT, Tree
+from etendue.archive.read.tree import Tree
 from etendue.archive.records import disk
 from etendue.archive.records.inputs import resolve_pipeline, sweep_of
 from etendue.archive.records.manifest import DATA
+from etendue.archive.records.names import ROOT, STATUS
 from etendue.archive.records.provenance import preset_said, record_of
 from etendue.archive.records.rerun import Recorded
 from etendue.archive.sharding.chunks import decode
-from etendue.archive.structure.layout import STATUS
 from etendue.archive.structure.metadata import texts_of
 from etendue.archive.write.placement import Laid
 from etendue.contract.ports import CellReport, ContactSheet

@@ -15,7 +15,7 @@ from etendue.archive.read import earlier_pictures
 from etendue.archive.read.stored import LEDGER, Stored
 from etendue.archive.records import crate, disk
 from etendue.archive.records.manifest import DATA
-from etendue.archive.records.provenance import record_paths
+from etendue.archive.records.past_runs import record_paths
 from etendue.trust.remade import Again
 from etendue.types.documents import Document
 

@@ -20,9 +20,8 @@ from etendue.archive.checks.describe import describe_archive
 from etendue.archive.read.reading import metadata_of
 from etendue.archive.read.stored import Stored
 from etendue.archive.read.vouched.verified_store import VouchedStore
-from etendue.archive.records.provenance import latest_record
-from etendue.archive.structure.layout import ROW, STATUS
-from etendue.archive.structure.naming import cell_label
+from etendue.archive.records.names import ROW, STATUS, cell_label
+from etendue.archive.records.past_runs import latest_record
 from etendue.errors import ArchiveError, Fault, RequestError, nearest
 from etendue.present.plots.drawing.strip import white_of
 from etendue.present.plots.holdings import Holdings, rows_of

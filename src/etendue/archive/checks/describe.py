@@ -16,10 +16,9 @@ from etendue.archive.read.stored import Stored
 from etendue.archive.read.studies import stored_studies
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import NAME, damaged, read_manifest
+from etendue.archive.records.names import ROW, left_by_compact
 from etendue.archive.records.owner import is_running
-from etendue.archive.records.provenance import latest_record, record_paths
-from etendue.archive.structure.layout import ROW
-from etendue.archive.write.compact import left_by_compact
+from etendue.archive.records.past_runs import latest_record, record_paths
 from etendue.errors import ArchiveError
 from etendue.types.documents import Document
 

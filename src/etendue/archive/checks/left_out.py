@@ -16,8 +16,7 @@ from etendue.archive.read.inspection import Damage
 from etendue.archive.read.stored import Stored
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA
-from etendue.archive.structure.layout import SAME_AS, paths_of
-from etendue.archive.structure.naming import cell_label
+from etendue.archive.records.names import SAME_AS, cell_label, paths_of
 
 
 def left_out_damage(stored: Stored) -> Iterator[Damage]:

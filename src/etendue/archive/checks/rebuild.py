@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from etendue.archive.checks.verify import STRAYS
 from etendue.archive.read.inspection import Verified
 from etendue.archive.read.stored import Stored
-from etendue.archive.records import disk, provenance, remembered
+from etendue.archive.records import disk, past_runs, remembered
 from etendue.archive.records.inputs import digest_now
 from etendue.archive.records.manifest import DATA, DIGITS, Manifest, digest_of
 from etendue.archive.sharding.chunks import RAW
@@ -104,7 +104,7 @@ def _records(folder: Path, kept: Mapping[str, str], damaged: Iterable[str]) -> I
 
 def _unkept(folder: Path, kept: Mapping[str, str], manifest: Manifest | None) -> Iterator[tuple[str, str]]:
     """Yield intact records of which the journal has no copy."""
-    for file in provenance.record_paths(folder):
+    for file in past_runs.record_paths(folder):
         path = f"runs/{file.name}"
         if path not in kept and manifest and manifest.files.get(path) == digest_of(file):
             yield path, file.read_text()

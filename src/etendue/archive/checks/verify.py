@@ -19,8 +19,8 @@ from etendue.archive.read.inspection import Damage, Inspection, Told, Verified
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA
 from etendue.archive.records.manifest import NAME as MANIFEST
+from etendue.archive.records.names import left_by_compact
 from etendue.archive.records.owner import is_running, is_written, owner_of
-from etendue.archive.write.compact import left_by_compact
 from etendue.errors import ArchiveError, ArchiveInUse
 from etendue.types.documents import Document
 

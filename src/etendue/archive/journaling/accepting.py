@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from etendue.archive.journaling.entries import Entry
-from etendue.archive.records.provenance import in_words
+from etendue.archive.records.past_runs import in_words
 from etendue.contract.registry import installed_stages
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan

@@ -11,12 +11,15 @@ from array import array
 from collections.abc import Iterable, Iterator, Mapping, MutableMapping
 from pathlib import Path
 
+import numpy as np
+
 from etendue.archive.journaling.entries import WrittenChunks
 from etendue.archive.journaling.journal import Journal
 from etendue.archive.records import disk
 from etendue.archive.sharding.finding import Finder, State
-from etendue.archive.sharding.shards import ChunkPlace, Shard, kept_of, part_path, put_shard
+from etendue.archive.sharding.shards import ChunkPlace, Index, Shard, kept_of, part_path, put_shard
 from etendue.contract.ports import WrittenChunk
+from etendue.types.arrays import Array
 
 # chunks by shard and slot: as written, and where they lie
 Stored = Mapping[tuple[str, int], tuple[WrittenChunk, ChunkPlace]]
@@ -54,6 +57,17 @@ class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
         self.file.append(self.files.index(file))
         self.offset.append(one.offset)
 
+    def add_all(self, chunks: WrittenChunks, numbers: Array, offset: Array) -> None:
+        """Add chunks of which none is here yet, and which lie in the shard itself."""
+        if self.path not in self.files:
+            self.files.append(self.path)
+        begin = len(self.written)
+        self.written.add_of(chunks, numbers)
+        slots = np.asarray(chunks.slot)[numbers]
+        np.asarray(self.rows)[slots] = np.arange(begin, begin + len(slots))
+        self.file.extend([self.files.index(self.path)] * len(slots))
+        self.offset.frombytes(offset.astype(np.int64).tobytes())
+
     def __getitem__(self, slot: int) -> tuple[WrittenChunk, ChunkPlace]:
         row = self._row(slot)
         one = self.written[row]
@@ -80,12 +94,18 @@ class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
     def _every(self) -> Iterator[tuple[int, int]]:
         return ((slot, row) for slot, row in enumerate(self.rows) if row >= 0)
 
-    def there(self) -> dict[int, tuple[int, int]]:
-        """Return offset and length of the chunks that lie in the shard itself."""
-        if self.path not in self.files:
-            return {}
-        own, size = self.files.index(self.path), self.written.size
-        return {slot: (self.offset[row], size[row]) for slot, row in self._every() if self.file[row] == own}
+    def lies_as(self, index: Mapping[int, tuple[int, int]]) -> bool:
+        """Return True if all chunks lie in the shard itself where an index says, and the index has no others."""
+        rows = np.array(self.rows)
+        slots = np.flatnonzero(rows >= 0)
+        rows = rows[slots]
+        files = set(np.array(self.file)[rows].tolist())
+        if len(slots) != len(index) or any(self.files[file] != self.path for file in files):
+            return False
+        places = np.stack([np.array(self.offset)[rows], np.array(self.written.size)[rows]], axis=1)
+        if isinstance(index, Index):
+            return bool((places == index.index[slots].astype(np.int64)).all())
+        return dict(zip(slots.tolist(), map(tuple, places.tolist()), strict=True)) == dict(index)
 
     def lying(self) -> set[str]:
         """Return the files that hold chunks."""
@@ -126,6 +146,10 @@ class Blocks:
             own, found = self._of(path, slots), stored.get((path, slot))
             if found is not None:
                 own[slot] = found
+
+    def keep_all(self, path: str, slots: int, chunks: WrittenChunks, numbers: Array, offset: Array) -> None:
+        """Add chunks that stay as they are, at these offsets in the shard itself."""
+        self._of(path, slots).add_all(chunks, numbers, offset)
 
     def drop(self, chunks: Slots) -> None:
         """Remove chunks."""
@@ -170,7 +194,7 @@ class Blocks:
             return bool(state) or bool(own)
         if self.finder.odd(path, slots) or path not in self.journal.shards:
             return True
-        return state.index != own.there() or len(state.index) != len(own)
+        return state.index is None or not own.lies_as(state.index)
 
     def odd(self) -> list[str]:
         """Return shards on disk that differ from the written ones."""
@@ -194,7 +218,7 @@ class Blocks:
             self.finder.states[path] = None
             return
         state = self.finder.state(path, slots)
-        if state is not None and state.index == own.there() and len(state.index) == len(own):
+        if state is not None and state.index is not None and own.lies_as(state.index):
             # It was put in its place, but the run was killed before the journal recorded that.
             self.journal.put({path: Shard(state.size, kept_of(own), True)})
             return

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etendue.archive.structure.layout import STATUS
-from etendue.contract.ports import WrittenChunk
+from etendue.archive.records.names import STATUS
+from etendue.contract.ports import CellReport, WrittenChunk
 from etendue.types.arrays import Array
 
 if TYPE_CHECKING:
@@ -63,6 +63,15 @@ class WrittenChunks:
         self.offset.append(offset)
         self.size.append(size)
         self.digest.append(digest)
+
+    def add_of(self, other: WrittenChunks, numbers: Array) -> None:
+        """Add some chunks of another collection."""
+        for name in ("path", "part"):
+            texts, which = np.unique(np.asarray(vars(other)[name])[numbers], return_inverse=True)
+            own = np.array([self._of(other.texts[text]) for text in texts.tolist()], np.int32)
+            vars(self)[name].frombytes(own[which].tobytes())
+        for name in ("slot", "offset", "size", "digest"):
+            vars(self)[name].frombytes(np.asarray(vars(other)[name])[numbers].tobytes())
 
     def _of(self, text: str) -> int:
         known = self.number.get(text)
@@ -185,6 +194,12 @@ class Entries(MutableMapping[str, Entry]):
         row = self.rows.get(name)
         return 0.0 if row is None else self.seconds[row]
 
+    def report(self, ref: CellRef, row: int, size: int) -> CellReport:
+        """Return the report of a finished cell, which has stored some bytes."""
+        clipped, flux, floored, platform = self.rest.get(row, (0.0, 0.0, 0.0, ""))
+        status, seconds = STATUS[self.status[row]], self.seconds[row]
+        return CellReport(*ref, status, seconds, (), "", clipped, flux, floored, platform, size)
+
     # -- all cells at once --------------------------------------------------------------------------------------------
 
     def any_done(self) -> bool:
@@ -238,22 +253,29 @@ class Entries(MutableMapping[str, Entry]):
         """Map each shard that holds chunks of done cells to the number of one of them; cells in ``beside`` are
         ignored.
         """
-        found = dict[int, int]()
-        for name in self.done():
-            if name not in beside:
-                for number in self._numbers(self.rows[name]):
-                    found[self.files.path[number]] = number
-        return {self.files.texts[path]: number for path, number in found.items()}
+        numbers = self._of_done(beside)
+        path = np.asarray(self.files.path)[numbers]
+        first = sorted(np.unique(path, return_index=True)[1].tolist())
+        return {self.files.texts[path[place]]: int(numbers[place]) for place in first}
 
-    def by_shard(self, beside: Collection[str] = ()) -> dict[str, array[int]]:
+    def by_shard(self, beside: Collection[str] = ()) -> dict[str, Array]:
         """Map each shard to the numbers of the chunks of done cells in it; cells in ``beside`` are ignored."""
-        found: dict[int, array[int]] = {}
-        done, paths, firsts, counts = _EVENT["done"], self.files.path, self.first, self.count
-        for name, row in self.rows.items():
-            if self.event[row] == done and name not in beside:
-                for number in range(firsts[row], firsts[row] + counts[row]):
-                    found.setdefault(paths[number], array("q")).append(number)
-        return {self.files.texts[path]: numbers for path, numbers in found.items()}
+        numbers = self._of_done(beside)
+        path = np.asarray(self.files.path)[numbers]
+        order = np.argsort(path, kind="stable")
+        texts, first = np.unique(path[order], return_index=True)
+        parts = np.split(numbers[order], first[1:])[: len(first)]
+        found = sorted(zip(order[first].tolist(), texts.tolist(), parts, strict=True), key=lambda one: one[0])
+        return {self.files.texts[text]: own for _, text, own in found}
+
+    def _of_done(self, beside: Collection[str]) -> Array:
+        """Return the numbers of the chunks of done cells, cell by cell."""
+        rows = np.fromiter(self.rows.values(), np.int64, len(self.rows))
+        done = np.frombuffer(bytes(self.event), np.uint8) == _EVENT["done"]
+        done[[self.rows[name] for name in beside if name in self.rows]] = False
+        rows = rows[done[rows]]
+        first, count = np.array(self.first)[rows], np.array(self.count)[rows]
+        return np.repeat(first - np.cumsum(count) + count, count) + np.arange(int(count.sum()))
 
     def rows_of_chunks(self) -> Array:
         """Return by number of a chunk the row of its cell; -1 if another has taken its place."""

@@ -42,8 +42,8 @@ from etendue.archive.journaling.line_forms import (
     written,
 )
 from etendue.archive.records import disk
+from etendue.archive.records.names import STATUS
 from etendue.archive.sharding.shards import Shard
-from etendue.archive.structure.layout import STATUS
 from etendue.types.documents import Document, DocumentView
 
 if TYPE_CHECKING:

@@ -18,7 +18,8 @@ from typing import Any
 
 from etendue.archive.read.differing import Difference, between, together
 from etendue.archive.read.stored import Stored, StoredArrays
-from etendue.archive.records.provenance import latest_record, node_changes
+from etendue.archive.records.past_runs import latest_record
+from etendue.archive.records.provenance import node_changes
 from etendue.errors import ArchiveError
 from etendue.types.documents import AxisValue, Document, DocumentView
 

@@ -11,9 +11,10 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from etendue.archive.read.tree import ROOT, Tree
+from etendue.archive.read.tree import Tree
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA, Manifest
+from etendue.archive.records.names import ROOT
 from etendue.types.documents import Document, DocumentView
 
 FRAMES = "frames"

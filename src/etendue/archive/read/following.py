@@ -16,7 +16,7 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 from etendue.archive.journaling.journal import Read
-from etendue.archive.structure.naming import cell_label
+from etendue.archive.records.names import cell_label
 
 if TYPE_CHECKING:
     from etendue.archive.read.reading import StoredCell, StoredChunk

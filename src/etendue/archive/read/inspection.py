@@ -192,9 +192,8 @@ class Inspection:
             elif damage.path not in named:
                 yield Damage("changed", damage.path, damage.what, array)
         for own_chunks in shards.values():
-            for chunk in own_chunks.values():
-                self.found.chunks += 1
-                self._read(chunk.written.size)
+            self.found.chunks += len(own_chunks)
+            self._read(sum([chunk.written.size for chunk in own_chunks.values()]))
         if not journal.files_a_cell:
             yield from self._strange_slots(shards)
 

@@ -11,9 +11,9 @@ import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from etendue.archive.read.tree import ROOT
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA, digest_of
+from etendue.archive.records.names import ROOT
 from etendue.contract.values.names import TABLES
 
 if TYPE_CHECKING:

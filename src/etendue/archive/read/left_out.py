@@ -18,7 +18,7 @@ import xarray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
-from etendue.archive.structure.layout import SAME_AS, paths_of
+from etendue.archive.records.names import SAME_AS, paths_of
 
 
 def with_left_out(groups: Mapping[str, xarray.Dataset]) -> dict[str, xarray.Dataset]:

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 from etendue.archive.read.following import Followed, fault_of
 from etendue.archive.read.reading import StoredArchive, StoredForm
-from etendue.archive.read.tree import ROOT, Tree
+from etendue.archive.read.tree import Tree
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA
+from etendue.archive.records.names import ROOT
 from etendue.archive.structure.metadata import in_order
 from etendue.errors import ArchiveError
 

@@ -10,7 +10,7 @@ chunk.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -152,10 +152,20 @@ class StoredArchive:
     @cached_property
     def held(self) -> Mapping[str, StoredCell]:
         done = {name: self.journal.entries[name] for name in self.journal.said.done()}
-        return {name: StoredCell(name, entry, tuple(map(self.chunk, self._own(entry)))) for name, entry in done.items()}
+        return {name: self._cell(name, entry) for name, entry in done.items()}
+
+    def _cell(self, name: str, entry: Entry) -> StoredCell:
+        return StoredCell(name, entry, tuple(map(self.chunk, self._own(entry))))
+
+    def cell(self, name: str) -> StoredCell:
+        """Return one of ``cells``, without making all of them."""
+        entry = self.journal.entries[name]
+        if entry.event != "done" or name in self.journal.outdated:
+            raise KeyError(name)
+        return self._cell(name, entry)
 
     @cached_property
-    def by_shard(self) -> dict[str, Sequence[int]]:
+    def by_shard(self) -> dict[str, Array]:
         """Map each shard to the numbers of the chunks in it that belong to ``cells``."""
         found = self.journal.said.by_shard(self.journal.outdated)
         return {path: numbers for path, numbers in found.items() if path.rpartition("/")[0] not in self._gone}

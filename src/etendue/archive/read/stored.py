@@ -20,13 +20,12 @@ from etendue.archive.journaling.journal import Read
 from etendue.archive.read.reading import FINISHED, StoredArchive, StoredChunk, open_archive
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA, Manifest, digest_of, read_manifest
+from etendue.archive.records.names import STATUS, cell_label
 from etendue.archive.records.owner import is_running
 from etendue.archive.sharding.chunks import decode
 from etendue.archive.sharding.partition import Window, joined
 from etendue.archive.sharding.shards import ChunkPlace, fits, read_bytes
 from etendue.archive.sharding.unfolding import check_array
-from etendue.archive.structure.layout import STATUS
-from etendue.archive.structure.naming import cell_label
 from etendue.errors import ArchiveError
 from etendue.types.arrays import Array
 
@@ -137,7 +136,7 @@ class Stored:
 
     def cell(self, name: str) -> StoredArrays:
         """Return a finished cell, without arrays that were given up since (``keep``)."""
-        chunks = self.archive.chunks_of(self.archive.cells[name])
+        chunks = self.archive.chunks_of(self.archive.cell(name))
         there = tuple((chunk, self.archive.place(chunk)) for chunk in chunks if self.keeps(chunk.group, chunk.variable))
         return StoredArrays(str(self.folder), there, not self.journal.files_a_cell)
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from etendue.archive.journaling.journal import NAME, Read, read
-from etendue.archive.read.tree import ROOT
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA
+from etendue.archive.records.names import ROOT
 from etendue.archive.structure.metadata import texts_of
 from etendue.contract.values.names import STUDY
 from etendue.errors import ArchiveError

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etendue.archive.read.reading import StoredForm
+from etendue.archive.records.names import ROOT
 from etendue.archive.sharding.chunks import CODEC, encode
 from etendue.archive.structure.cutting import chunk_shapes
 from etendue.archive.structure.metadata import TEXT, array_node, consolidated, document, text_chunk
@@ -22,8 +23,6 @@ from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
-
-ROOT = "zarr.json"
 
 
 class Tree:

@@ -21,7 +21,6 @@ from typing import Any
 from etendue.archive.records import disk
 from etendue.archive.records.indented import indented
 from etendue.archive.records.inputs import Resolved, as_recorded
-from etendue.archive.records.manifest import Manifest, digest_of
 from etendue.contract.values.late_bound import LateValue
 from etendue.pipeline.file import PipelineFile
 from etendue.pipeline.form import DIGITS
@@ -54,13 +53,6 @@ def platform_record() -> Document:
         "scipy": version_of("scipy"),
         "cpu_features": hashlib.blake2b(" ".join(enabled).encode(), digest_size=8).hexdigest(),
     }
-
-
-def in_words(record: DocumentView) -> str:
-    """Return the platform of a record in words: ``numpy 2.4.1, scipy 1.17.0, x86_64, Python 3.11``."""
-    own = record["platform"]
-    libraries = [f"{name} {own.get(name)}" for name in ("numpy", "scipy")]
-    return ", ".join([*libraries, str(own.get("machine")), f"Python {own.get('python')}"])
 
 
 def node_records(plan: Plan) -> Document:
@@ -105,50 +97,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, str) and os.path.isabs(value) and os.path.exists(value):
         return f"sha256:{file_digest(value)}"
     return value
-
-
-def latest_record(folder: Path, manifest: Manifest | None = None) -> Document | None:
-    """Return the newest run record of an archive that is readable and intact."""
-    for path in reversed(record_paths(folder)):
-        record = disk.read_document(path)
-        known = manifest.files.get(f"runs/{path.name}") if manifest else None
-        if record is not None and is_record(record) and known in (None, digest_of(path)):
-            return record
-    return None
-
-
-def records(folder: Path) -> list[Document]:
-    """Return all readable run records, the newest first."""
-    found = [disk.read_document(path) for path in reversed(record_paths(folder))]
-    return [record for record in found if record is not None and is_record(record)]
-
-
-def record_paths(folder: Path) -> list[Path]:
-    """Return the paths of all run records, the newest last."""
-    return sorted(p for p in (folder / "runs").glob("*.json") if p.stem.isdigit()) if (folder / "runs").is_dir() else []
-
-
-_WORDS = {
-    "pipeline": str,
-    "began": str,
-    "shared": dict,
-    "axes": dict,
-    "nodes": dict,
-    "platform": dict,
-    "libraries": dict,
-}
-
-
-def is_record(record: DocumentView) -> bool:
-    """Return True if a document has the form of a record."""
-    if not all(isinstance(record.get(name), kind) for name, kind in _WORDS.items()):
-        return False
-    nodes = record["nodes"].values()
-    whole = all(
-        isinstance(node, dict) and all(isinstance(node.get(name), dict) for name in ("parameters", "shown"))
-        for node in nodes
-    )
-    return whole and all(isinstance(values, list) for values in record["axes"].values())
 
 
 def write_record(

@@ -14,7 +14,7 @@ from pathlib import Path
 from etendue.archive.records import disk
 from etendue.archive.records.inputs import digest_now
 from etendue.archive.records.manifest import DATA, digest_of, read_manifest
-from etendue.archive.records.provenance import is_record, record_paths
+from etendue.archive.records.past_runs import is_record, record_paths
 from etendue.contract.values.bounds import MOST_CELLS, more_values
 from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import PipelineFile, parse_pipeline

@@ -11,15 +11,15 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from math import prod
 from pathlib import Path
 from typing import Any
 
 import google_crc32c
 import numpy as np
-from numcodecs import blosc
 
 from etendue.archive.sharding.partition import Cutter, Window, joined
 from etendue.archive.sharding.segments import GATHERED, PARTS
@@ -29,10 +29,18 @@ from etendue.contract.ports import WrittenChunk
 from etendue.errors import ArchiveError
 from etendue.types.arrays import Array
 
-blosc.use_threads = False  # the bits and the time of a chunk must not depend on the threads around it
 CODEC, LEVEL = "lz4", 5
 DENSE = "zstd"  # of floats that are multiples of a step
 RAW = "raw"  # the codec of a chunk: CODEC, DENSE, or RAW for the bytes as in memory
+
+
+@cache
+def _blosc() -> Any:
+    """Return the compressor; imported late, because looking at an archive decodes nothing."""
+    from numcodecs import blosc
+
+    blosc.use_threads = False  # the bits and the time of a chunk must not depend on the threads around it
+    return blosc
 
 
 def pieces_of(array: Array, codec: str = CODEC) -> tuple[Any, bytes]:
@@ -41,7 +49,7 @@ def pieces_of(array: Array, codec: str = CODEC) -> tuple[Any, bytes]:
     body: Any = (
         array.view(np.uint8)
         if codec == RAW
-        else blosc.compress(array, codec.encode(), LEVEL, blosc.BITSHUFFLE, 0, array.itemsize)
+        else _blosc().compress(array, codec.encode(), LEVEL, _blosc().BITSHUFFLE, 0, array.itemsize)
     )
     if codec == RAW:
         body.flags.writeable = False  # of this view only: read-only data need not be copied
@@ -63,10 +71,21 @@ def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) 
         little = np.dtype(dtype).newbyteorder("<")
         if codec != RAW:
             refuse_other_size(body, prod(shape) * little.itemsize)
-        array = np.frombuffer(body if codec == RAW else blosc.decompress(body), dtype=little)
+        array = np.frombuffer(body if codec == RAW else _blosc().decompress(body), dtype=little)
         return array.astype(dtype, copy=False).reshape(shape)
     except (RuntimeError, ValueError, TypeError) as error:
         raise ArchiveError(f"the stored bytes do not decode to an array of {dtype} {shape}: {error}") from None
+
+
+def decode_all(chunks: Sequence[bytes], dtype: str, shape: tuple[int, ...], codec: str) -> Array | None:
+    """Return the arrays of chunks whose checksums match as one array; None if one of them has another size."""
+    size = prod(shape) * np.dtype(dtype).itemsize
+    if codec != RAW:
+        return np.array([decode(data, dtype, shape, codec) for data in chunks], dtype).reshape(-1, *shape)
+    if any(len(data) != size + 4 for data in chunks):
+        return None
+    whole = np.frombuffer(b"".join([data[:-4] for data in chunks]), np.dtype(dtype).newbyteorder("<"))
+    return whole.astype(dtype, copy=False).reshape(-1, *shape)
 
 
 class Spent:

@@ -11,13 +11,16 @@ against their digests; a flipped bit in an index therefore costs no cell.
 from __future__ import annotations
 
 import errno
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from etendue.archive.sharding.shards import ChunkPlace, Shard, holds, part_path, read_index
+import numpy as np
+
+from etendue.archive.sharding.shards import ChunkPlace, Index, Shard, holds, part_path, read_index
 from etendue.contract.ports import WrittenChunk
+from etendue.types.arrays import Array
 
 
 class Journalled(Protocol):
@@ -63,6 +66,16 @@ class Finder:
         if shard is None or not shard.size:
             return False
         return state is None or state.size != shard.size or state.index is None
+
+    def all_at(self, path: str, slots: int, slot: Array, parts: Sequence[str], offset: Array, size: Array) -> Array:
+        """Return where in their shard many chunks lie, by slot and by where each was written; -1 for a chunk of which
+        journal and index do not say the same.
+        """
+        shard, state = self.journal.shards.get(path), self.state(path, slots)
+        if shard is None or state is None or state.size != shard.size or not isinstance(state.index, Index):
+            return np.full(len(slot), -1)
+        at, there = shard.all_at(parts, offset, size), state.index.index[slot].astype(np.int64)
+        return np.where((there[:, 0] == at) & (there[:, 1] == size), at, -1)
 
     def find(self, written: WrittenChunk, slots: int, fresh: bool = False) -> ChunkPlace | None:
         """Return where the bytes of a chunk are; ``fresh`` reads them in any case."""

@@ -1,7 +1,7 @@
-"""How a cell is split into chunks: whole, by band, in bands of rows, or both.
+"""Parts of a cell that is stored in several chunks: whole, by band, in bands of rows, or both.
 
-In:  dims, shape and bytes of a variable of one cell.
-Out: the shape of its chunks, and the part of the cell that each covers; arrays split this way and rejoined.
+In:  the shape of a cell and that of its chunks.
+Out: the part of the cell that each chunk covers; arrays split this way and rejoined.
 
 A reader of a window of a large frame decodes only the row bands that overlap it, and a writer never holds the whole
 frame encoded. All chunks of a Zarr array have the same shape: if the rows do not divide evenly, the last band extends
@@ -17,33 +17,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etendue.contract.arrays.dims import is_light
-from etendue.plan import cost
 from etendue.types.documents import DocumentView
 
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
-LARGEST_CHUNK = 64 << 20  # bytes; a larger cell is split into row bands
-BANDS = 4  # this many row bands together hold about as much as the largest chunk, so one is 16 MB
-
 Shape = tuple[int, ...]
 Window = tuple[tuple[int, int], ...]  # (start, end) along each dim of a cell
-
-
-def chunk_of(dims: Sequence[str], shape: Shape, itemsize: int) -> Shape:
-    """Return the shape of the chunks of a cell; the cell's own shape if it is one chunk."""
-    whole = tuple(max(n, 1) for n in shape)
-    # it is computed by band; Blosc cannot compress 2 GiB or more
-    if len(dims) == 3 and is_light(dims) and itemsize * prod(shape) > cost.LARGEST_WHOLE:
-        whole = (1, *whole[1:])
-    size = itemsize * prod(whole)
-    if size <= LARGEST_CHUNK or tuple(dims)[-2:] != ("y", "x"):
-        return whole
-    rows = ceil(whole[-2] / ceil(size * BANDS / LARGEST_CHUNK))
-    # Prefer a height that divides the rows evenly, down to half as high: no fill values then.
-    even = next((n for n in range(rows, rows // 2, -1) if whole[-2] % n == 0), rows)
-    return (*whole[:-2], even, whole[-1])
 
 
 def known_chunk(shape: Shape, block: DocumentView) -> Shape:

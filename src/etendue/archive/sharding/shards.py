@@ -146,6 +146,19 @@ class Shard:
         start, to, length = runs[number]
         return to + written.offset - start if written.offset + written.size <= start + length else None
 
+    def all_at(self, parts: Sequence[str], offset: Array, size: Array) -> Array:
+        """Return the same of many chunks, -1 for None."""
+        found, named = np.full(len(parts), -1), np.array(parts, dtype=object)
+        for part in set(parts):
+            runs = self._runs.get(part)
+            if runs is not None:
+                own = np.flatnonzero(named == part)
+                number = np.searchsorted(runs[0], offset[own], side="right") - 1
+                start, to, length = np.array(runs[1])[number].T
+                inside = (number >= 0) & (offset[own] + size[own] <= start + length)
+                found[own] = np.where(inside, to + offset[own] - start, -1)
+        return found
+
     @cached_property
     def _runs(self) -> dict[str, tuple[Sequence[int], Sequence[tuple[int, int, int]]]]:
         """For each part, the starts of its runs of bytes in order, and the runs: (from, to, length)."""

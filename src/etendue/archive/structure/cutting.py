@@ -13,25 +13,45 @@ else and save little: they are stored raw, and so are small chunks (``benchmarks
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import prod
+from math import ceil, prod
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from etendue.archive.records.manifest import DATA
 from etendue.archive.sharding.chunks import CODEC, DENSE, RAW, Chunk
-from etendue.archive.sharding.partition import chunk_of, counts_of, known_chunk, pieces_of, windows_of
+from etendue.archive.sharding.partition import Shape, counts_of, known_chunk, pieces_of, windows_of
 from etendue.archive.sharding.shards import EXTRA, LARGEST, block_of
 from etendue.archive.structure.layout import Layout, VariableLayout
+from etendue.contract.arrays.dims import is_light
+from etendue.plan import cost
 from etendue.plan.expansion.digits import is_rounded
 from etendue.plan.model import Plan
 from etendue.types.documents import Document, DocumentView
 
 if TYPE_CHECKING:
+    from etendue.types.arrays import Array
     from etendue.types.documents import AxisValue
 
+LARGEST_CHUNK = 64 << 20  # bytes; a larger cell is split into row bands
+BANDS = 4  # this many row bands together hold about as much as the largest chunk, so one is 16 MB
 SMALL = 4096  # bytes; compressing a smaller chunk takes longer than everything else and saves next to nothing
 Blocks = Mapping[str, Mapping[str, DocumentView]]  # by group and variable: block, codec, form, pieces, chunk
+
+
+def chunk_of(dims: Sequence[str], shape: Shape, itemsize: int) -> Shape:
+    """Return the shape of the chunks of a cell; the cell's own shape if it is one chunk."""
+    whole = tuple(max(n, 1) for n in shape)
+    # it is computed by band; Blosc cannot compress 2 GiB or more
+    if len(dims) == 3 and is_light(dims) and itemsize * prod(shape) > cost.LARGEST_WHOLE:
+        whole = (1, *whole[1:])
+    size = itemsize * prod(whole)
+    if size <= LARGEST_CHUNK or tuple(dims)[-2:] != ("y", "x"):
+        return whole
+    rows = ceil(whole[-2] / ceil(size * BANDS / LARGEST_CHUNK))
+    # Prefer a height that divides the rows evenly, down to half as high: no fill values then.
+    even = next((n for n in range(rows, rows // 2, -1) if whole[-2] % n == 0), rows)
+    return (*whole[:-2], even, whole[-1])
 
 
 def bytes_of(variable: VariableLayout) -> int:
@@ -135,6 +155,14 @@ class Whereabouts:
         if file is None:
             file = self.files[shard] = f"{self.folder}/{'.'.join(['c', *map(str, shard), *self.inner])}"
         return file, slot * self.count
+
+    def all_at(self, places: Array) -> tuple[list[str], Array, Array]:
+        """Return the shards of some cells; by cell, which of these it is, and the first of its slots there."""
+        slot, shard = np.zeros(len(places), np.int64), np.zeros(len(places), np.int64)
+        for at, size in zip(places.T, self.block, strict=True):
+            slot, shard = slot * size + at % size, shard * (int(at.max(initial=0)) // size + 1) + at // size
+        _, first, which = np.unique(shard, return_index=True, return_inverse=True)
+        return [self.at(tuple(places[n].tolist()))[0] for n in first], which, slot * self.count
 
     def chunks(self, place: tuple[int, ...]) -> Iterator[Chunk]:
         file, slot = self.at(place)

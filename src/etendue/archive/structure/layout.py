@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from etendue.archive.records.names import ROW, SAME_AS, STATUS
 from etendue.archive.structure.drawing import drawing_attributes
 from etendue.archive.structure.groups import ArchivedLayout, alike, groups_of
 from etendue.archive.structure.naming import Homes, Whole
@@ -21,22 +22,13 @@ from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, Cell, CellRef, Node, Plan
 from etendue.types.documents import Document
 
-STATUS = ("done", "left_out", "failed", "skipped", "not_computed")
 STATUS_ATTRIBUTES = {
     "long_name": "status of the cell",
     "units": "1",
     "flag_values": [0, 1, 2, 3, 4],
     "flag_meanings": " ".join(STATUS),
 }
-SAME_AS = "same_as"  # attribute of a group: the arrays that hold the values of its variables that are left out
 BOUNDS = "_bounds"  # suffix to the name of a dim of bands, for their edges
-ROW = "_row"  # suffix to the name of a dim of combinations, for that of every row
-
-
-def paths_of(attrs: Mapping[Any, Any]) -> list[str]:
-    """Return the paths that a group's attributes name."""
-    given = attrs.get(SAME_AS, ())
-    return [str(path) for path in ([given] if isinstance(given, str) else given if isinstance(given, list) else ())]
 
 
 @dataclass

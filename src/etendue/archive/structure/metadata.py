@@ -12,7 +12,6 @@ from typing import TypeVar
 
 import google_crc32c
 import numpy as np
-from numcodecs import VLenUTF8, Zstd
 
 from etendue.archive.records.indented import indented
 from etendue.archive.sharding.chunks import LEVEL, RAW
@@ -91,6 +90,8 @@ def _text_codecs() -> list[Document]:
 
 def text_chunk(texts: Sequence[str]) -> bytes:
     """Return the single chunk of an array of texts, in C order."""
+    from numcodecs import VLenUTF8, Zstd
+
     body = Zstd(level=0).encode(VLenUTF8().encode(np.array([*texts, None], dtype=object)[:-1]))
     return bytes(body) + int(google_crc32c.value(bytes(body))).to_bytes(4, "little")
 
@@ -103,6 +104,8 @@ def texts_of(data: bytes) -> list[str]:
     ArchiveError
         It does not hold texts.
     """
+    from numcodecs import VLenUTF8, Zstd
+
     body, checksum = data[:-4], data[-4:]
     if int(google_crc32c.value(body)).to_bytes(4, "little") != checksum:
         raise ArchiveError("the stored bytes do not match their checksum")

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from etendue.archive.records.names import cell_label, label_of
 from etendue.plan.model import Cell, CellRef, Plan
-from etendue.types.documents import AxisValues
 
 Index = tuple[int, ...]
 
@@ -19,20 +19,11 @@ def cell_name(plan: Plan, ref: CellRef) -> str:
     return cell_label(ref[0], plan.labels(ref))
 
 
-def cell_label(stage: str, labels: AxisValues) -> str:
-    """Return the name of a cell in the journal."""
-    return stage + "".join([_piece(dim, value) for dim, value in labels.items()])
-
-
-def _piece(dim: str, value: object) -> str:
-    return f" {dim}={value!r}" if isinstance(value, str) else f" {dim}={value}"
-
-
 class Names(Mapping[CellRef, str]):
     """The ``cell_name`` of every cell of a plan."""
 
     def __init__(self, plan: Plan) -> None:
-        pieces = {axis.dim: [_piece(axis.dim, value) for value in axis.values] for axis in plan.positioned}
+        pieces = {axis.dim: [label_of(axis.dim, value) for value in axis.values] for axis in plan.positioned}
         self.plan, self.pieces = plan, {node.name: [pieces[dim] for dim in node.axes] for node in plan.nodes}
 
     def __getitem__(self, ref: CellRef) -> str:

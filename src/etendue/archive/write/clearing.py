@@ -12,9 +12,9 @@ import re
 from collections.abc import Collection
 from pathlib import Path
 
-from etendue.archive.read.tree import ROOT
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA
+from etendue.archive.records.names import ROOT
 
 CHUNK = re.compile(r"c(\.\d+)*")
 PART = re.compile(r"\.c(\.\d+)*\.[0-9a-f]{12}" + re.escape(disk.PART))

@@ -20,10 +20,9 @@ from etendue import interrupts
 from etendue.archive.read.reading import StoredArchive, open_archive
 from etendue.archive.records.folders import link_at
 from etendue.archive.records.manifest import read_manifest
+from etendue.archive.records.names import COMPACTED
 from etendue.archive.write.rewriting import Anew, Compacted
 from etendue.errors import ArchiveError, ArchiveInUse
-
-ASIDE = ".compact.partial"
 
 
 def compact(old: Path, new: Path) -> Compacted:
@@ -36,7 +35,7 @@ def compact(old: Path, new: Path) -> Compacted:
     ArchiveInUse
         A run is writing to it.
     """
-    old, aside = old.resolve(), new.parent.resolve() / f".{new.name}{ASIDE}"
+    old, aside = old.resolve(), new.parent.resolve() / f".{new.name}{COMPACTED}"
     if new.exists() or new.is_symlink():
         raise ArchiveError(f"{new} exists; give a new folder for the compacted archive")
     open_archive(old)
@@ -58,18 +57,6 @@ def compact(old: Path, new: Path) -> Compacted:
     finally:
         os.close(lock)
     return replace(done, folder=new)
-
-
-def aside_of(folder: Path) -> Path:
-    """Return the folder beside an archive in which it is rewritten."""
-    whole = folder.resolve()
-    return whole.with_name(f".{whole.name}{ASIDE}")
-
-
-def left_by_compact(folder: Path) -> str:
-    """Return the folder in which a killed ``compact --in-place`` has begun the new archive; '' if there is none."""
-    aside = aside_of(folder)
-    return str(aside) if aside.is_dir() and not aside.is_symlink() else ""
 
 
 def locked(folder: Path, how: int) -> int:

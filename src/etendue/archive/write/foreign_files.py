@@ -15,11 +15,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from etendue.archive.read.tree import ROOT
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA, Manifest, digest_of
+from etendue.archive.records.names import ROOT
 from etendue.archive.records.owner import is_running
-from etendue.archive.records.provenance import latest_record
+from etendue.archive.records.past_runs import latest_record
 from etendue.archive.write.clearing import ASIDE, nodes_on_disk
 from etendue.contract.values.names import TABLES
 from etendue.errors import ArchiveError, ArchiveInUse

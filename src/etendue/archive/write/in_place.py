@@ -23,7 +23,8 @@ from etendue.archive.read.reading import open_archive
 from etendue.archive.records import disk
 from etendue.archive.records.folders import link_at
 from etendue.archive.records.manifest import DATA
-from etendue.archive.write.compact import aside_of, check_in_order, locked
+from etendue.archive.records.names import aside_of
+from etendue.archive.write.compact import check_in_order, locked
 from etendue.archive.write.rewriting import Anew, Compacted
 from etendue.errors import ArchiveError, MachineError
 

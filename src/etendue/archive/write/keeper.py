@@ -19,6 +19,7 @@ from etendue.archive.records import crate, inputs, provenance
 from etendue.archive.sharding.chunks import CellFiles
 from etendue.archive.write import keeping, moving
 from etendue.archive.write.store import ArchiveWriter
+from etendue.archive.write.whole_cells import WholeCells
 from etendue.contract.ports import CellReport, ContactSheet, Look, Seen
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
@@ -71,7 +72,9 @@ class ArchiveKeeper:
         if store.layout.moves:
             moving.move(store, store.layout.moves)
             store.use(plan)
-        finished = set() if self.recompute else {ref for ref in plan.cells if store.finished(ref)}
+        self.whole = WholeCells(store, not self.recompute)
+        pairs = zip(plan.cells, self.whole.there.tolist(), strict=True)
+        finished = set() if self.recompute else {ref for ref, whole in pairs if whole or store.finished(ref)}
         restored = {ref for ref in plan.cells if store.names[ref] in self.restore} if self.restore else set()
         wanted = keeping.computed(asked, cells)
         todo = select(plan, finished, {*wanted, *restored})
@@ -141,8 +144,13 @@ class ArchiveKeeper:
     def earlier(self, refs: Iterable[CellRef]) -> Iterator[CellReport]:
         """Yield reports of finished cells from the journal."""
         store = self.store
+        entries, number = store.journal.entries, store.plan.numbers.of
+        rows, whole, size = store.laid.rows(entries).tolist(), self.whole.there.tolist(), self.whole.bytes.tolist()
         for ref in refs:
-            entry = store.journal.entries.get(store.names[ref])
+            if whole[own := number(ref)]:
+                yield entries.report(ref, rows[own], size[own])
+                continue
+            entry = entries.get(store.names[ref])
             if entry is not None and entry.event == "done":
                 kept = {(path, slot) for path, slot, _ in store.laid.slots(ref)}
                 yield CellReport(

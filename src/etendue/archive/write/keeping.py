@@ -12,7 +12,7 @@ from pathlib import Path
 
 from etendue.archive.journaling.entries import Entries, Entry
 from etendue.archive.records.inputs import sweep_of
-from etendue.archive.records.provenance import records
+from etendue.archive.records.past_runs import records
 from etendue.archive.structure.naming import Names
 from etendue.archive.write.store import ArchiveWriter
 from etendue.errors import ArchiveError

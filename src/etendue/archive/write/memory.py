@@ -16,15 +16,8 @@ import pandas
 import xarray
 from xarray.indexes import PandasIndex
 
-from etendue.archive.structure.layout import (
-    BOUNDS,
-    ROW,
-    STATUS,
-    STATUS_ATTRIBUTES,
-    GroupLayout,
-    coordinates_of,
-    layout_of,
-)
+from etendue.archive.records.names import ROW, STATUS
+from etendue.archive.structure.layout import BOUNDS, STATUS_ATTRIBUTES, GroupLayout, coordinates_of, layout_of
 from etendue.contract.ports import CellReport, ContactSheet, Passing
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work

@@ -17,9 +17,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from etendue.archive.journaling.entries import Entry
-from etendue.archive.read.tree import ROOT
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA
+from etendue.archive.records.names import ROOT
 from etendue.archive.remote import stubs
 from etendue.archive.write.clearing import CHUNK, PART, remove_node
 

@@ -8,30 +8,24 @@ Out: groups, positions and chunks of cells; the expected store in memory (``tree
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from itertools import repeat
 from typing import Any
 
 import numpy as np
 
-from etendue.archive.journaling.entries import Entries
+from etendue.archive.journaling.entries import EVENTS, Entries
 from etendue.archive.read.reading import StoredForm
 from etendue.archive.read.tree import Tree
+from etendue.archive.records.names import ROW, STATUS
 from etendue.archive.sharding.chunks import Chunk
 from etendue.archive.sharding.partition import known_chunk
 from etendue.archive.structure import layout as layouts
 from etendue.archive.structure.cutting import Blocks, Whereabouts, cut
 from etendue.archive.structure.groups import ArchivedLayout
-from etendue.archive.structure.layout import (
-    BOUNDS,
-    ROW,
-    STATUS,
-    STATUS_ATTRIBUTES,
-    GroupLayout,
-    Layout,
-    VariableLayout,
-    layout_of,
-)
-from etendue.archive.structure.naming import Names
+from etendue.archive.structure.layout import BOUNDS, STATUS_ATTRIBUTES, GroupLayout, Layout, VariableLayout, layout_of
+from etendue.archive.structure.naming import Names, Whole
 from etendue.plan.model import Cell, CellRef, Plan
+from etendue.types.arrays import Array
 from etendue.types.documents import Document
 
 Slot = tuple[str, int, int]
@@ -73,6 +67,7 @@ class Laid:
         self.blocks = cut(plan, self.layout, self.axes, blocks)
         self.same = {path: group.same_as for path, group in self.layout.groups.items() if group.same_as}
         self.nodes = _nodes(self.layout)
+        self._rows: tuple[int, Array] | None = None
         self.whereabouts = {
             path: [
                 Whereabouts(path, variable, self.blocks[path][variable.name]) for variable in group.variables.values()
@@ -107,21 +102,58 @@ class Laid:
 
         ``ended``: by number of a cell, its status + 1 if it has ended in this run.
         """
-        number = self.plan.numbers.of
-        for path, layout in self.layout.groups.items():
+        found = self.standing(entries)
+        found[[self.plan.numbers.of(ref) for ref in todo]] = -1
+        if ended:
+            now = np.frombuffer(bytes(ended), np.uint8)
+            found = np.where(now > 0, now - 1, found)
+        found[found < 0] = STATUS.index("not_computed")
+        for path in self.layout.groups:
+            numbers, places = self.numbered(path)
             status = np.full(
                 tuple(len(values) for values in self.axes[path].values()), STATUS.index("not_computed"), np.uint8
             )
-            for ref, index in layout.cells.items():
-                if ended and ended[number(ref)]:
-                    status[self.place(path, index)] = ended[number(ref)] - 1
-                elif (
-                    ref not in todo
-                    and entries
-                    and (found := entries.standing(self.names[ref], self.plan.cells[ref].key))
-                ):
-                    status[self.place(path, index)] = STATUS.index(found)
+            status[tuple(places.T)] = found[numbers] if status.ndim else found[numbers[0]]
             tree.put_array(path, "status", status, tuple(self.axes[path]), STATUS_ATTRIBUTES)
+
+    def rows(self, entries: Entries) -> Array:
+        """Return by number of a cell its row in the journal, -1 if it has none."""
+        if self._rows is None or self._rows[0] != len(entries.rows):  # a cell keeps its row
+            rows = map(entries.rows.get, self.names.values(), repeat(-1)) if entries.rows else repeat(-1)
+            self._rows = len(entries.rows), np.fromiter(rows, np.int64, self.plan.numbers.count)
+        return self._rows[1]
+
+    def keyed(self, entries: Entries) -> Array:
+        """Return by number of a cell whether its line in the journal has its key."""
+        rows = self.rows(entries)
+        stored = np.frombuffer(bytes(entries.key), np.uint64).reshape(-1, 2)
+        asked = bytes.fromhex("".join([cell.key for cell in self.plan.cells.values()]))
+        known = (stored[rows] == np.frombuffer(asked, np.uint64).reshape(-1, 2)).all(axis=1) if len(stored) else False
+        return (rows >= 0) & known & ~np.isin(rows, list(entries.odd_keys))
+
+    def standing(self, entries: Entries) -> Array:
+        """Return by number of a cell its status in the journal, -1 if it has begun again or has none with its key."""
+        if not entries.rows:
+            return np.full(self.plan.numbers.count, -1)
+        rows = self.rows(entries)
+        event, status = (np.frombuffer(bytes(one), np.uint8)[rows] for one in (entries.event, entries.status))
+        return np.where(self.keyed(entries) & (event != EVENTS.index("start")), status.astype(int), -1)
+
+    def numbered(self, path: str) -> tuple[Array, Array]:
+        """Return the number of every cell of a group, and its position in the stored arrays."""
+        group, plan = self.layout.groups[path], self.plan
+        if isinstance(group.cells, Whole):  # the cells of a stage are numbered in the order of their positions
+            own = plan.numbers.range(group.node)
+            sizes = [len(plan.axis(dim).values) for dim in plan.node(group.node).axes]
+            numbers = np.arange(own.start, own.stop)
+            index = np.stack(np.unravel_index(numbers - own.start, sizes), axis=1) if sizes else np.empty((1, 0), int)
+        else:
+            numbers = np.array([plan.numbers.of(ref) for ref in group.cells])
+            index = np.array(list(group.cells.values()), int).reshape(len(numbers), -1)
+        if path not in self.unmoved:
+            places = [np.array(own)[at] for own, at in zip(self.places[path], index.T, strict=True)]
+            index = np.stack(places, axis=1)
+        return numbers, index
 
     def _lay_out(self, tree: Tree, path: str, layout: GroupLayout) -> None:
         merged = self.axes[path]

@@ -25,10 +25,11 @@ from etendue.archive.journaling.entries import Entry
 from etendue.archive.journaling.journal import NAME as JOURNAL
 from etendue.archive.journaling.journal import Journal
 from etendue.archive.read.reading import StoredArchive, StoredCell, StoredChunk, StoredForm
-from etendue.archive.read.tree import ROOT, Tree
+from etendue.archive.read.tree import Tree
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA, read_manifest, write_manifest
 from etendue.archive.records.manifest import NAME as MANIFEST
+from etendue.archive.records.names import ROOT
 from etendue.archive.records.owner import fresh_id
 from etendue.archive.sharding.shards import ChunkPlace, Shard, holds, index_bytes, index_size, read_bytes, read_index
 from etendue.archive.structure.cutting import blocks_of

@@ -26,17 +26,17 @@ from etendue.archive.journaling.entries import Entry
 from etendue.archive.journaling.journal import Journal, is_done
 from etendue.archive.read import earlier_pictures, last_run
 from etendue.archive.read.earlier_pictures import FRAMES
-from etendue.archive.read.tree import ROOT, content_first, incompatible
+from etendue.archive.read.tree import content_first, incompatible
 from etendue.archive.records import disk
 from etendue.archive.records.folders import in_place_of_file, in_place_of_folder
 from etendue.archive.records.manifest import DATA, read_manifest, write_manifest
+from etendue.archive.records.names import ROOT, STATUS
 from etendue.archive.records.owner import ABANDONED, behind, fresh_id, take
-from etendue.archive.records.provenance import latest_record, record_paths
+from etendue.archive.records.past_runs import latest_record, record_paths
 from etendue.archive.sharding.chunks import CellFiles
 from etendue.archive.sharding.finding import Finder
 from etendue.archive.sharding.segments import PARTS
 from etendue.archive.sharding.shards import ChunkPlace, part_path
-from etendue.archive.structure.layout import STATUS
 from etendue.archive.write.clearing import CHUNK, dims_on_disk, nodes_on_disk, remove_node, sweep
 from etendue.archive.write.foreign_files import check_folder, known_axes, other_stages, refuse_strangers
 from etendue.archive.write.placement import Laid

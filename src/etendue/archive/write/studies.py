@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from etendue.archive.read.studies import is_study
-from etendue.archive.read.tree import ROOT, Tree
+from etendue.archive.read.tree import Tree
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA, read_manifest, rewrite_manifest
+from etendue.archive.records.names import ROOT
 from etendue.archive.records.owner import behind, fresh_id
 from etendue.archive.structure.metadata import consolidated, document
 from etendue.archive.write.clearing import nodes_on_disk, remove_node

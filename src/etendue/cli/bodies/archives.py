@@ -9,14 +9,9 @@ from typing import Any
 from etendue import interrupts
 from etendue.archive import places
 from etendue.archive.checks.describe import describe_archive
-from etendue.archive.checks.verify import document as of_verified
-from etendue.archive.checks.verify import sha256_of
-from etendue.archive.checks.verify import verify as look
-from etendue.archive.read.differences import differences, document
 from etendue.cli.options import Way, from_here, progress
 from etendue.cli.saying import tell
 from etendue.present.terminal.stored import print_archive
-from etendue.present.terminal.trust import print_differences, print_repaired, print_verified, reading
 from etendue.run.schedulers import far
 
 
@@ -27,6 +22,9 @@ def show_archive(place: Path | str, as_json: bool) -> None:
 
 
 def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
+    from etendue.archive.read.differences import differences, document
+    from etendue.present.terminal.trust import print_differences
+
     with places.reading(first, inputs=False) as a, places.reading(second, inputs=False) as b:
         found = places.named(places.named(document(a, b, differences(a, b)), a, first), b, second)
     tell(as_json, found, print_differences)
@@ -34,6 +32,10 @@ def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
 
 
 def verify(place: Path | str, repair: bool, sources: tuple[Path, ...], digest: bool, way: Way, **how: Any) -> None:
+    from etendue.archive.checks.verify import document, sha256_of
+    from etendue.archive.checks.verify import verify as look
+    from etendue.present.terminal.trust import print_repaired, print_verified, reading
+
     if repair:
         interrupts.say(interrupts.INTACT)
     here = Path.cwd()  # a plugin may change it
@@ -41,7 +43,7 @@ def verify(place: Path | str, repair: bool, sources: tuple[Path, ...], digest: b
     with reading(silent=way.silent) as told:
         if not repair:
             with places.reading(place, exact=True) as folder:
-                checked = places.named(of_verified(look(folder, told)), folder, place)
+                checked = places.named(document(look(folder, told)), folder, place)
                 checked |= {"sha256": sha256_of(folder)} if digest else {}
         else:
             from etendue.trust import repairing

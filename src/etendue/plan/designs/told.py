@@ -1,13 +1,11 @@
-"""The lines that a plan says of its design, and how a command asks for one row of it.
+"""The lines that a plan says of its design.
 
-In:  the document of ``etendue plan --json``; a plan and one of its cells.
-Out: lines of text; the options that ask for the row of a cell alone.
+In:  the document of ``etendue plan --json``.
+Out: lines of text.
 """
 
 from __future__ import annotations
 
-from etendue.pipeline.zipped import SAMPLE
-from etendue.plan.model import Axis, CellRef, Plan
 from etendue.types.documents import Document, DocumentView
 
 
@@ -43,19 +41,3 @@ def _said(one: DocumentView) -> str:
     ends = f", {one['from']:.4g} .. {one['to']:.4g}{units}" if one["from"] is not None else ""
     levels = f", {one['levels']} levels" if one["levels"] else ""
     return f"{one['distribution']}{levels}, {one['distinct']} values{ends}"
-
-
-def row_settings(plan: Plan, axis: Axis, ref: CellRef) -> list[str]:
-    """Return the options that reduce an axis of rows to one row with a cell."""
-    at = dict(zip(plan.node(ref[0]).axes, ref[1], strict=True))
-    position = at.get(axis.dim, 0)
-    for part in plan.derived:
-        if part.of == axis.dim and part.dim in at:
-            position = part.places.index(at[part.dim])
-    if axis.dim == SAMPLE:
-        return ["--set", f"design.rows=[{axis.values[position]}]"]
-    found = []
-    for number, factor in enumerate(axis.factors):
-        place = factor.key if "." in factor.key else plan.pipeline.table.place(factor.key)
-        found += ["--set", f"{place}={axis.column(number)[position]}"]
-    return found

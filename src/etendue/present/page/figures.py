@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -81,10 +82,13 @@ def _figure(opened: Opened, stage: str, name: str, groups: list[ShownGroup]) -> 
     axes, dims = opened.reaching(stage), groups[0].variables[name]
     sizes = [max(int(group.data.sizes[dim]) for group in groups) for dim in dims]
     values = np.full([*(len(opened.axis(dim).values) for dim in axes), *sizes], np.nan)
-    for group, place, array in _arrays(opened, groups, name):
+    for group in groups:
         order = [list(group.axes).index(dim) for dim in axes]
-        where: tuple[int | slice, ...] = (*(place[i] for i in order), *(slice(size) for size in array.shape))
-        values[where] = array
+        column = opened.column(group, name)
+        for places, array in [column] if column else _arrays(opened, group, name):
+            own = array.shape[bool(column) :]
+            where: tuple[Any, ...] = (*(places[i] for i in order), *(slice(size) for size in own))
+            values[where] = array
     widest = max(groups, key=lambda group: sum(int(group.data.sizes[dim]) for dim in dims))
     attrs = groups[0].data[name].attrs
     units = str(attrs.get("units", "1"))
@@ -101,14 +105,13 @@ def _figure(opened: Opened, stage: str, name: str, groups: list[ShownGroup]) -> 
     )
 
 
-def _arrays(opened: Opened, groups: list[ShownGroup], name: str) -> Iterator[tuple[ShownGroup, tuple[int, ...], Array]]:
-    for group in groups:
-        for place, cell in opened.cells(group):
-            if opened.has(cell):
-                try:
-                    yield group, place, np.asarray(opened.read(cell, name), dtype=float)
-                except (ArchiveError, IndexError):  # removed by the run in the meantime, or damaged: treat as missing
-                    continue
+def _arrays(opened: Opened, group: ShownGroup, name: str) -> Iterator[tuple[tuple[int, ...], Array]]:
+    for place, cell in opened.cells(group):
+        if opened.has(cell):
+            try:
+                yield place, np.asarray(opened.read(cell, name), dtype=float)
+            except (ArchiveError, IndexError):  # removed by the run in the meantime, or damaged: treat as missing
+                continue
 
 
 def _meanings(group: ShownGroup, name: str) -> tuple[str, ...]:

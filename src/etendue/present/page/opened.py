@@ -21,17 +21,20 @@ from etendue.archive.checks.describe import order_of, progress
 from etendue.archive.journaling.entries import Entry
 from etendue.archive.read.left_out import with_left_out
 from etendue.archive.read.reading import metadata_of
+from etendue.archive.read.shard_columns import shard_column
 from etendue.archive.read.stored import Stored
 from etendue.archive.records.manifest import DATA
+from etendue.archive.records.names import cell_label
 from etendue.archive.records.owner import is_running
-from etendue.archive.records.provenance import latest_record, records
+from etendue.archive.records.past_runs import latest_record, records
+from etendue.archive.sharding.shards import ShardFiles
 from etendue.archive.sharding.unfolding import check_group
 from etendue.archive.structure.layout import BOUNDS
-from etendue.archive.structure.naming import cell_label
 from etendue.errors import ArchiveError
 from etendue.present.plots.holdings import by_row, rows_of
 from etendue.present.plots.labels import places_text
 from etendue.present.plots.rows import rounded
+from etendue.types.arrays import Array
 from etendue.types.documents import AxisValue, Document
 
 PLANE = ("y", "x")
@@ -248,6 +251,30 @@ class Opened:
     def has(self, name: str) -> bool:
         entry = self.entries.get(name)
         return entry is not None and entry.event == "done"
+
+    def column(self, group: ShownGroup, variable: str) -> tuple[tuple[Array, ...], Array] | None:
+        """Return the positions of all finished cells of a group on the axes of the sweep, and a variable of each; None
+        if they must be read one by one.
+        """
+        archive, folder = self.stored.archive, f"{DATA}/{group.path}/{variable}"
+        journal = archive.journal
+        shards = [path for path in archive.by_shard if path.rpartition("/")[0] == folder]
+        if (
+            not shards
+            or not group.axes
+            or group.combined
+            or journal.outdated
+            or variable in journal.same.get(group.path, ())
+        ):
+            return None
+        with ShardFiles(self.folder) as files:
+            found = [shard_column(archive, path, files) for path in shards]
+        whole = [own for own in found if own is not None]
+        if len(whole) < len(found):
+            return None
+        places = [[self.axis(dim).places[value] for value in values] for dim, values in group.axes.items()]
+        stored = map(np.concatenate, zip(*(archive.positions(path) for path in shards), strict=True))
+        return tuple(np.array(own)[at] for own, at in zip(places, stored, strict=True)), np.concatenate(whole)
 
     def read(self, name: str, variable: str) -> Any:
         """Return the array of a finished cell.

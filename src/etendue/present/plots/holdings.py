@@ -15,7 +15,8 @@ import numpy as np
 import xarray
 
 from etendue.archive.read.left_out import tree_with_left_out
-from etendue.archive.structure.layout import BOUNDS, ROW
+from etendue.archive.records.names import ROW
+from etendue.archive.structure.layout import BOUNDS
 from etendue.contract.arrays.variables import Variable, without
 from etendue.contract.arrays.variables import variable as known
 from etendue.contract.values.names import STUDY, TABLES

@@ -14,14 +14,13 @@ from rich.console import Console
 
 from etendue.archive.records.inputs import as_recorded
 from etendue.contract.stage import parameters_of
-from etendue.plan.designs.told import row_settings
-from etendue.plan.model import CellRef, Plan
-from etendue.plan.omissions import told
+from etendue.pipeline.zipped import SAMPLE
+from etendue.plan.model import Axis, CellRef, Plan
 from etendue.present.terminal.answer_texts import plus_minus, remedies
 from etendue.present.terminal.answers import print_answers
 from etendue.present.terminal.looking import next_commands
 from etendue.present.terminal.tables import floored, headlines, stage_rows
-from etendue.present.terminal.terminal import _out, _table, _without_time, escape
+from etendue.present.terminal.terminal import _out, _table, _without_time, escape, omission_lines
 from etendue.telling import human_seconds
 from etendue.types.documents import Document
 
@@ -89,7 +88,7 @@ def replay(plan: Plan, ref: CellRef) -> str:
             words += ["--set", f"{key}={as_recorded(value, {}) if isinstance(value, Mapping) else value}"]
     for axis in plan.axes:
         if axis.rows:
-            words += row_settings(plan, axis, ref)
+            words += _row_settings(plan, axis, ref)
             continue
         value = labels.get(axis.dim, axis.values[0])
         stage, _, parameter = axis.key.partition(".")
@@ -105,6 +104,22 @@ def replay(plan: Plan, ref: CellRef) -> str:
                 if not declared[name][0].shared and own != declared[name][2]:
                     words += ["--set", f"{stage}.{name}={own}"]
     return shlex.join([*words, "--want", ref[0], "--archive", "again"])
+
+
+def _row_settings(plan: Plan, axis: Axis, ref: CellRef) -> list[str]:
+    """Return the options that leave of an axis of rows only one that has a cell."""
+    at = dict(zip(plan.node(ref[0]).axes, ref[1], strict=True))
+    position = at.get(axis.dim, 0)
+    for part in plan.derived:
+        if part.of == axis.dim and part.dim in at:
+            position = part.places.index(at[part.dim])
+    if axis.dim == SAMPLE:
+        return ["--set", f"design.rows=[{axis.values[position]}]"]
+    found = []
+    for number, factor in enumerate(axis.factors):
+        place = factor.key if "." in factor.key else plan.pipeline.table.place(factor.key)
+        found += ["--set", f"{place}={axis.column(number)[position]}"]
+    return found
 
 
 def print_outcome(outcome: Any) -> None:
@@ -124,7 +139,7 @@ def print_outcome(outcome: Any) -> None:
     )
     console.print(table)
     for row in rows:
-        for text in told(row["name"], row["left_out"], row["approximated"]):
+        for text in omission_lines(row["name"], row["left_out"], row["approximated"]):
             console.print(escape(text))
     _print_changes(console, outcome)
     _print_doubts(console, outcome)

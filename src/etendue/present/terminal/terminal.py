@@ -15,12 +15,12 @@ from rich.markup import escape as without_markup
 from rich.table import Table
 
 from etendue.plan.designs.told import design_lines
-from etendue.plan.omissions import told
 from etendue.present.terminal.cells import Column, cells
 from etendue.telling import human_bytes, human_seconds, printable
 from etendue.types.documents import Document
 
 MOST_STORED = 6  # variables whose bytes are listed individually
+LEAST_TOLD = 1e-3  # seconds; a smaller saving is not mentioned
 
 
 def escape(text: str) -> str:
@@ -194,7 +194,7 @@ def print_plan(document: Document) -> None:
     for text in _bound(document["stages"]):
         console.print(escape(text))
     for stage in document["stages"]:
-        for text in told(stage["name"], stage["left_out"], stage["approximated"]):
+        for text in omission_lines(stage["name"], stage["left_out"], stage["approximated"]):
             console.print(escape(text))
     console.print(
         f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
@@ -210,3 +210,42 @@ def print_plan(document: Document) -> None:
     notes = _Console(stderr=True, highlight=False)
     for text in document["warnings"]:
         notes.print(f"note: {escape(text)}")
+
+
+def _saving(seconds: float | None) -> str:
+    """Return the end of a sentence that states the saving; '' if it is unknown or too small to mention."""
+    return f"; saves about {seconds:.2g} s" if seconds is not None and seconds >= LEAST_TOLD else ""
+
+
+def _at_most(at_stage: float, at_wanted: float) -> str:
+    """Return a bound, at the stage and, where later stages let it grow, in the results that are wanted."""
+    grown = f", {at_wanted:.2g} in the results" if f"{at_wanted:.2g}" != f"{at_stage:.2g}" else ""
+    return f"at most {at_stage:.2g} of full scale at this stage{grown}"
+
+
+def _best(knob: Document) -> str:
+    """Return the reference setting of a knob, and what it means where its declaration says so."""
+    value, _, meaning = knob.get("best", "").partition(":")  # documents of earlier versions have none
+    own = str(knob["reference"])
+    return f"{own} ({meaning.strip()})" if meaning and value == own else own
+
+
+def omission_lines(name: str, left: Document | None, knobs: list[Document] | None) -> list[str]:
+    """Return the summaries of a stage as sentences."""
+    said = []
+    if left:
+        wrong = "exactly" if left["bound"] == 0 else f"error {_at_most(left['at_stage'], left['bound'])}"
+        copies = f"; their copies take {human_bytes(left['copies'])}" if left["copies"] else ""
+        said.append(
+            f"left out  {name} in {left['cells']} of {left['of']} cells, {wrong}: "
+            f"{left['why']}{_saving(left['seconds_saved'])}{copies}"
+        )
+    by_knob: dict[str, list[Document]] = {}
+    for one in knobs or ():
+        by_knob.setdefault(one["knob"], []).append(one)
+    for knob, own in by_knob.items():
+        worst = _at_most(max(one["at_stage"] for one in own), max(one["bound"] for one in own))
+        saved = None if any(one["seconds_saved"] is None for one in own) else sum(one["seconds_saved"] for one in own)
+        values = ", ".join(f"{one['value']} ({one['cells']})" if len(own) > 1 else f"{one['value']}" for one in own)
+        said.append(f"coarser   {name}.{knob} = {values}, the best being {_best(own[0])}: {worst}{_saving(saved)}")
+    return said

@@ -20,6 +20,7 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from etendue.archive.read.reading import StoredArchive, StoredChunk
+from etendue.archive.read.shard_columns import shard_column
 from etendue.archive.records.manifest import DATA
 from etendue.archive.sharding.chunks import decode
 from etendue.archive.sharding.shards import ShardFiles
@@ -95,10 +96,12 @@ class _Column(BackendArray):
             for path, numbers in archive.by_shard.items():
                 if not path.startswith(self.folder):
                     continue
-                chunks = [archive.chunk(written[number]) for number in numbers]
-                own = [
-                    decode(self.store.chunk(chunk, files), chunk.form.dtype, chunk.form.shape, chunk.form.codec)
-                    for chunk in chunks
-                ]
+                own: Any = shard_column(archive, path, files)
+                if own is None:
+                    chunks = [archive.chunk(written[number]) for number in numbers]
+                    own = [
+                        decode(self.store.chunk(chunk, files), chunk.form.dtype, chunk.form.shape, chunk.form.codec)
+                        for chunk in chunks
+                    ]
                 found[archive.positions(path)] = own
         return found

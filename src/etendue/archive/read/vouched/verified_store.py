@@ -32,17 +32,16 @@ from etendue.archive.journaling.journal import Read
 from etendue.archive.read import reading
 from etendue.archive.read.left_out_arrays import LeftOutArrays
 from etendue.archive.read.reading import StoredArchive, StoredChunk
-from etendue.archive.read.tree import ROOT, Tree
+from etendue.archive.read.tree import Tree
 from etendue.archive.read.vouched.assembled import Assembled
 from etendue.archive.read.vouched.columns import with_columns
 from etendue.archive.records import disk
 from etendue.archive.records.manifest import DATA, damaged, digest_of, read_manifest
+from etendue.archive.records.names import ROOT, STATUS, cell_label
 from etendue.archive.records.owner import is_running
 from etendue.archive.sharding.chunks import decode
 from etendue.archive.sharding.shards import ShardFiles, fits, index_size
 from etendue.archive.sharding.unfolding import refuse_codecs, refuse_unfolding
-from etendue.archive.structure.layout import STATUS
-from etendue.archive.structure.naming import cell_label
 from etendue.contract.values.names import TABLES
 from etendue.errors import ArchiveError
 from etendue.types.arrays import Array

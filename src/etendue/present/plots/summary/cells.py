@@ -20,8 +20,8 @@ from etendue.archive.checks.describe import progress
 from etendue.archive.journaling.journal import NAME as JOURNAL
 from etendue.archive.journaling.journal import read
 from etendue.archive.records.manifest import read_manifest
+from etendue.archive.records.names import STATUS
 from etendue.archive.records.owner import is_running
-from etendue.archive.structure.layout import STATUS
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import places_text
 from etendue.present.terminal.terminal import human_rate

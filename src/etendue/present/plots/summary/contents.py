@@ -25,7 +25,7 @@ from etendue.archive.journaling.journal import read
 from etendue.archive.read.vouched.verified_store import open_archive
 from etendue.archive.records.manifest import DATA
 from etendue.archive.records.owner import is_running
-from etendue.archive.records.provenance import latest_record
+from etendue.archive.records.past_runs import latest_record
 from etendue.contract.wording import first
 from etendue.errors import ArchiveError, EtendueError
 from etendue.present.plots import pictures
