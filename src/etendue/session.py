@@ -37,7 +37,7 @@ from etendue.plan.reports import DONE, FAILED, LEFT_OUT, Reports
 from etendue.plan.shown import shown_cells, where_shown
 from etendue.run.batches import Batch, BatchResult, partition
 from etendue.run.machine import check_machine
-from etendue.run.memory import SELDOM_COLLECTING, TREES_OUT
+from etendue.run.memory import SELDOM_COLLECTING, TREES_OUT, return_freed_memory
 from etendue.run.peak_memory import workers_of
 from etendue.run.schedulers import How, far
 from etendue.run.schedulers import scheduler as scheduler_of
@@ -305,6 +305,7 @@ def collect(
         try:
             interrupts.check()
             batches = partition(jobs, options.batch_seconds)
+            return_freed_memory()
             run_batches(batches, frozenset(chosen), before, after, options.how(Stop()))
         finally:
             progress.end()

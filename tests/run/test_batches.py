@@ -1,11 +1,12 @@
-"""Batches: a partition of the jobs without circles, whatever the graph; serial and Dask give the same."""
+"""Batches: a partition of the jobs without circles, whatever the graph; serial and threads give the same."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,12 +15,18 @@ from etendue.compute.joined.segments import Light, Result
 from etendue.contract.arrays.grid import Grid
 from etendue.contract.arrays.variables import parse_declaration
 from etendue.contract.stage import Stage
+from etendue.run import batches as batches_of
+from etendue.run import ready as ready_of
 from etendue.run.batches import partition, run_batch
 from etendue.run.order import depth_first
+from etendue.run.ready import Ready
 from etendue.run.schedulers import SCHEDULERS, How
 from etendue.run.watch import Stop
 
 PORTS = ("a", "b", "c")
+
+
+WORD, PAIR = parse_declaration("out", "[1]"), ("out", "other")
 
 
 def _mixed(number, *arrays):
@@ -42,6 +49,23 @@ class One(Zero):
 
     def run(self, a):
         return _mixed(self.number, a)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair(Stage):
+    writes: ClassVar = {"out": "[1]", "other": "[1]"}
+
+    def run(self):
+        return {"out": np.array(1.0), "other": np.array(2.0)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Other(Stage):
+    reads: ClassVar = {"a": "other: [1]"}
+    writes: ClassVar = {"out": "[1]"}
+
+    def run(self, a):
+        return {"out": a + 1.0}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +171,7 @@ def test_a_batch_exports_what_another_reads_and_nothing_else(jobs, target):
         inputs = sorted(batch.imports)
         result = run_batch(
             tuple(batch.jobs),
-            tuple(batch.exports),
+            batch.exports,
             tuple(tuple(batch.imports[n]) for n in inputs),
             frozenset(),
             *(finished[n] for n in inputs),
@@ -182,7 +206,7 @@ def values_of(jobs, target, run):
 
 @settings(max_examples=40, deadline=None)
 @given(graphs(), TARGETS)
-def test_serial_and_dask_give_what_the_graph_says(jobs, target):
+def test_serial_and_threads_give_what_the_graph_says(jobs, target):
     by_hand = {}
     for ref, job in jobs.items():
         by_hand[ref] = float(_mixed(job.stage.number, *(by_hand[r] for r in job.needs))["out"])
@@ -190,6 +214,66 @@ def test_serial_and_dask_give_what_the_graph_says(jobs, target):
         assert (
             values_of(jobs, target, lambda *a, name=name: SCHEDULERS[name].run()(*a, How(name, 2, Stop()))) == by_hand
         )
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs(), TARGETS, st.integers(1, 5), st.randoms(use_true_random=False))
+def test_chains_are_continued_before_more_of_them_are_opened(jobs, target, workers, chance):
+    """Whichever batch ends first: each runs once, behind what it reads; the first in order that may; few that open."""
+    batches = partition(jobs, target)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ready_of, "LARGE", 1)
+        ready, under_way, ended = Ready(batches, workers), [], set()
+        while ready.heap or under_way:
+            waiting = {number for _, number in ready.heap}
+            while len(under_way) < workers and (new := ready.next()) is not None:
+                passed = {n for n in waiting if ready.place[n] < ready.place[new.number]}
+                assert all(ready.opens(ready.batches[n]) for n in passed)
+                assert new.inputs <= ended
+                waiting.discard(new.number)
+                under_way.append(new)
+            assert under_way
+            assert sum(batch.number in ready.opening for batch in under_way) <= max(workers // 2, 1)
+            done = under_way.pop(chance.randrange(len(under_way)))
+            ready.ended(done, done.number)
+            ended.add(done.number)
+            assert set(ready.results) <= ended
+    assert ended == set(range(len(batches)))
+    assert not ready.results
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs(), TARGETS, st.integers(1, 5))
+def test_a_chain_is_held_back_until_those_before_it_are_read(jobs, target, workers):
+    """What is waited for comes earlier in order, so there is no circle; through it, every earlier reader of a chain that
+    must have ended is waited for.
+    """
+    batches = partition(jobs, target)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ready_of, "LARGE", 1)
+        ready = Ready(batches, workers)
+        held, openings = ready.held_back(), ready.openings()
+        assert list(held) == openings[ready.most :]
+    before: dict[int, set[int]] = {}
+    for number in sorted(ready.batches, key=ready.place.__getitem__):
+        direct = {*ready.batches[number].inputs, *held.get(number, ())}
+        assert all(ready.place[one] < ready.place[number] for one in direct)
+        before[number] = direct.union(*(before[one] for one in direct))
+    for earlier, now in zip(openings, openings[ready.most :], strict=False):
+        readers = {one for one in ready.readers[earlier] if ready.place[one] < ready.place[now]} - set(openings)
+        assert readers <= before[now] | {*held[now]}
+
+
+def test_a_large_array_ends_with_its_last_reader_and_the_rest_of_its_cell_stays(monkeypatch):
+    monkeypatch.setattr(batches_of, "LARGE", 0)
+    first = replace(job_of(0, [], 0.1), writes={"out": WORD, "other": WORD}, deliver=("out", "other"))
+    first = replace(first, grids={"out": Grid(), "other": Grid()}, stage=Pair())
+    middle, last = job_of(1, [0], 0.1), replace(job_of(2, [0], 0.1), inputs=(("a", ("n0", ()), "other"),))
+    last = replace(last, stage=Other(), writes={"out": WORD})
+    for exports, names in (({}, ()), ({("n0", ()): frozenset({"other"})}, ("other",)), ({("n0", ()): None}, PAIR)):
+        found = run_batch((first, middle, last), exports, (), frozenset())
+        assert [report.status for report in found.reports] == ["done"] * 3
+        assert [tuple(result.arrays) for result in found.results.values()] == ([names] if exports else [])
 
 
 def test_siblings_behind_the_same_two_batches_share_a_batch():
@@ -203,6 +287,6 @@ def test_siblings_behind_the_same_two_batches_share_a_batch():
 
 def test_what_a_batch_reads_from_another_is_read_only():
     """A trip through pickle makes arrays writable again; a stage must not see that."""
-    results = Result({"out": np.zeros(2)}, light=Light(np.zeros(2, complex))).read_only()
+    results = Result({"out": np.zeros(2)}, light=Light(made=(np.zeros(2, complex), ()))).read_only()
     assert not results.arrays["out"].flags.writeable
-    assert not results.light.transform.flags.writeable
+    assert not results.light.made[0].flags.writeable

@@ -9,6 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from etendue.compute import tables
+from etendue.compute.joined.segments import Light, LightBands
+from etendue.contract.arrays.grid import Bands, Grid, Line
 from etendue.transfer import sampling
 from tests.run.small import assert_same_bits, by_labels, plan_of, run
 
@@ -158,3 +161,34 @@ def test_the_sum_over_wavelength_is_the_same_in_frequency_and_in_space():
         rtol=0,
         atol=1e-13 * planes.shape[0],
     )
+
+
+@given(st.integers(0, 2**32 - 1), sizes, sizes, st.booleans(), st.sampled_from(["float32", "float64"]))
+def test_light_band_by_band_is_that_of_the_whole_bit_for_bit(seed, ny, nx, half, dtype):
+    """Also where only the rows of a transfer function are kept that differ, and whether or not a transform exists."""
+    grid = Grid.of({"wavelength": Bands((400.0, 500.0, 600.0, 700.0)), "y": Line(ny, 0, 1), "x": Line(nx, 0, 1)})
+    planes = np.stack([light(seed + n, ny, nx, dtype) for n in range(3)])
+    fy, fx = sampling.frequencies(ny, 1.0, half=False)[:, None], sampling.frequencies(nx, 1.0, half=True)
+    full = np.stack([np.exp(-w * np.hypot(fy, fx)) for w in (1.0, 2.0, 3.0)]).astype(dtype)
+    otf = full[:, : full.shape[1] // 2 + 1] if half else full
+    expected = sampling.planes_of(sampling.transform(planes) * full * full, ny, nx)
+    made = Light(lit=slice(0, 3), made=(sampling.transform(planes), (otf, otf)))
+    for one in (Light(planes, slice(0, 3), (None, (otf, otf))), made):
+        bands = LightBands(one, grid, dtype)
+        assert_same_bits(bands.whole(), expected)
+        assert_same_bits(np.stack([bands[n] for n in range(3)]), expected)
+        assert_same_bits(sampling.planes_of(one.whole(), ny, nx), expected)
+
+
+def test_transforms_of_a_sweep_share_a_part_of_the_cache(monkeypatch):
+    """The newest stays, whatever its size; what is not a transform stays too."""
+    monkeypatch.setattr(tables, "LARGEST_TRANSFORMS", 1000)
+    cache = tables.Cache(1 << 20)
+    cache.get("table", lambda: np.zeros(100))
+    for number in range(9):
+        cache.get(number, lambda: np.zeros(50), transform=True)
+        cache.get(0, lambda: np.zeros(50), transform=True)
+    assert set(cache.entries) == {"table", 0, 8}
+    cache.get("large", lambda: np.zeros(1000), transform=True)
+    assert set(cache.entries) == {"table", "large"}
+    assert cache.held == 8800

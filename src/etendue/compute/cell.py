@@ -163,6 +163,8 @@ def kept(
             written = job.target.write(given)
         seconds += sum(array.seconds for array in given.values() if isinstance(array, Timed))
         arrays |= {v: StoredBands(job, v) for v in job.store if isinstance(arrays[v], BandArray)}
+    arrays, more = _looked_at(job, arrays)
+    seconds += more
     result.arrays = {v: arrays[v] for v in job.deliver if v in arrays} if arrays else {}
     share, flux = (sum(values) / len(clipped) for values in zip(*clipped, strict=True)) if clipped else (0.0, 0.0)
     status = "left_out" if job.left_out else "done"
@@ -171,6 +173,16 @@ def kept(
     return result, CellReport(
         *job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux, floored=floored
     )
+
+
+def _looked_at(job: Job, arrays: CellArrays) -> tuple[CellArrays, float]:
+    """Return what a caller makes of light that it only looks at, and the seconds of its bands; else the arrays. An
+    error of one band is the cell's.
+    """
+    if job.segment is None or not job.segment.seen or job.look is None:
+        return arrays, 0.0
+    bands = list(arrays.values())
+    return job.look(arrays), sum(array.seconds for array in bands)
 
 
 def in_words(error: BaseException) -> bool:

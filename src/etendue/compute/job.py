@@ -40,6 +40,7 @@ class Segment:
     found: tuple[Found, ...] = ()  # values found during the run, for each of these; () if there are none
     transform: bool = False  # others continue from its transform
     source: str = ""  # key of the segment's input, if that is read itself
+    seen: bool = False  # its large array is only reduced by the caller, band by band
 
 
 @dataclass(eq=False)
@@ -181,6 +182,21 @@ class Job:
         if self.looking:
             refs += [ref for _, what, pairs in self.looking.ports if not looks_at_stages(what) for _, ref in pairs]
         return tuple(dict.fromkeys(refs))
+
+    @property
+    def reads(self) -> frozenset[tuple[CellRef, str]]:
+        """The variables that this job reads, each with its cell."""
+        if not self.needs:
+            return frozenset()
+        continues = self.segment is not None and self.segment.previous is not None
+        found = {(ref, variable) for _, ref, variable in self.inputs[continues:]}
+        if self.looking:
+            found |= {(ref, w) for _, w, pairs in self.looking.ports if not looks_at_stages(w) for _, ref in pairs}
+        every = [*(self.segment.found if self.segment else ()), *(self.looking.found if self.looking else ())]
+        if self.waiting:
+            every.append(self.waiting.found)
+            found |= {(word.ref, word.variable) for word in self.waiting.words}
+        return frozenset(found | {(ref, variable) for one in every for _, ref, variable in one})
 
     @property
     def awaited(self) -> tuple[CellRef, ...]:

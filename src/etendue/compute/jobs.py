@@ -15,16 +15,18 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from etendue.compute.job import CellObserver, Found, Job, Looking, Mapped, Segment, Waiting
+from etendue.compute.joined.inputs import Direct, direct_input, made_by_band
 from etendue.compute.rows import by_band, is_large, walker
 from etendue.compute.walks import with_walks
 from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Sheet, Summed, Transfer
 from etendue.contract.ports import Target
 from etendue.contract.stage import looks_at_stages, patterns_of, reads_of
-from etendue.plan.cost import cell_seconds, too_large
+from etendue.plan.cost import cell_seconds
 from etendue.plan.identity.once import Once
 from etendue.plan.identity.same_as import source_of
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of
+from etendue.transfer.sampling import TOGETHER
 
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
@@ -54,7 +56,7 @@ def make_jobs(
     return with_walks(dict(jobs), lambda ref: walker(plan, jobs.nodes[ref[0]], plan.cells[ref]), place)
 
 
-Direct = tuple[tuple[CellRef, str], tuple[Cell, ...]]  # the input of a segment; the active cells before its end
+BANDS, WHOLE = 1, 2  # how others continue from the transform of a cell: a few bands at a time, or with all of it
 
 
 class Jobs(Mapping[CellRef, Job]):
@@ -90,7 +92,7 @@ class Jobs(Mapping[CellRef, Job]):
         self.grids: dict[str, tuple[Mapping[str, Grid], Mapping[str, Grid]]] = {}
         self.looked: dict[str, tuple[Hashable, Looking]] = {}
         for ref, cell in plan.cells.items():
-            if self.nodes[cell.node].segment and (found := _direct(plan, self.nodes, cell)) is not None:
+            if self.nodes[cell.node].segment and (found := direct_input(plan, self.nodes, cell)) is not None:
                 self.direct[ref] = found
         # In reverse order, all readers of a cell are visited before the cell itself, so that the set of its variables
         # that are read is complete when it is visited.
@@ -105,7 +107,7 @@ class Jobs(Mapping[CellRef, Job]):
             return
         self.included[number] = True
         if cell.left_out is not None:
-            self._note_passed(ref, cell, computed, read, bool(transform))
+            self._note_passed(ref, cell, computed, read, transform)
             return
         if not (computed or transform):
             return  # stored: its result is only read back
@@ -119,7 +121,7 @@ class Jobs(Mapping[CellRef, Job]):
         for other in direct[1] if direct is not None else ():
             self._note_found(other)
 
-    def _note_passed(self, ref: CellRef, cell: Cell, computed: bool, read: tuple[str, ...], transform: bool) -> None:
+    def _note_passed(self, ref: CellRef, cell: Cell, computed: bool, read: tuple[str, ...], transform: int) -> None:
         """Record what a cell that is left out passes on from its input: arrays that other cells need, and the transform
         of its segment."""
         node = self.nodes[ref[0]]
@@ -132,7 +134,7 @@ class Jobs(Mapping[CellRef, Job]):
         for variable in self._passed(node, wanted, computed):
             self._reads(self._source(cell, variable, computed), variable)
         if transform and len(node.segment) > 1:
-            self.transforms[self.number(cell.inputs[0][1])] = True
+            self._continues(cell.inputs[0][1], transform)
         elif transform:
             self._reads(*cell.inputs[0][1:])
 
@@ -168,9 +170,20 @@ class Jobs(Mapping[CellRef, Job]):
             if direct is not None and place == 0:
                 self._reads(*direct[0])
             elif joined and place == 0:
-                self.transforms[self.number(source)] = True
+                self._continues(source, BANDS if self._seen(cell, self.nodes[cell.node]) else WHOLE)
             else:
                 self._reads(source, variable)
+
+    def _continues(self, source: CellRef, how: int) -> None:
+        number = self.number(source)
+        self.transforms[number] = max(self.transforms[number], how)
+
+    def _seen(self, cell: Cell, node: Node) -> bool:
+        """Return whether the light of a cell is only looked at, band by band, and so is all that continues from it."""
+        number = self.number(cell.ref)
+        looked = cell.ref in self.looks and cell.ref in self.todo and self.transforms[number] < WHOLE
+        alone = not (self.read[number] or self.kept[node.name] or cell.mapped or cell.steps)
+        return looked and alone and made_by_band(cell)
 
     def _note_looks(self, cell: Cell, node: Node) -> None:
         """Record the variables that a cell looks at, and the values for which the stages that it looks at wait."""
@@ -225,7 +238,8 @@ class Jobs(Mapping[CellRef, Job]):
             stages = tuple(c.stage for c in before if isinstance(c.stage, Transfer))
             segment = Segment(None, stages, _found_of(before), transform, plan.cells[source].key)
         elif node.segment:
-            segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, transform=transform)
+            last = cell.inputs[0][1] if len(node.segment) > 1 else None
+            segment = Segment(last, transform=transform, seen=self._seen(cell, node))
         grids, input_grids = self._grids(cell)
         seconds, bands = self._cost(node, cell)
         identity = next(iter(patterns_of(type(cell.stage)).values()), "")  # the owner of its fixed patterns
@@ -293,6 +307,15 @@ class Jobs(Mapping[CellRef, Job]):
             return ()
         return tuple(dict.fromkeys([source for _, source, _ in cell.inputs]))
 
+    def read_of(self, ref: CellRef, source: CellRef) -> frozenset[str] | None:
+        """Return which variables of a cell a job reads; None if that cell has no large array beside others."""
+        if len(self.nodes[source[0]].writes) < 2 or not self._is_large(self.plan.cells[source]):
+            return None
+        return frozenset(variable for other, variable in self._made(ref, None).reads if other == source)
+
+    def _is_large(self, cell: Cell) -> bool:
+        return any(grid.count > TOGETHER for grid in cell.grids.values())
+
     def place(self, ref: CellRef) -> int:
         """Return the position of a job among all jobs."""
         return self.number(ref) if self.places is None else self.places[self.number(ref)]
@@ -356,30 +379,6 @@ def _found_of(cells: tuple[Cell, ...]) -> tuple[Found, ...]:
     """Return the values that each of some cells waits for; () if no cell waits."""
     every = tuple(cell.found for cell in cells)
     return every if any(every) else ()
-
-
-def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Direct | None:
-    """Return the segment's input and the active cells before ``cell``, if ``cell`` must start from that input itself;
-    else None.
-
-    That holds for all cells of a segment whose input is too large to hold in memory or consists of means over grid
-    cells, and for an end whose sum over bands is expanded.
-    """
-    node = nodes[cell.node]
-    if not node.segment or cell.segment_input is None or cell.left_out is not None:
-        return None
-    source, variable = cell.segment_input
-    grid = plan.cells[source].grids[variable]
-    expanded = isinstance(cell.stage, Summed) and (0 < cell.stage.terms() < grid.bands().size or cell.stage.kept() < 1)
-    if not (expanded or grid.line("y").cells or too_large(nodes[source[0]].writes[variable], grid, plan.precision)):
-        return None
-    before: list[Cell] = []
-    at = cell
-    for _ in range(len(node.segment) - 1):
-        at = plan.cells[at.inputs[0][1]]
-        if at.left_out is None:
-            before.append(at)
-    return cell.segment_input, tuple(reversed(before))
 
 
 def _looking(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Looking:

@@ -25,6 +25,7 @@ from etendue.telling import foreign
 from etendue.types.arrays import FloatArray
 
 LARGEST_CACHE = 256 << 20
+LARGEST_TRANSFORMS = 48 << 20  # bytes of transforms among them: few of a sweep are used again
 # bytes; patterns of larger frames are not cached, since strips would evict each other before they are reused
 LARGEST_PATTERN = LARGEST_CACHE // 4
 LASTING = 50  # an entry unused for this many runs is dropped
@@ -52,6 +53,7 @@ class _Entry:
     value: Any
     size: int
     run: int  # the last run that used it
+    transform: bool
 
 
 Made = TypeVar("Made")
@@ -69,7 +71,10 @@ class Cache:
         self.lock = threading.Lock()
         self.making: dict[Hashable, threading.Lock] = {}
 
-    def get(self, key: Hashable, make: Callable[[], Made]) -> Made:
+    def get(self, key: Hashable, make: Callable[[], Made], transform: bool = False) -> Made:
+        """Return a value, made if it is not kept. ``transform``: one of many large arrays of a sweep, few of which are
+        used again; they share ``LARGEST_TRANSFORMS``.
+        """
         with self.lock:
             found = self.entries.get(key)
             if found is not None:
@@ -90,12 +95,9 @@ class Cache:
                 size = _size(value)
                 with self.lock:
                     self._drop(key)
-                    self.entries[key] = _Entry(value, size, self.runs)
+                    self.entries[key] = _Entry(value, size, self.runs, transform)
                     self.held += size
-                    # The newest entry is never dropped: the caller holds its value, so dropping it would free no
-                    # memory.
-                    while self.held > self.largest and len(self.entries) > 1:
-                        self._drop(next(iter(self.entries)))
+                    self._shrink(transform)
             finally:
                 with self.lock:
                     self.making.pop(key, None)
@@ -112,6 +114,21 @@ class Cache:
                 # Entries are in the order of their last use, so the loop ends at the first one that was used recently.
                 while self.entries and self.entries[oldest := next(iter(self.entries))].run < self.runs - LASTING:
                     self._drop(oldest)
+
+    def _shrink(self, transforms: bool) -> None:
+        """Drop the oldest entries while there are too many bytes, but never the newest: the caller holds its value, so
+        dropping it would free no memory.
+        """
+        if transforms:
+            own = [(key, entry.size) for key, entry in self.entries.items() if entry.transform]
+            held = sum(size for _, size in own)
+            for key, size in own[:-1]:
+                if held <= LARGEST_TRANSFORMS:
+                    break
+                self._drop(key)
+                held -= size
+        while self.held > self.largest and len(self.entries) > 1:
+            self._drop(next(iter(self.entries)))
 
     def _drop(self, key: Hashable) -> None:
         entry = self.entries.pop(key, None)

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 from etendue.compute.job import Job, Walk
 from etendue.compute.rows import Walker, has_rows, is_large, rows_of
 from etendue.contract.capabilities import Haloed
-from etendue.contract.stage import looks_at_stages
 from etendue.plan.identity.once import Once
 from etendue.plan.model import CellRef
 
@@ -98,23 +97,7 @@ def _readers(jobs: Mapping[CellRef, Job]) -> dict[tuple[CellRef, str], set[CellR
     """Return the readers of each variable of each cell."""
     found: dict[tuple[CellRef, str], set[CellRef]] = {}
     for ref, job in jobs.items():
-        read = {(source, variable) for _, source, variable in job.inputs}
-        if job.looking:
-            read |= {
-                (source, what)
-                for _, what, pairs in job.looking.ports
-                if not looks_at_stages(what)
-                for _, source in pairs
-            }
-        for each in (
-            job.segment and job.segment.found,
-            job.looking and job.looking.found,
-            job.waiting and (job.waiting.found,),
-        ):
-            read |= {(source, variable) for one in each or () for _, source, variable in one}
-        if job.waiting:
-            read |= {(word.ref, word.variable) for word in job.waiting.words}
-        for one in read:
+        for one in job.reads:
             found.setdefault(one, set()).add(ref)
     return found
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from array import array
 from collections import Counter
-from collections.abc import Callable, Container, Mapping, Set
+from collections.abc import Callable, Container, Iterator, Mapping, Set
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -32,6 +32,8 @@ from etendue.run.order import Needs
 from etendue.types.arrays import CellArrays
 
 TARGET_SECONDS = 0.1
+LARGE = 1 << 20  # bytes of an array that is dropped after its last reader, before the others of its cell
+Names = frozenset[str] | None  # variables of a cell; None for all
 NOBODY: Mapping[CellRef, str] = MappingProxyType({})
 
 
@@ -45,7 +47,7 @@ class Batch:
     refs: list[CellRef] = field(default_factory=list)
     seconds: float = 0.0
     inputs: set[int] = field(default_factory=set)
-    exports: dict[CellRef, None] = field(default_factory=dict)
+    exports: dict[CellRef, Names] = field(default_factory=dict)
     imports: dict[int, dict[CellRef, None]] = field(default_factory=dict)
 
     @property
@@ -92,7 +94,8 @@ def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECOND
             if source != chosen:
                 batch.inputs.add(source)
                 batch.imports.setdefault(source, {})[r] = None
-                batches[source].exports[r] = None
+                names, known = units.read(unit, r), batches[source].exports.get(r, frozenset())
+                batches[source].exports[r] = None if names is None or known is None else names | known
     return batches
 
 
@@ -103,6 +106,7 @@ class _Units:
         self.together: dict[int, list[CellRef]] = {}  # the cells of each walk
         self.of: Callable[[CellRef], int]
         self.needs_of: Callable[[CellRef], tuple[CellRef, ...]]
+        self.jobs = jobs
         if isinstance(jobs, Jobs):  # such jobs have no walks
             self.first, self.of, self.needs_of, self.seconds_of = list(jobs), jobs.place, jobs.needs, jobs.seconds
             return
@@ -131,6 +135,12 @@ class _Units:
             return self.needs_of(self.first[unit])
         own = set(self.together[unit])
         return tuple(dict.fromkeys(r for ref in self.together[unit] for r in self.needs_of(ref) if r not in own))
+
+    def read(self, unit: int, ref: CellRef) -> Names:
+        """Return which variables of a cell a unit reads."""
+        if isinstance(self.jobs, Jobs):
+            return self.jobs.read_of(self.first[unit], ref)
+        return frozenset(v for one in self.members(unit) for r, v in self.jobs[one].reads if r == ref)
 
     def needed(self, unit: int) -> set[int]:
         """Return the units that a unit reads."""
@@ -226,7 +236,7 @@ def let_go(job: Job, readers: Counter[CellRef], exports: Container[CellRef]) -> 
 
 def run_batch(
     jobs: tuple[Job, ...],
-    exports: tuple[CellRef, ...],
+    exports: Mapping[CellRef, Names],
     imports: tuple[tuple[CellRef, ...], ...],
     deliver: Set[CellRef],
     *before: BatchResult,
@@ -250,13 +260,14 @@ def run_batch(
 def _in_order(
     jobs: tuple[Job, ...],
     results: dict[CellRef, Result],
-    exports: tuple[CellRef, ...],
+    exports: Mapping[CellRef, Names],
     deliver: Set[CellRef],
     doomed: Mapping[CellRef, str],
     at: Callable[[int], None] | None,
 ) -> BatchResult:
     readers = Counter(ref for job in jobs for ref in job.needs)
-    own, reports, kept = set(exports), list[CellReport](), dict[CellRef, CellArrays]()
+    reports, kept = list[CellReport](), dict[CellRef, CellArrays]()
+    ends: dict[int, list[tuple[CellRef, str]]] = {}  # by job: arrays that it is the last to read
     clock: float | None = None
     ahead: dict[CellRef, Ended] = {}  # cells of walks, computed together with an earlier cell
     groups: dict[str, Alike] = {}
@@ -273,6 +284,29 @@ def _in_order(
         if job.ref in deliver:
             kept[job.ref] = _delivered(job, result)
             clock = clock if job.look is None else None  # the caller's reduction is not counted as run time
-        for ref in let_go(job, readers, own):
+        for end, piece in _ends(jobs, number, result, exports):
+            ends.setdefault(end, []).append(piece)
+        for ref in let_go(job, readers, exports):
             results.pop(ref, None)
+        for ref, variable in ends.pop(number, ()):
+            if ref in results:
+                results[ref].arrays.pop(variable, None)
     return BatchResult({ref: results[ref] for ref in exports if ref in results}, tuple(reports), kept)
+
+
+def _ends(
+    jobs: tuple[Job, ...], number: int, result: Result, exports: Mapping[CellRef, Names]
+) -> Iterator[tuple[int, tuple[CellRef, str]]]:
+    """Yield the arrays of a job that end with a job of its batch, and that job."""
+    if len(result.arrays) < 2 or not any(
+        isinstance(a, np.ndarray) and a.nbytes >= LARGE for a in result.arrays.values()
+    ):
+        return
+    ref = jobs[number].ref
+    names = exports.get(ref, frozenset())
+    if names is None:
+        return
+    for variable in result.arrays:
+        if variable not in names:
+            last = (n for n in reversed(range(number, len(jobs))) if n == number or (ref, variable) in jobs[n].reads)
+            yield next(last), (ref, variable)

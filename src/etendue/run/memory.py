@@ -17,7 +17,7 @@ import gc
 import sys
 import threading
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING
@@ -28,8 +28,9 @@ if TYPE_CHECKING:
     import xarray
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
-LARGEST_BLOCK = 32 << 20  # the largest value glibc accepts; larger arrays are mapped as before
+LARGEST_BLOCK = 12 << 20  # larger arrays are mapped, and returned at once: with huge pages that costs little
 LARGEST_KEPT = 1 << 30
+LEAST_RETURNED = 32 << 20  # bytes of freed memory that are worth returning
 # new objects before the youngest generation is collected, instead of 700; those of plans and cells are freed anyway
 AT_ONCE = 10_000
 # lower and upper limit in bytes of uncollected trees, and their number in between
@@ -109,3 +110,31 @@ def keep_freed_memory() -> bool:
         return False
     kept = mallopt(M_MMAP_THRESHOLD, LARGEST_BLOCK) and mallopt(M_TRIM_THRESHOLD, LARGEST_KEPT)
     return bool(kept and mallopt(M_ARENA_MAX, 1))  # one arena, so that memory freed by one thread serves all
+
+
+class _Heap(ctypes.Structure):
+    """``struct mallinfo2``."""
+
+    _fields_ = tuple(
+        (name, ctypes.c_size_t)
+        for name in "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost".split()
+    )
+
+
+@cache
+def _returning() -> tuple[Callable[[], _Heap], Callable[[int], int]] | None:
+    if not keep_freed_memory():
+        return None
+    try:
+        library = ctypes.CDLL(None)
+        library.mallinfo2.restype = _Heap
+        return library.mallinfo2, library.malloc_trim
+    except (OSError, AttributeError):  # before glibc 2.33
+        return None
+
+
+def return_freed_memory() -> None:
+    """Return freed memory to the system if there is much of it: before something large, which would come on top."""
+    known = _returning()
+    if known is not None and known[0]().fordblks > LEAST_RETURNED:
+        known[1](0)

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from etendue.compute.job import Job
 from etendue.compute.jobs import make_jobs
 from etendue.compute.rows import has_rows
-from etendue.compute.tables import LARGEST_CACHE, LARGEST_PATTERN
+from etendue.compute.tables import LARGEST_CACHE, LARGEST_PATTERN, LARGEST_TRANSFORMS
 from etendue.contract.capabilities import halo_of, is_random, is_source
 from etendue.contract.stage import patterns_of
 from etendue.plan import cost
@@ -33,8 +33,8 @@ from etendue.plan.shown import shown_cells
 from etendue.plugins.guests import is_guest
 from etendue.run import schedulers
 from etendue.run.batches import Batch, let_go, partition
-from etendue.run.order import depth_first
 from etendue.run.peak_segments import segment_bytes
+from etendue.run.ready import Ready
 from etendue.transfer.sampling import padded_size
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def kept_bytes(plan: Plan) -> int:
 def job_bytes(job: Job, precision: str) -> tuple[float, float]:
     """Return the bytes needed to compute a single job beyond its input, and the larger of its input and output."""
     run = _Run(precision, {job.ref: job}, set(), True, 1)
-    own = run.cell(job) + run.tables
+    own = run.cell(job) + run.tables + sum(run.transforms)
     return own, run.largest(job)
 
 
@@ -126,9 +126,9 @@ def _chosen(plan: Plan, most: int) -> dict[str, set[int]]:
         for dim, position in zip(axes, index, strict=True):
             largest.setdefault(dim, position)
     found = {axis.dim: {largest.get(axis.dim, 0)} for axis in plan.axes}
-    count = 1
-    for axis in reversed(plan.axes):
-        own, room = found[axis.dim], max(most // count, 1)
+    count, order = 1, list(largest)  # first some values of the axis that the largest cells have, and then of the others
+    for axis in sorted(plan.axes, key=lambda axis: order.index(axis.dim) if axis.dim in largest else len(order)):
+        own, room = found[axis.dim], max((most // 2 if count == 1 else most) // count, 1)
         own |= set(itertools.islice((i for i in range(len(axis.values)) if i not in own), room - 1))
         count *= len(own)
     for one in plan.derived:
@@ -163,6 +163,7 @@ class _Run:
         self.size = 4 if precision == "float32" else 8
         self.pieces: dict[CellRef, dict[Piece, float]] = {}  # bytes of the result of each cell
         self.tables, self.pictures = 0.0, 0.0
+        self.transforms: list[float] = []  # bytes of cached transforms and transfer functions
         frames = [
             g["y"].size * g["x"].size
             for ref in show
@@ -176,41 +177,20 @@ class _Run:
 
     def peak(self) -> Peak:
         """Simulate the run: batches start as they become ready, as many at once as there are workers."""
-        batches = {batch.number: batch for batch in partition(self.jobs)}
-        place = {number: n for n, number in enumerate(depth_first(batches, lambda n: batches[n].inputs))}
-        waiting = {number: len(batch.inputs) for number, batch in batches.items()}
-        readers: dict[int, list[int]] = {number: [] for number in batches}
-        for number, batch in batches.items():
-            for source in batch.inputs:
-                readers[source].append(number)
-        left = {number: len(own) for number, own in readers.items()}
-        ready = [(place[n], n) for n, count in waiting.items() if not count]
-        heapq.heapify(ready)
+        ready = Ready[dict[Piece, float]](partition(self.jobs), self.workers)
         under_way: list[tuple[float, int]] = []
-        held: dict[int, dict[Piece, float]] = {}
         working: dict[int, _Batch] = {}
         best, now = Peak(0), 0.0
-        while ready or under_way:
-            while ready and len(under_way) < self.workers:
-                _, number = heapq.heappop(ready)
-                working[number] = self.through(batches[number])
-                heapq.heappush(under_way, (now + batches[number].seconds, number))
-            total = self.now(held.values(), working.values())
+        while ready.heap or under_way:
+            while len(under_way) < self.workers and (new := ready.next()) is not None:
+                working[new.number] = self.through(new)
+                heapq.heappush(under_way, (now + new.seconds, new.number))
+            total = self.now(ready.results.values(), working.values())
             if total > best.bytes:
                 most = max(working.values(), key=lambda one: one.most)
                 best = Peak(int(total), most.ref, int(most.alone))
             now, number = heapq.heappop(under_way)
-            held[number] = working.pop(number).after
-            for source in batches[number].inputs:
-                left[source] -= 1
-                if not left[source]:
-                    held.pop(source, None)
-            if not left[number]:
-                held.pop(number, None)
-            for reader in readers[number]:
-                waiting[reader] -= 1
-                if not waiting[reader]:
-                    heapq.heappush(ready, (place[reader], reader))
+            ready.ended(ready.batches[number], working.pop(number).after)
         return best
 
     def now(self, held: Iterable[Mapping[Piece, float]], working: Iterable[_Batch]) -> float:
@@ -219,7 +199,8 @@ class _Run:
         for own in held:
             standing |= own
         most = sum(standing.values()) + sum(one.most for one in working)
-        return most + min(self.tables, LARGEST_CACHE) + self.pictures
+        cached = min(sum(self.transforms), max((LARGEST_TRANSFORMS, *self.transforms)))
+        return most + min(self.tables + cached, LARGEST_CACHE) + self.pictures
 
     # -- one batch ----------------------------------------------------------------------------------------------------
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 from etendue.compute.job import Job
-from etendue.compute.joined.segment_bands import TOGETHER
+from etendue.compute.joined.segment_bands import LARGEST_SHARED, TOGETHER
 from etendue.contract.arrays.grid import Grid
-from etendue.contract.capabilities import Summed
+from etendue.contract.capabilities import Summed, Transfer
 
 AHEAD = 2  # bands: one is used while the next one is computed
+ON_HALF = 0.25  # fraction of a transform: the table of a transfer function that is even along y
 ON_CELLS = 0.27  # fraction of a padded band: the table of a transfer function on cells, which is even along y
 
 
@@ -25,17 +26,22 @@ def segment_bytes(run: Any, job: Job) -> tuple[dict[Any, float], float]:
         return {}, 0.0
     (name,) = job.writes
     grid = job.input_grids[job.inputs[0][0]]
-    own = {(job.ref, name): run.bytes(job, name)} if wanted and name not in job.by_band else {}
+    made = wanted and name not in job.by_band and not segment.seen
+    own = {(job.ref, name): run.bytes(job, name)} if made else {}
     if grid.line("y").cells or segment.joined is not None:
         return own, _by_band(run, job, grid)
     transform = grid.bands().size * run.padded(job)
-    begun = transform if segment.previous is None else 0.0  # padded planes
+    begun = transform if segment.previous is None else 0.0
+    assert isinstance(job.stage, Transfer)
     if isinstance(job.stage, Summed):
-        return own, max(begun, 2 * _channels(job) * run.padded(job))
-    run.tables += 0.5 * transform
-    if job.transform:
+        return own, begun + 2 * _channels(job) * run.padded(job)
+    table = ON_HALF if job.stage.radial else 2 * ON_HALF
+    run.transforms.append(table * transform)
+    if job.transform and not segment.seen:
         own[job.ref, ""] = transform
-    return own, (transform if wanted else begun) + (0.0 if job.transform else transform)
+    elif job.transform:
+        own |= {piece: n for piece, n in run.pieces.get(job.inputs[0][1], {}).items() if piece[1] == job.inputs[0][2]}
+    return own, table * transform * 8 / run.size + 4 * run.padded(job)
 
 
 def _by_band(run: Any, job: Job, grid: Grid) -> float:
@@ -52,6 +58,7 @@ def _by_band(run: Any, job: Job, grid: Grid) -> float:
     terms, transforms = job.stage.terms(), _channels(job) * job.stage.kept() ** 2 * padded
     if not 0 < terms < grid.bands().size:
         return float(ahead + 4 * padded + 2 * transforms)
+    run.transforms += [size for size in (terms * padded, transforms) if size <= LARGEST_SHARED]
     gathered = terms * run.plane(job) + max(ahead + (TOGETHER - 1) * run.plane(job), terms * padded)
     return float(max(gathered, terms * padded + 2 * transforms, 3 * transforms))
 

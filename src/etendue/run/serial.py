@@ -28,7 +28,7 @@ def run_serial(
         inputs = sorted(batch.imports)
         result = run_batch(
             tuple(batch.jobs),
-            tuple(batch.exports),
+            dict(batch.exports),
             tuple(tuple(batch.imports[n]) for n in inputs),
             deliver,
             *(finished[n] for n in inputs),

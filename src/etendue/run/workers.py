@@ -29,7 +29,7 @@ from etendue.errors import EtendueError, MachineError
 from etendue.interrupts import end_now, is_ours
 from etendue.plan.model import CellRef
 from etendue.plugins.guests import Guest, in_a_worker
-from etendue.run.batches import BatchResult, run_batch
+from etendue.run.batches import BatchResult, Names, run_batch
 from etendue.run.memory import keep_freed_memory
 from etendue.run.one_thread import ONE_THREAD
 from etendue.run.watch import GRACE, Stop, Stopped
@@ -203,7 +203,7 @@ class Crew:
     def run_batch(
         self,
         jobs: tuple[Job, ...],
-        exports: tuple[CellRef, ...],
+        exports: Mapping[CellRef, Names],
         imports: tuple[tuple[CellRef, ...], ...],
         deliver: Set[CellRef],
         *before: BatchResult,

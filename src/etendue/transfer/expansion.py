@@ -200,23 +200,24 @@ def add_weighted(sums: ComplexArray, weights: FloatArray, half_transform: Comple
                 sums[channel, rows] += kind.type(weight) * block
 
 
-def add_projected(sums: FloatArray, factors: FloatArray, bands: list[FloatArray]) -> None:
+def add_projected(sums: list[FloatArray], factors: FloatArray, bands: list[FloatArray]) -> None:
     """Compute sums[k] += sum over the given bands of factors[k, band] * band in place, block by block.
 
     Parameters
     ----------
-    sums : (k, y, x) array
+    sums : list of k (y, x) arrays
     factors : (k, bands) array
     bands : list of (y, x) arrays
     """
-    kind = sums.dtype
-    flat = sums.reshape(sums.shape[0], -1)
+    kind = sums[0].dtype
+    flat = [own.reshape(-1) for own in sums]
     planes = [np.ascontiguousarray(band).reshape(-1) for band in bands]
     matrix = np.ascontiguousarray(factors, dtype=kind)
     size = 1 << 15
     block = np.empty((len(planes), size), dtype=kind)
-    for start in range(0, flat.shape[1], size):
-        stop = min(start + size, flat.shape[1])
+    for start in range(0, flat[0].size, size):
+        stop = min(start + size, flat[0].size)
         for number, plane in enumerate(planes):
             block[number, : stop - start] = plane[start:stop]
-        flat[:, start:stop] += matrix @ block[:, : stop - start]
+        for own, found in zip(flat, matrix @ block[:, : stop - start], strict=True):
+            own[start:stop] += found

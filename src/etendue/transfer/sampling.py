@@ -100,12 +100,12 @@ def transform(planes: FloatArray) -> ComplexArray:
     if planes.ndim == 2:
         return scipy.fft.rfft2(pad(planes), workers=1)
     found = np.empty((*planes.shape[:-2], ny, nx // 2 + 1), dtype=np.result_type(planes.dtype, np.complex64))
-    for some in _groups(planes.shape):
+    for some in groups(planes.shape):
         found[some] = scipy.fft.rfft2(pad(planes[some]), workers=1)
     return found
 
 
-def _groups(shape: tuple[int, ...]) -> Iterator[slice]:
+def groups(shape: tuple[int, ...]) -> Iterator[slice]:
     """Yield slices of the first axis of at most ``TOGETHER`` samples or of one plane. Intermediate arrays then stay in
     the processor's cache, and no memory is fetched for them. Bits do not depend on the groups.
     """
@@ -145,7 +145,7 @@ def planes_of(half_transform: ComplexArray, ny: int, nx: int) -> FloatArray:
     if half_transform.ndim == 2:
         return np.ascontiguousarray(scipy.fft.irfft2(half_transform, s=size, workers=1)[:ny, :nx])
     found = np.empty((*half_transform.shape[:-2], ny, nx), dtype=half_transform.real.dtype)
-    for some in _groups(half_transform.shape):
+    for some in groups(half_transform.shape):
         found[some] = scipy.fft.irfft2(half_transform[some], s=size, workers=1)[..., :ny, :nx]
     return found
 

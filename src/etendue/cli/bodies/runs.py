@@ -20,6 +20,7 @@ from etendue.cli.bodies.plans import pipeline_of, planned
 from etendue.cli.options import Given, Way, from_here, installed, progress
 from etendue.cli.saying import say, show
 from etendue.present.terminal.outcome import outcome_document, print_outcome
+from etendue.run.memory import return_freed_memory
 from etendue.run.schedulers import far
 from etendue.session import Options, Outcome, check_timeout, execute
 from etendue.telling import printable
@@ -54,6 +55,7 @@ def run(
         measured = global_errors.measured(measurement, folder, made) if measurement and not held else None
         if held:
             measured = global_errors.kept(held, folder, made)
+        return_freed_memory()  # errors are measured in float64
         outcome.answers = _answers(outcome, folder, watched, held_seconds(held, options, measure), errors, held)
         if held and measured and outcome.answers:
             measured["hold"]["beyond"] = global_errors.beyond(held, outcome.answers)

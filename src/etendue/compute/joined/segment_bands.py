@@ -7,7 +7,7 @@ Out: its arrays; large ones as bands that are computed on demand.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -179,13 +179,13 @@ def from_bands(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array |
         )
     last = last.reshape(last.shape[-2:]).astype(np.result_type(channels.real if last.dtype.kind == "f" else channels))
     where = places(grid, job.grids[name])
-    if sums is not None:  # the cached transforms must not be changed in place
-        behind = channels * last
-        behind *= sums[:, None, None].astype(last.real.dtype)
-        return {name: sampling.sample(behind, y.size, x.size, where[0], where[1]).astype(job.precision, copy=False)}
     planes = np.empty((channels.shape[0], where[0][2], where[1][2]), dtype=job.precision)
     for channel, half in enumerate(channels):
-        half *= last
+        if sums is None:
+            half *= last
+        else:  # the cached transforms must not be changed in place
+            half = half * last
+            half *= sums[channel].astype(last.real.dtype)
         planes[channel] = sampling.sample(half, y.size, x.size, where[0], where[1])
     return {name: planes}
 
@@ -207,7 +207,7 @@ def _shared(job: Job, light: Array | BandArray, joined: GridTransfer, shares: Ar
     def remembered(made: Callable[[], Made], planes: int, *more: float) -> Made:
         size = planes * 2 * np.dtype(job.precision).itemsize * light.shape[1] * light.shape[2]
         whole = not own[1] or size > LARGEST_SHARED
-        return made() if whole else TABLES.get((*own, *more), made)
+        return made() if whole else TABLES.get((*own, *more), made, True)
 
     if not terms:
         return remembered(lambda: frozen(_exact(light, joined, shares)), shares.shape[0], joined.kept)
@@ -225,10 +225,11 @@ def _shared(job: Job, light: Array | BandArray, joined: GridTransfer, shares: Ar
         transforms = remembered(
             lambda: tuple(frozen(sampling.transform(plane)) for plane in _gathered(light, basis)), terms
         )
-        found = np.zeros((live.size, *joined.shape), dtype=transforms[0].dtype)
-        found[live] = joined.gathered(
-            shares[live], basis, (sampling.low_terms(one, joined.shape) for one in transforms)
-        )
+        lit = joined.gathered(shares[live], basis, (sampling.low_terms(one, joined.shape) for one in transforms))
+        if live.all():
+            return frozen(lit)
+        found = np.zeros((live.size, *joined.shape), dtype=lit.dtype)
+        found[live] = lit
         return frozen(found)
 
     return remembered(channels, shares.shape[0], joined.kept)
@@ -249,9 +250,9 @@ def _exact(light: Array | BandArray, joined: GridTransfer, weights: Array) -> An
     return sums
 
 
-def _gathered(light: Array | BandArray, basis: Array) -> Array:
-    """Return a few planes, each a sum over bands, of which every channel is a mixture."""
-    planes = np.zeros((basis.shape[0], *light.shape[1:]), dtype=light.dtype)
+def _gathered(light: Array | BandArray, basis: Array) -> Iterator[Array]:
+    """Yield a few planes, each a sum over bands, of which every channel is a mixture; none is kept here."""
+    planes = [np.zeros(light.shape[1:], dtype=light.dtype) for _ in basis]
     group: dict[int, Array] = {}
     for band, plane in enumerate(in_order(light)):
         if not is_dark(plane):
@@ -259,4 +260,5 @@ def _gathered(light: Array | BandArray, basis: Array) -> Array:
         if group and (len(group) == TOGETHER or band + 1 == light.shape[0]):
             expansion.add_projected(planes, basis[:, list(group)], list(group.values()))
             group = {}
-    return planes
+    while planes:
+        yield planes.pop(0)

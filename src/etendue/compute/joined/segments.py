@@ -6,6 +6,7 @@ Out: its ``Result`` with the transform for the next stage, and its arrays.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,30 +19,52 @@ from etendue.compute.joined.segment_bands import from_bands, places
 from etendue.compute.joined.segment_cells import from_cells
 from etendue.compute.ownership import frozen
 from etendue.compute.tables import TABLES, prepared_of
+from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Summed, Transfer
 from etendue.contract.stage import state_of
+from etendue.errors import PluginError
 from etendue.plan.model import CellRef
 from etendue.transfer import sampling
-from etendue.transfer.products import EVERY, Product, weights
+from etendue.transfer.products import EVERY, Product, asked, weights
 from etendue.types.arrays import Array, CellArrays
 
 
 @dataclass(eq=False)
 class Light:
-    """The light at a place in a segment: its transform in the bands ``lit``, outside which there is no light. If all
-    stages before were left out, it holds the input of the segment instead; the first stage that needs the transform
-    computes it for all.
+    """The light at a place in a segment: a transform in the bands ``lit``, outside which there is no light, times some
+    transfer functions. Before the first stage that needs all of it, it is that of the segment's input, untouched.
     """
 
-    transform: Any = None
     untouched: Any = None
     lit: slice = field(default_factory=lambda: EVERY)
+    made: tuple[Any, tuple[Array, ...]] = (None, ())  # the transform if it exists, and what it is to be multiplied by
 
-    def transformed(self) -> tuple[Any, slice]:
-        if self.transform is None:
+    def lit_in(self) -> slice:
+        if self.lit == EVERY:
             self.lit = lit_bands(self.untouched)
-            self.transform = sampling.transform(self.untouched[self.lit])
-        return self.transform, self.lit
+        return self.lit
+
+    def part(self, bands: slice) -> Any:
+        """Return the product of some of the lit bands."""
+        transform, factors = self.made
+        some = self._transformed(bands) if transform is None else transform[bands]
+        for otf in factors:
+            some = _times(some, otf if len(otf) == 1 else otf[bands])
+        return some
+
+    def whole(self) -> Any:
+        """Return the product of all lit bands, made once for all who continue from here."""
+        transform, factors = self.made
+        if transform is None or factors:
+            own = transform is None
+            transform = self._transformed(EVERY) if own else transform
+            for otf in factors:
+                transform, own = _times(transform, otf, own), True
+            self.made = transform, ()
+        return transform
+
+    def _transformed(self, bands: slice) -> Any:
+        return sampling.transform(self.untouched[self.lit_in()][bands])
 
 
 @dataclass
@@ -57,7 +80,7 @@ class Result:
 
     def read_only(self) -> Result:
         """Make the arrays read-only again: pickling for another process loses the flag."""
-        light = (self.light.transform, self.light.untouched) if self.light else ()
+        light = (self.light.made[0], self.light.untouched) if self.light else ()
         for array in (*self.arrays.values(), *light):
             if array is not None and not isinstance(array, BandArray):
                 frozen(array)
@@ -82,7 +105,7 @@ def passed_on(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, Cell
 
 def _on_grid(job: Job, stage: Transfer, lit: slice) -> Array:
     """Return (lit band or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid,
-    cached.
+    cached; only its rows from 0 to Ny // 2 if it depends on the magnitude of the frequency alone.
     """
     grid = job.input_grids[job.inputs[0][0]]
     y, x = grid.line("y"), grid.line("x")
@@ -91,13 +114,69 @@ def _on_grid(job: Job, stage: Transfer, lit: slice) -> Array:
     def make() -> Array:
         fy = sampling.frequencies(y.size, y.step, half=False)[:, None]
         fx = sampling.frequencies(x.size, x.step, half=True)[None, :]
-        value = Product((stage,), edges, lambda own, _: prepared_of(own, job.input_grids, job.grids)).at(fy, fx, lit)
-        kind = (
-            np.result_type(np.dtype(job.precision), np.complex64) if np.iscomplexobj(value) else np.dtype(job.precision)
-        )
-        return np.ascontiguousarray(value, dtype=kind)
+        if stage.radial:
+            fy = np.abs(fy[: fy.size // 2 + 1])
+        middles = Product((stage,), edges).middles[lit]
+        value = asked(stage, fy, fx, middles, prepared_of(stage, job.input_grids, job.grids))
+        own = np.dtype(job.precision)
+        return np.array(value, dtype=np.result_type(own, np.complex64) if np.iscomplexobj(value) else own, order="C")
 
-    return TABLES.get(("transfer", state_of(stage), y, x, edges, lit.start, lit.stop, job.precision), make)
+    return TABLES.get(("transfer", state_of(stage), y, x, edges, lit.start, lit.stop, job.precision), make, True)
+
+
+def _times(transform: Array, otf: Array, in_place: bool = False) -> Array:
+    """Multiply transforms by a transfer function, of which the rows of negative frequencies may be left out."""
+    rows, upper, kind = transform.shape[-2], otf.shape[-2], np.result_type(transform, otf)
+    out = transform if in_place and kind == transform.dtype else np.empty(transform.shape, kind)
+    if upper in (1, rows):
+        return np.multiply(transform, otf, out=out)
+    np.multiply(transform[..., :upper, :], otf, out=out[..., :upper, :])
+    np.multiply(transform[..., upper:, :], otf[..., rows - upper : 0 : -1, :], out=out[..., upper:, :])
+    return out
+
+
+@dataclass(eq=False)
+class LightBands(BandArray):
+    """Light inside a segment, transformed back band by band."""
+
+    light: Light
+    grid: Grid
+    precision: str
+    on_demand = False  # cheap enough to be looked at
+    seconds = 0.0  # of the bands that were asked for one by one
+
+    def __post_init__(self) -> None:
+        self.shape = self.grid.bands().size, self.grid.line("y").size, self.grid.line("x").size
+        self.dtype = np.dtype(self.precision)
+
+    def _some(self, bands: slice) -> Array:
+        return sampling.planes_of(self.light.part(bands), self.shape[1], self.shape[2])
+
+    def __getitem__(self, band: int) -> Array:
+        began, lit = time.thread_time(), self.light.lit_in()
+        if not lit.start <= band < lit.stop:
+            return np.zeros(self.shape[1:], self.dtype)
+        plane: Array = self._some(slice(band - lit.start, band - lit.start + 1))[0]
+        if not np.isfinite(plane).all():
+            raise PluginError(f"a transfer function made NaN or infinite values of band {band}")
+        self.seconds += time.thread_time() - began
+        return plane
+
+    def whole(self) -> Array:
+        lit = self.light.lit_in()
+        found = np.empty((lit.stop - lit.start, *self.shape[1:]), self.dtype)
+        for bands in sampling.groups(found.shape):
+            found[bands] = self._some(bands)
+        return among_all(found, lit, self.shape[0])
+
+
+def _summed(own: Array, light: Light, otf: Array) -> Array:
+    """Return the transforms of channels: the weighted sums over bands of the light behind the stage."""
+    transform = light.whole()
+    if otf.shape[0] > 1:
+        transform = _times(transform, otf)
+    channels = sampling.sum_over_bands(own, np.ascontiguousarray(transform))
+    return _times(channels, otf) if otf.shape[0] == 1 else channels
 
 
 def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, CellArrays]:
@@ -113,23 +192,23 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, Ce
     first = job.segment is None or job.segment.previous is None
     light = Light(untouched=results[ref].arrays[variable]) if first else results[ref].light
     assert light is not None
-    transform, lit = light.transformed()
+    lit = light.lit_in()
     (name,) = job.writes
     stage = job.stage
     assert isinstance(stage, Transfer)
-    if isinstance(stage, Summed):
-        own, otf = weights(stage, prepared_of(stage, job.input_grids, job.grids)), _on_grid(job, stage, lit)
-        if otf.shape[0] > 1:
-            transform = transform * otf
-        channels = sampling.sum_over_bands(own[:, lit], np.ascontiguousarray(transform))
-        if otf.shape[0] == 1:
-            channels = channels * otf
-        return Result(), {name: sampling.sample(channels, y.size, x.size, *places(grid, job.grids[name]))}
     otf = _on_grid(job, stage, lit)
-    # Only this cell has the transform that it made itself; others read that of a previous stage.
-    alone = first and np.result_type(transform, otf) == transform.dtype
-    transform = np.multiply(transform, otf, out=transform) if alone else transform * otf
-    arrays = {}
+    if isinstance(stage, Summed):
+        channels = _summed(weights(stage, prepared_of(stage, job.input_grids, job.grids))[:, lit], light, otf)
+        return Result(), {name: sampling.sample(channels, y.size, x.size, *places(grid, job.grids[name]))}
+    seen = job.segment is not None and job.segment.seen
+    if job.transform and not seen:
+        # Only this cell has the transform that it made itself; others read that of a previous stage.
+        light = Light(None, lit, (_times(light.whole(), otf, first), ()))
+    else:
+        transform, factors = light.made
+        light = Light(light.untouched, lit, (transform, (*factors, otf)))
+    arrays: CellArrays = {}
     if job.store or job.deliver:
-        arrays = {name: among_all(sampling.planes_of(transform, y.size, x.size), lit, grid.bands().size)}
-    return Result(light=Light(transform, lit=lit) if job.transform else None), arrays
+        bands = LightBands(light, grid, job.precision)
+        arrays = {name: bands if seen else bands.whole()}
+    return Result(light=light if job.transform else None), arrays

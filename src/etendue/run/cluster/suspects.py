@@ -68,7 +68,7 @@ class Suspects:
 
     def alone(self, job: Job, sources: dict[CellRef, Any]) -> Any:
         doomed = {job.ref: self.doomed[job.ref]} if job.ref in self.doomed else {}
-        data = as_bytes((job,), (job.ref,), tuple((ref,) for ref in sources), self.deliver, doomed)
+        data = as_bytes((job,), {job.ref: None}, tuple((ref,) for ref in sources), self.deliver, doomed)
         return self.client.submit(compute, self.common, data, *sources.values(), pure=False)
 
     def tried(self, future: Any) -> str:

@@ -16,7 +16,7 @@ from etendue.compute.job import Job
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
 from etendue.plugins.guests import Guest
-from etendue.run.batches import NOBODY, BatchResult, run_batch
+from etendue.run.batches import NOBODY, BatchResult, Names, run_batch
 from etendue.run.cluster.alike import Common, be_alike
 from etendue.run.one_thread import ONE_THREAD
 from etendue.run.workers import unfit
@@ -26,7 +26,7 @@ Told = tuple[tuple[Any, ...], dict[CellRef, dict[str, object]]]  # reports, and 
 
 def as_bytes(
     jobs: Iterable[Job],
-    exports: Iterable[CellRef],
+    exports: Mapping[CellRef, Names],
     imports: Iterable[Iterable[CellRef]],
     deliver: Set[CellRef],
     doomed: Mapping[CellRef, str] = NOBODY,
@@ -36,7 +36,7 @@ def as_bytes(
     """Pickle a batch or a part of one. ``topic``: where the start of each cell is reported, with the batch number."""
     jobs = tuple(jobs)
     own = frozenset(job.ref for job in jobs if job.ref in deliver)
-    rest = (tuple(exports), tuple(map(tuple, imports)), own, dict(doomed), topic, number)
+    rest = (dict(exports), tuple(map(tuple, imports)), own, dict(doomed), topic, number)
     try:
         return bytes(cloudpickle.dumps((jobs, *rest), protocol=pickle.HIGHEST_PROTOCOL))
     except BaseException as error:

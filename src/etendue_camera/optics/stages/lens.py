@@ -22,6 +22,8 @@ from etendue_camera.optics import annulus, lens
 from etendue_camera.optics.stages.conjugates import Cone
 from etendue_camera.optics.undershoot import undershoot
 
+FEW = 1 << 14  # frequencies of a plane up to which all bands are evaluated at once
+
 
 @dataclass(frozen=True, kw_only=True)
 class Blur(Bounded):
@@ -73,9 +75,17 @@ class Diffraction(Blur, Cone, Transfer):
 
     def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> FloatArray:
         number = self.cone_f_number()
-        return on_unique_rows(
-            lambda rows: annulus.annular_otf(np.hypot(rows, fx), wavelength, number, self.obstruction), fy
-        )
+
+        def contrast(rows: FloatArray) -> FloatArray:
+            radial = np.hypot(rows, fx)
+            if radial.size < FEW:
+                return np.asarray(annulus.annular_otf(radial, wavelength, number, self.obstruction))
+            found = np.empty((wavelength.size, *radial.shape))  # band by band, so that no temporary array is large
+            for band, one in zip(found, np.ravel(wavelength), strict=True):
+                band[...] = annulus.annular_otf(radial, one, number, self.obstruction)
+            return found
+
+        return on_unique_rows(contrast, fy)
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         return too_coarse(facts, grids["irradiance"], self.cone_f_number())

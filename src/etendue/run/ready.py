@@ -1,0 +1,114 @@
+"""The order in which batches are run: a chain is finished before its sibling starts, so that little is held.
+
+In:  batches, and the number of workers.
+Out: the next batch that may begin; the results that batches still wait for.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Set
+from typing import Generic, TypeVar
+
+from etendue.run.batches import Batch
+from etendue.run.order import depth_first
+
+LARGE = 16 << 20  # bytes of an array, in single precision, that is not made for many chains at once
+Kept = TypeVar("Kept")
+
+
+class Ready(Generic[Kept]):
+    """The batches that are left, in order, and the results that they wait for.
+
+    A batch opens a chain if it hands on a large array and no array ends with it. At most half as many such batches as
+    workers run at once, at least one: what they open is continued before more is opened.
+    """
+
+    def __init__(self, batches: Iterable[Batch], workers: int) -> None:
+        self.batches = {batch.number: batch for batch in batches}
+        self.large: dict[str, bool] = {}  # by stage
+        self.opening, self.most = set[int](), max(workers // 2, 1)
+        order = depth_first(self.batches, lambda n: self.batches[n].inputs)
+        self.place = {number: place for place, number in enumerate(order)}
+        self.waiting = {number: len(batch.inputs) for number, batch in self.batches.items()}
+        self.readers: dict[int, list[int]] = {number: [] for number in self.batches}
+        for number, batch in self.batches.items():
+            for source in batch.inputs:
+                self.readers[source].append(number)
+        self.left = {number: len(readers) for number, readers in self.readers.items()}
+        self.results: dict[int, Kept] = {}
+        self.heap = [(self.place[number], number) for number, count in self.waiting.items() if not count]
+        heapq.heapify(self.heap)
+
+    def next(self) -> Batch | None:
+        """Return the next batch that may begin; None if there is none yet."""
+        later, found = [], None
+        while self.heap and found is None:
+            one = heapq.heappop(self.heap)
+            batch = self.batches[one[1]]
+            if not self.opens(batch):
+                found = batch
+            elif len(self.opening) < self.most:
+                self.opening.add(batch.number)
+                found = batch
+            else:
+                later.append(one)
+        for one in later:
+            heapq.heappush(self.heap, one)
+        return found
+
+    def held_back(self) -> dict[int, list[int]]:
+        """Return, for each batch that opens a chain, the batches that have to end before it may begin: all that read
+        large arrays of the chains before it; with many workers, of those some chains before it.
+        """
+        opening = self.openings()
+        found, left = dict[int, list[int]](), set[int]()
+        for earlier, now in zip(opening, opening[self.most :], strict=False):
+            left |= self._chain(earlier, set(opening))
+            found[now] = sorted(number for number in left if self.place[number] < self.place[now])
+            left.difference_update(found[now])  # others wait for these through this one
+        return found
+
+    def openings(self) -> list[int]:
+        """Return the batches that open a chain if batches end in order."""
+        last = {source: max(readers, key=self.place.__getitem__) for source, readers in self.readers.items() if readers}
+        return [
+            number
+            for number in sorted(self.batches, key=self.place.__getitem__)
+            if self._is_large(self.batches[number])
+            and all(last[source] != number for source in self.batches[number].inputs)
+        ]
+
+    def _chain(self, opening: int, others: Set[int]) -> set[int]:
+        """Return the batches that read large arrays of a chain: what other batches open is not part of it."""
+        found, left = set[int](), [opening]
+        while left:
+            for number in self.readers[left.pop()]:
+                if number not in found and number not in others:
+                    found.add(number)
+                    if self._is_large(self.batches[number]):
+                        left.append(number)
+        return found
+
+    def opens(self, batch: Batch) -> bool:
+        return not any(self.left[source] == 1 for source in batch.inputs) and self._is_large(batch)
+
+    def _is_large(self, batch: Batch) -> bool:
+        for ref in batch.exports:
+            if ref[0] not in self.large:
+                self.large[ref[0]] = any(4 * grid.count >= LARGE for grid in batch.of[ref].grids.values())
+        return any(self.large[ref[0]] for ref in batch.exports)
+
+    def ended(self, batch: Batch, result: Kept) -> None:
+        """Drop what only this batch still had to read, and keep what others will."""
+        self.opening.discard(batch.number)
+        for source in batch.inputs:
+            self.left[source] -= 1
+            if not self.left[source]:
+                del self.results[source]
+        if self.readers[batch.number]:
+            self.results[batch.number] = result
+        for number in self.readers[batch.number]:
+            self.waiting[number] -= 1
+            if not self.waiting[number]:
+                heapq.heappush(self.heap, (self.place[number], number))
