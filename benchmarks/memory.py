@@ -98,6 +98,7 @@ def measure(
     """Run one frame in this process, unless more than ``most`` bytes are planned."""
     from etendue import session
     from etendue.plan import machine
+    from etendue.run.memory import return_freed_memory
     from etendue.run.peak_memory import peak_memory
 
     machine.available_memory = lambda: 0  # what is asked is what comes, not whether it fits
@@ -115,6 +116,7 @@ def measure(
             return said | {"measured": 0, "failed": []}
         run(WARM)
         gc.collect()
+        return_freed_memory()  # which the frame would take again without a trace in the peak
         base = status("VmRSS")
         Path("/proc/self/clear_refs").write_text("5")
         outcome = run(mpixel)
@@ -132,6 +134,9 @@ def main() -> int:
     parser.add_argument("--camera", nargs="+", default=list(CAMERAS), choices=CAMERAS)
     parser.add_argument("--in-memory", action="store_true", help="without an archive")
     parser.add_argument("--most", type=float, default=8.0, help="GB: rows that plan more are not run")
+    parser.add_argument(
+        "--repeats", type=int, default=1, help="of which the largest counts: a host may take pages back"
+    )
     parser.add_argument("--row", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.row:
@@ -150,11 +155,15 @@ def main() -> int:
         ):
             row = {"camera": camera, "mpixel": mpixel, "bands": bands, "precision": precision, "workers": workers}
             row |= {"archive": not asked.in_memory, "most": 1e9 * asked.most}
-            done = subprocess.run([sys.executable, __file__, "--row", json.dumps(row)], capture_output=True, text=True)
-            if done.returncode:
-                print(done.stderr[-2000:])
-                return 1
-            found = json.loads(done.stdout.splitlines()[-1])
+            every = []
+            for _ in range(asked.repeats):
+                words = [sys.executable, __file__, "--row", json.dumps(row)]
+                done = subprocess.run(words, capture_output=True, text=True)
+                if done.returncode:
+                    print(done.stderr[-2000:])
+                    return 1
+                every.append(json.loads(done.stdout.splitlines()[-1]))
+            found = max(every, key=lambda one: one["measured"])
             ratio = found["planned"] / found["measured"] if found["measured"] else math.nan
             worst = max(worst, *([ratio, 1 / ratio] if found["measured"] else []))
             shown = f"{bands:5d}" if camera in ("smallest", "sensors") else "    -"

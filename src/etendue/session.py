@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 from etendue import interrupts
@@ -117,14 +117,18 @@ class Outcome:
         return self.reports.count(DONE, LEFT_OUT)
 
     def __repr__(self) -> str:
-        from etendue.present.plots.summary.outcomes import outcome_text
-
-        return outcome_text(self)
+        said: str = _outcomes().outcome_text(self)
+        return said
 
     def _repr_html_(self) -> str:
-        from etendue.present.plots.summary.outcomes import outcome_page
+        said: str = _outcomes().outcome_page(self)
+        return said
 
-        return outcome_page(self)
+
+def _outcomes() -> ModuleType:
+    from etendue.present.plots.summary import outcomes
+
+    return outcomes
 
 
 @dataclass

@@ -68,7 +68,7 @@ def test_each_cell_of_a_batch_is_as_if_alone(cells, random):
         jobs = list(_jobs(cells))
         random.shuffle(jobs)
         assert all(is_ordinary(job) and Alike(job).ordinary for job in jobs)
-        refs = tuple(job.ref for job in jobs)
+        refs = dict.fromkeys(job.ref for job in jobs)
         found = run_batch(tuple(jobs), refs, (), frozenset())
     for report in found.reports:
         ref = report.stage, report.index
@@ -86,6 +86,6 @@ def test_a_changed_file_is_read_again_within_a_batch(tmp_path):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(guests, "is_guest", lambda kind: False)
-        found = run_batch(tuple(jobs), tuple(job.ref for job in jobs), (), frozenset(), at=change)
+        found = run_batch(tuple(jobs), dict.fromkeys(job.ref for job in jobs), (), frozenset(), at=change)
     seen = [float(found.results[job.ref].arrays["out"][1, 0]) for job in jobs]
     assert seen == [1.0, 2.0, 3.0]

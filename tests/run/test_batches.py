@@ -245,9 +245,7 @@ def test_chains_are_continued_before_more_of_them_are_opened(jobs, target, worke
 @settings(max_examples=60, deadline=None)
 @given(graphs(), TARGETS, st.integers(1, 5))
 def test_a_chain_is_held_back_until_those_before_it_are_read(jobs, target, workers):
-    """What is waited for comes earlier in order, so there is no circle; through it, every earlier reader of a chain that
-    must have ended is waited for.
-    """
+    """A batch waits only for earlier ones, so there is no circle, and for every reader of earlier chains."""
     batches = partition(jobs, target)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ready_of, "LARGE", 1)

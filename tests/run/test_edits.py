@@ -92,8 +92,8 @@ def test_an_edit_computes_again_what_it_reaches_and_says_why(camera):
     assert run() == (len(STAGES), cells - len(STAGES), behind)
     edit(
         path / "etendue" / "compute" / "joined" / "segments.py",
-        "transform = transform * otf",
-        "transform = 0.5 * transform * otf",
+        "transform = _times(transform, otf)",
+        "transform = 0.5 * _times(transform, otf)",
     )
     computed, reused, reasons = run()
     assert (computed, reused) == (cells, 0)

@@ -41,7 +41,7 @@ with open(sys.argv[1], "rb") as file:
     jobs = pickle.load(file)
 from etendue.run.batches import run_batch
 
-reports = run_batch(tuple(jobs), (), (), frozenset()).reports
+reports = run_batch(tuple(jobs), {}, (), frozenset()).reports
 modules = [name for name in sys.modules if name.partition(".")[0] in ("etendue", "etendue_camera", "etendue_lab")]
 print(json.dumps({"status": [r.status + r.message for r in reports], "modules": modules, "opened": sorted(opened)}))
 """

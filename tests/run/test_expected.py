@@ -183,5 +183,5 @@ def test_a_mean_that_asks_for_random_numbers_is_refused():
         def mean(self, rng):
             return {}
 
-    with pytest.raises(TypeError, match="draws nothing"):
+    with pytest.raises(TypeError, match="draws no random numbers"):
         mean_arguments_of(Drawing)

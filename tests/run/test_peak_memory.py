@@ -163,6 +163,8 @@ def test_frames_of_a_megapixel_take_what_their_plans_say():
             "3",
             "--precision",
             "float32",
+            "--repeats",
+            "3",
             "--camera",
             "smallest",
             "sensors",

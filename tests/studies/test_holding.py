@@ -221,4 +221,4 @@ def test_what_is_held_is_not_called_the_answer_where_bins_alone_exceed_it(tmp_pa
     file.write_text('name = "held"\nwanted = ["photon_rate"]\n' + TEXT)
     words = ["run", str(file), "--archive", str(tmp_path / "a"), "--json", "--hold", "photon_rate=1e-9"]
     found = json.loads(CliRunner().invoke(main, [*words, "--set", "scene.bin_width=100 nm"]).stdout)["hold"]
-    assert any("not the answer: photon_rate" in text and "refine" in text for text in found["beyond"])
+    assert any("the answer is not: photon_rate" in text and "refine" in text for text in found["beyond"])

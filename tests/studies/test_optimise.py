@@ -302,7 +302,7 @@ def test_every_fault_of_a_request_is_told_at_once():
         "cannot be met",
         "bits is not searched",
         "expected a number in the metric's unit",
-        "f_numbr: no stage of this pipeline takes it; did you mean 'f_number'",
+        "f_numbr: no stage of this pipeline has this parameter; did you mean 'f_number'",
         "expected two ends",
         "unknown unit 'kg'",
         "expected NAME=LOW:HIGH",

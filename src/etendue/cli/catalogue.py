@@ -21,7 +21,7 @@ def stages() -> None:
 @command("quantities")
 @NAME
 @JSON
-@later("etendue.cli.bodies.catalogue:quantities")
+@later("etendue.cli.bodies.loaded:quantities")
 def quantities() -> None:
     """List the quantities that stages share: meaning, unit, range, default, and the stages that use each."""
 

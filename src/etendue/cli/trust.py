@@ -50,7 +50,7 @@ def reproduce() -> None:
 @click.argument("first", type=PLACE, metavar="A")
 @click.argument("second", type=PLACE, metavar="B")
 @JSON
-@later("etendue.cli.bodies.archives:diff", UNCHANGED)
+@later("etendue.cli.bodies.checks:diff", UNCHANGED)
 def diff() -> None:
     """List the cells that differ between two archives, by how much, and which parameter, code or input caused it.
 
@@ -84,7 +84,7 @@ def diff() -> None:
 @click.option("--quiet", is_flag=True, help="Show no progress.")
 @JSON
 @gather_way
-@later("etendue.cli.bodies.archives:verify", UNCHANGED)
+@later("etendue.cli.bodies.checks:verify", UNCHANGED)
 def verify() -> None:
     """Read every byte of an archive and list what has changed since it was written: arrays and cells, metadata, tables,
     records, inputs, journal.

@@ -97,4 +97,5 @@ def _on_the_path(tops: Collection[str]) -> Iterator[str]:
             if name.endswith(_INSTALLED):
                 yield from (os.path.join(folder, name, said) for said in _SAID)
             elif name.partition(".")[0] in tops:
-                yield os.path.join(folder, name)
+                path = os.path.join(folder, name)  # a folder changes with the bytecode in it
+                yield os.path.join(path, "__init__.py") if os.path.isdir(path) else path

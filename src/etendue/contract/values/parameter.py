@@ -75,6 +75,8 @@ class Parameter:
 
     def shown_range(self) -> str:
         """Return the range in words, with the part of it that the stages support."""
+        if self.numbered:
+            return "or a whole number from 0"
         if self.held is None:
             return self.range_text()
         return f"{self.range_text()}; computed from {self.held[0]:g} to {self.held[1]:g}".removeprefix("; ")

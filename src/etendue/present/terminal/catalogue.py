@@ -7,7 +7,7 @@ Out: stages and shared quantities on the terminal.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from inspect import cleandoc
 
 from rich.console import Console
@@ -47,6 +47,10 @@ def _origin(document: Document) -> str:
     return "" if document["distribution"] == OWN else f" (from {document['distribution']} {document['version']})"
 
 
+def _one_of(choices: Sequence[str] | None) -> str:
+    return f"one of {', '.join(choices)}" if choices else ""
+
+
 def first_sentence(doc: str) -> str:
     """Return the first sentence, for lists; 'eq. 5' does not end one."""
     paragraph = " ".join(cleandoc(doc).split("\n\n")[0].split())
@@ -74,7 +78,7 @@ def _print_parameter(console: Console, key: str, p: Document) -> None:
     value = f" in{units}" if units else ""
     if not p["required"]:
         value = " = ''" if p["default"] == "" else f" = {p['default']}{units}"
-    allowed = f"one of {', '.join(p['choices'])}" if p["choices"] else p["range"]
+    allowed = " ".join(filter(None, (_one_of(p["choices"]), p["range"])))
     notes = [
         text
         for text in (
@@ -119,7 +123,7 @@ def print_quantity(document: Document) -> None:
         console.print(escape(f"broken: {document['broken']}"))
         return
     console.print(escape("required, no default" if document["required"] else f"default  {_valued(document)}"))
-    allowed = f"one of {', '.join(document['choices'])}" if document["choices"] else document["range"]
+    allowed = " ".join(filter(None, (_one_of(document["choices"]), document["range"])))
     if allowed:
         console.print(escape(f"allowed  {allowed}"))
     console.print(f"used by  {', '.join(document['stages']) or 'no installed stage'}")
