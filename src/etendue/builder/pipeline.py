@@ -264,7 +264,9 @@ class Pipeline(Extended, PipelineSource):
         return parse_pipeline(self.to_toml(), folder=self.folder)
 
     def plan(self, leave_out: bool = True) -> Planned:
-        """Return the plan of a run. Raises
+        """Return the plan of a run.
+
+        Raises
         ------
         RequestError
             With every fault.
