@@ -1,7 +1,8 @@
-"""The order in which batches are run: a chain is finished before its sibling starts, so that little is held.
+"""The order of batches: a chain of large arrays is read before the next one starts, so that few are held.
 
 In:  batches, and the number of workers.
-Out: the next batch that may begin; the results that batches still wait for.
+Out: for a run, which batches are held back until which others have ended; for the plan, a simulation: the next batch
+     that may begin, and the results that batches still wait for.
 """
 
 from __future__ import annotations
@@ -62,9 +63,9 @@ class Ready(Generic[Kept]):
         large arrays of the chains before it; with many workers, of those some chains before it.
         """
         opening = self.openings()
-        found, left = dict[int, list[int]](), set[int]()
+        others, found, left = frozenset(opening), dict[int, list[int]](), set[int]()
         for earlier, now in zip(opening, opening[self.most :], strict=False):
-            left |= self._chain(earlier, set(opening))
+            left |= self._chain(earlier, others)
             found[now] = sorted(number for number in left if self.place[number] < self.place[now])
             left.difference_update(found[now])  # others wait for these through this one
         return found
