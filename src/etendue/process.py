@@ -10,6 +10,7 @@ state that the first has changed, and restore it last.
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import threading
@@ -46,6 +47,21 @@ class SharedChange(ContextDecorator):
             if not self.count and self.made is not None:
                 made, self.made = self.made, None
                 made.__exit__(None, None, None)
+
+
+@contextmanager
+def _not_collecting() -> Iterator[None]:
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+
+
+# Pauses the garbage collector: cells hold no reference cycles, and scanning them takes a tenth of planning time.
+NOT_COLLECTING = SharedChange(_not_collecting)
 
 
 class StateBefore(Generic[_Found]):

@@ -7,12 +7,14 @@ nothing else.
 from __future__ import annotations
 
 import ctypes
+import gc
 import json
 import os
 import subprocess
 import sys
 import threading
 import warnings
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -21,7 +23,7 @@ from etendue.compute.ownership import handed
 from etendue.compute.tables import PatternRandom
 from etendue.contract.arrays.grid import Grid, Line
 from etendue.plugins.guests import Guest, ordinary
-from etendue.process import StateBefore
+from etendue.process import NOT_COLLECTING, StateBefore
 from etendue_camera.mosaic.stages.demosaic import DemosaicBilinear
 from tests.cli.test_plugins import MODULE, install
 from tests.run.small import environment
@@ -209,3 +211,24 @@ def test_who_begins_while_another_ends_takes_nothing_of_what_it_left_for_what_st
     state.end(who, slowly)
     thread.join(10)
     assert seen == ["before"]
+
+
+def test_the_collector_pauses_until_the_last_plan_is_made():
+    """A second thread that began meanwhile would otherwise have found it paused, and left it so."""
+    first, second = ExitStack(), ExitStack()
+    first.enter_context(NOT_COLLECTING)
+    second.enter_context(NOT_COLLECTING)
+    first.close()
+    assert not gc.isenabled()
+    second.close()
+    assert gc.isenabled()
+
+
+def test_a_collector_that_is_switched_off_stays_so():
+    gc.disable()
+    try:
+        with NOT_COLLECTING:
+            pass
+        assert not gc.isenabled()
+    finally:
+        gc.enable()

@@ -5,7 +5,6 @@ plan = make_plan(read_pipeline(path), installed_stages())
 
 from __future__ import annotations
 
-import gc
 import itertools
 import math
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -30,23 +29,12 @@ from etendue.plan.wiring.graph import build_graph, resolve_keep
 from etendue.plan.wiring.request import Choice
 from etendue.plan.wiring.swapped import fitted_to_overrides
 from etendue.plugins.guests import Guest
+from etendue.process import NOT_COLLECTING
 from etendue.telling import plain
 from etendue.types.documents import Document
 
 TOLD = 10.0  # smallest growth that is worth a warning; the tolerance itself refers to the output of each stage
 INSTALLED: Mapping[str, str] = MappingProxyType({})
-
-
-@contextmanager
-def without_collecting() -> Iterator[None]:
-    """Pause the garbage collector: cells hold no reference cycles, and scanning them takes a tenth of planning time."""
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collecting:
-            gc.enable()
 
 
 @contextmanager
@@ -107,7 +95,7 @@ def plan_again(pipeline: PipelineFile, registry: Registry, leave_out_allowed: bo
     return plan_as(pipeline, registry, choice)
 
 
-@without_collecting()
+@NOT_COLLECTING
 @asked_of_stages()
 def plan_as(pipeline: PipelineFile, registry: Registry, choice: Choice, told: Told = lambda done, total: None) -> Plan:
     """Return the plan of a pipeline, decided as asked."""

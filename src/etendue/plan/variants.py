@@ -12,13 +12,14 @@ from dataclasses import replace
 
 from etendue.plan.expansion.cells import expand
 from etendue.plan.model import Axis, Cell, CellRef, Node, Plan, StageVariable
-from etendue.plan.planner import asked_of_stages, without_collecting
+from etendue.plan.planner import asked_of_stages
 from etendue.plan.wiring.graph import Graph
 from etendue.plan.wiring.request import Choice
+from etendue.process import NOT_COLLECTING
 from etendue.types.documents import AxisValues, DocumentView
 
 
-@without_collecting()
+@NOT_COLLECTING
 @asked_of_stages()
 def variant(
     plan: Plan,

@@ -11,7 +11,8 @@ from etendue.accuracy.answers.cached import cached
 from etendue.archive.records.choices import with_kept_choices
 from etendue.cli.options import Given, installed
 from etendue.cli.saying import say, show
-from etendue.plan.planner import make_plan, summary, without_collecting
+from etendue.plan.planner import make_plan, summary
+from etendue.process import NOT_COLLECTING
 from etendue.run.machine import check_machine
 from etendue.run.peak_memory import peak_memory, workers_of
 from etendue.run.schedulers import check_scheduler
@@ -48,7 +49,7 @@ def planned(given: Given, quiet: bool, pipeline: PipelineFile | None = None) -> 
 def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> None:
     here = Path.cwd()  # a plugin may change it
     count = workers_of(check_scheduler(scheduler), workers or 0)
-    with without_collecting():  # until the end: collecting the garbage of a discarded plan takes as long as printing it
+    with NOT_COLLECTING:  # until the end: collecting the garbage of a discarded plan takes as long as printing it
         pipeline = pipeline_of(given)
         pipeline, notes = with_kept_choices(pipeline, installed(), here / pipeline.name)
         made = planned(given, as_json, pipeline)
