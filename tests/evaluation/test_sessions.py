@@ -357,8 +357,8 @@ def test_simulate_in_a_loop_gives_the_same_trees_and_keeps_results(memory):
 
 def test_a_loop_reduces_only_pictures_that_changed(memory, monkeypatch):
     reduced = []
-    own = thumbnails._View.of
-    monkeypatch.setattr(thumbnails._View, "of", lambda view, array: reduced.append(array.ndim) or own(view, array))
+    own = thumbnails.View.of
+    monkeypatch.setattr(thumbnails.View, "of", lambda view, array: reduced.append(array.ndim) or own(view, array))
     simulate(load(BARE), errors=False, read_noise=9)
     whole = len(reduced)
     reduced.clear()

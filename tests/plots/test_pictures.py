@@ -201,13 +201,16 @@ def test_the_part_shows_an_edge_and_not_a_ramp_or_a_texture():
 def test_the_same_place_of_the_scene_is_kept_in_every_stage():
     fine = Grid.of({"y": Line(900, 0.0, 0.5), "x": Line(1200, 0.0, 0.5)})
     coarse = Grid.of({"y": Line(100, 0.0, 1.0, "pixel", (20.0, 4.0)), "x": Line(140, 0.0, 1.0, "pixel", (10.0, 4.0))})
-    window = details.band_of([fine, coarse])
+    window = details.kept_window([fine, coarse])
     for grid in (fine, coarse):
-        y, _ = details.lines_of(grid)
-        first, last = window.rows(y)
-        start, step = y.um()
-        assert abs(start + (first - 0.5) * step - window.top) <= step or first == 0
-        assert abs(start + (last - 0.5) * step - window.bottom) <= step or last == y.size
+        y, x = details.lines_of(grid)
+        sides = (y, window.rows(y), window.top, window.bottom), (x, window.columns(x), window.left, window.right)
+        for line, (first, last), low, high in sides:
+            start, step = line.um()
+            assert abs(start + (first - 0.5) * step - low) <= step or first == 0
+            assert abs(start + (last - 0.5) * step - high) <= step or last == line.size
+    first, last = window.columns(details.lines_of(coarse)[1])
+    assert (first, last) == (0, 140) and np.ptp(window.columns(details.lines_of(fine)[1])) == 1120
 
 
 def table(shapes):
@@ -328,18 +331,21 @@ def test_a_sweep_that_grows_has_its_new_cells_on_the_sheet(tmp_path):
 
 
 @pytest.mark.parametrize("how", ["mosaic", "planes", "encoded"])
-def test_rows_kept_of_a_large_picture_are_the_same_when_it_comes_row_by_row(how):
-    """And those of the array itself, in its colours."""
+def test_the_window_kept_of_a_large_picture_is_the_same_when_it_comes_row_by_row(how):
+    """And that of the whole, in its colours, also from an odd row and column on."""
     from etendue.present.pictures import thumbnails
 
     drawn = Drawn("encoded" if how == "encoded" else "linear", pattern="RGGB" if how == "mosaic" else "")
     dims = ("y", "x") if how == "mosaic" else ("channel", "y", "x")
-    view = thumbnails._View(appearance(drawn, dims, channels=("R", "G", "B")), rows=(131, 164))
+    seen = appearance(drawn, dims, channels=("R", "G", "B"))
+    view = thumbnails.View(seen, rows=(131, 164), columns=(101, 135))
     array = np.random.default_rng(2).random((300, 280) if how == "mosaic" else (3, 300, 280)).astype(np.float32)
     gathered = view.gathering(array.shape)
     for start in range(0, 300, 37):
         gathered.take(start, array[..., start : start + 37, :])
     whole, rowed = view.of(array), gathered.made()
-    np.testing.assert_array_equal(whole.band, rowed.band)
-    assert whole.first == rowed.first == 131 and whole.band.shape == (3, 33, 280)
-    np.testing.assert_array_equal(whole.band.sum(axis=0) if how == "mosaic" else whole.band, array[..., 131:164, :])
+    np.testing.assert_array_equal(whole.window, rowed.window)
+    assert whole.first == rowed.first == (131, 101) and whole.window.shape == (3, 33, 34)
+    np.testing.assert_array_equal(whole.window, seen.rgb(array)[:, 131:164, 101:135])
+    own = whole.window.sum(axis=0) if how == "mosaic" else whole.window
+    np.testing.assert_array_equal(own, array[..., 131:164, 101:135])

@@ -40,11 +40,13 @@ class Appearance:
     tints: Any = None
     grey: bool = False
 
-    def rgb(self, array: Array, row: int = 0) -> Array:
-        """Return (3, y, x) float32, unscaled if linear, of all rows or of some starting at ``row``."""
+    def rgb(self, array: Array, first: tuple[int, int] = (0, 0)) -> Array:
+        """Return (3, y, x) float32, unscaled if linear, of the whole or of a window starting at row and column
+        ``first``.
+        """
         array = np.asarray(array)
         if self.tints is not None:
-            return coloured(self.values(array), self.tints, row)
+            return coloured(self.values(array), self.tints, first)
         return self.mixed(self.share(array, self.ends(array)) if self.grey else self.values(array))
 
     def small(self, array: Array) -> Array:

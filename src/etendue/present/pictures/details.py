@@ -61,8 +61,8 @@ def lines_of(grid: Grid) -> tuple[Line, Line] | None:
     return (y, x) if isinstance(y, Line) and isinstance(x, Line) else None
 
 
-def band_of(grids: Sequence[Grid]) -> PlaneWindow | None:
-    """Return the rows that are kept of every picture."""
+def kept_window(grids: Sequence[Grid]) -> PlaneWindow | None:
+    """Return the window that is kept of every picture at full resolution: rows of the coarsest."""
     lines = [found for grid in grids if (found := lines_of(grid))]
     if not lines:
         return None
@@ -70,7 +70,13 @@ def band_of(grids: Sequence[Grid]) -> PlaneWindow | None:
     start, step = y.um()
     rows = min(y.size, max(side_of((y.size, x.size)), BAND // max(x.size, 1)))
     first = min(max(0, round(MIDDLE * y.size - rows / 2)), y.size - rows)
-    return PlaneWindow(start + (first - 0.5) * step, start + (first + rows - 0.5) * step)
+    left, across = x.um()
+    return PlaneWindow(
+        start + (first - 0.5) * step,
+        start + (first + rows - 0.5) * step,
+        left - 0.5 * across,
+        left + (x.size - 0.5) * across,
+    )
 
 
 def side_of(shape: tuple[int, int]) -> int:

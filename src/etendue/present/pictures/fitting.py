@@ -56,12 +56,12 @@ def tinted(plane: Array, tints: Array, decode: Decode) -> Array:
     return gathered.made()
 
 
-def coloured(plane: Array, tints: Array, row: int = 0) -> Array:
-    """Return (3, y, x): a plane with each sample in the colour of its pattern; ``row`` is the plane's first row in the
-    whole.
+def coloured(plane: Array, tints: Array, first: tuple[int, int] = (0, 0)) -> Array:
+    """Return (3, y, x): a plane with each sample in the colour of its pattern; ``first`` is the plane's first row and
+    column in the whole.
     """
     (y, x), (height, width) = plane.shape, tints.shape[:2]
-    tiled = tints[np.ix_((row + np.arange(y)) % height, np.arange(x) % width)]
+    tiled = tints[np.ix_((first[0] + np.arange(y)) % height, (first[1] + np.arange(x)) % width)]
     return np.moveaxis(tiled, -1, 0) * plane
 
 

@@ -44,9 +44,9 @@ class Frame:
     picture: Array
     size: tuple[int, int]
     drawn: Drawn
-    exact: Any = None  # (3, rows, x): the picture itself, or a band of a larger one, before scaling and encoding
+    exact: Any = None  # (3, y, x): the picture itself, or a window of a larger one, before scaling and encoding
     bright: float = 1.0  # value shown as white
-    first: int = 0  # its first row in the whole
+    first: tuple[int, int] = (0, 0)  # its first row and column in the whole
     part: Any = None  # (y, x, 3) detail, the same place of the scene in all
     # of the detail: top, left, height, width as fractions of the whole
     place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
@@ -71,14 +71,14 @@ def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Map
         frame = Frame(stage, variable, rendered(drawn, one.picture, white), one.size, drawn=drawn)
         if drawn.shown != "map" and max(one.size) <= LARGEST:
             frame.exact, frame.bright = one.picture, white
-        elif drawn.shown != "map" and one.band is not None:
-            frame.exact, frame.bright, frame.first = one.band, white, one.first
+        elif drawn.shown != "map" and one.window is not None:
+            frame.exact, frame.bright, frame.first = one.window, white, one.first
         frames.append(frame)
     _with_parts(frames, {name: plan.cells[ref] for name, ref in shown.items()}, window_of(plan, shown.values()))
     return frames
 
 
-def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: PlaneWindow | None) -> None:
+def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], kept: PlaneWindow | None) -> None:
     """Add a detail to every picture, at the same place of the scene: where the last of the coarsest has its strongest
     edge between flat areas.
     """
@@ -89,17 +89,20 @@ def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: PlaneWindo
     coarse, (y, x) = min(reversed(seen), key=lambda one: one[0].size[0] * one[0].size[1])
     side = min(side_of(coarse.size), *coarse.exact.shape[-2:])
     whole = all(max(f.size) <= LARGEST for f, _ in seen)
-    first, last = (0, coarse.size[0]) if whole or band is None else band.rows(y)
-    exact = coarse.exact[:, first - coarse.first : last - coarse.first]
+    first, last = (0, coarse.size[0]) if whole or kept is None else kept.rows(y)
+    exact = coarse.exact[:, first - coarse.first[0] : last - coarse.first[0]]
     top, left = part_of(rendered(coarse.drawn, exact, coarse.bright) / 255.0, side)
     (y0, dy), (x0, dx) = y.um(), x.um()
-    row, column = top + first, left
+    row, column = top + first, left + coarse.first[1]
     window = PlaneWindow(
         y0 + (row - 0.5) * dy, y0 + (row + side - 0.5) * dy, x0 + (column - 0.5) * dx, x0 + (column + side - 0.5) * dx
     )
     for f, (own_y, own_x) in seen:
         rows, columns = window.rows(own_y), window.columns(own_x)
-        part = f.exact[:, max(0, rows[0] - f.first) : rows[1] - f.first, columns[0] : columns[1]]
+        (top, bottom), (left, right) = (
+            (max(0, low - own), max(0, high - own)) for (low, high), own in zip((rows, columns), f.first, strict=True)
+        )
+        part = f.exact[:, top:bottom, left:right]
         if not part.size:
             continue
         f.part = rendered(f.drawn, limited(part), f.bright)

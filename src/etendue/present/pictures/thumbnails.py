@@ -23,25 +23,25 @@ from etendue.plan.drawn import drawn_of
 from etendue.plan.identity.same_as import source_of
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.present.pictures.appearance import Appearance, appearance
-from etendue.present.pictures.details import PlaneWindow, band_of, lines_of
+from etendue.present.pictures.details import PlaneWindow, kept_window, lines_of
 from etendue.present.pictures.fitting import LARGEST, Fitted, Rows, Tinted, fitted
 from etendue.types.arrays import Array, FloatArray
 
 
 @dataclass(frozen=True)
 class Thumbnail:
-    """(3, y, x) float32, unscaled if linear; the true size; for larger pictures some rows at full resolution, and the
-    first of them.
+    """(3, y, x) float32, unscaled if linear; the true size; for larger pictures a window at full resolution, and its
+    first row and column.
     """
 
     picture: Any
     size: tuple[int, int]
-    band: Any = None
-    first: int = 0
+    window: Any = None
+    first: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True)
-class _View:
+class View:
     """How one variable of one cell is reduced. It holds only the parts of the plan that it needs, because it is sent to
     workers.
     """
@@ -49,7 +49,14 @@ class _View:
     seen: Appearance
     middles: int = 0  # leading dims of which the middle is taken
     light: bool = False  # many planes, perhaps stored one by one
-    rows: tuple[int, int] = (0, 0)  # rows kept at full resolution if the picture is larger than a thumbnail
+    # rows and columns kept at full resolution if the picture is larger than a thumbnail: the first, and the one after
+    # the last
+    rows: tuple[int, int] = (0, 0)
+    columns: tuple[int, int] = (0, 0)
+
+    @property
+    def first(self) -> tuple[int, int]:
+        return self.rows[0], self.columns[0]
 
     def of(self, array: Array) -> Thumbnail | None:
         if getattr(array, "on_demand", False):  # a large variable that is not stored would be computed again
@@ -58,34 +65,36 @@ class _View:
             array = array[len(array) // 2]
         size = (array.shape[-2], array.shape[-1])
         if self.light and max(size) > LARGEST:
-            picture, band = self._large_light(array)
+            picture, window = self._large_light(array)
         else:
-            picture, band = self.seen.small(array), self.band(array) if max(size) > LARGEST else None
-        return Thumbnail(np.ascontiguousarray(picture, dtype=np.float32), size, band, self.rows[0])
+            picture, window = self.seen.small(array), self.window(array) if max(size) > LARGEST else None
+        return Thumbnail(np.ascontiguousarray(picture, dtype=np.float32), size, window, self.first)
 
-    def band(self, array: Array) -> Array | None:
-        """Return some rows of a large picture at full resolution, in the colours of the whole."""
+    def window(self, array: Array) -> Array | None:
+        """Return a window of a large picture at full resolution, in the colours of the whole."""
         first, last = self.rows
-        return None if last <= first or self.seen.grey else self.banded(np.asarray(array[..., first:last, :]))
+        if last <= first or self.seen.grey:
+            return None
+        return self.coloured(np.asarray(array[..., first:last, slice(*self.columns)]))
 
-    def banded(self, rows: Array) -> Array:
-        """Return the same for rows that start with the band; used for rows that arrive one by one."""
-        return np.array(self.seen.rgb(rows, self.rows[0]), dtype=np.float32)
+    def coloured(self, window: Array) -> Array:
+        """Return the window in the colours of the whole."""
+        return np.array(self.seen.rgb(window, self.first), dtype=np.float32)
 
     def _large_light(self, array: Array) -> tuple[Any, Any]:
-        """Return the reduced picture and some of its rows; planes are read one by one, as all together may be too large
+        """Return the reduced picture and a window of it; planes are read one by one, as all together may be too large
         for memory.
         """
         small = []
 
-        def rows() -> Iterator[Any]:
+        def windows() -> Iterator[Any]:
             for number in range(array.shape[0]):
                 plane = np.asarray(array[number])
                 small.append(fitted(plane, self.seen.values))
-                yield self.seen.values(plane[slice(*self.rows)])
+                yield self.seen.values(plane[slice(*self.rows), slice(*self.columns)])
 
-        band = self.seen.mixed(rows())
-        return self.seen.mixed(np.stack(small)), band if band.size else None
+        window = self.seen.mixed(windows())
+        return self.seen.mixed(np.stack(small)), window if window.size else None
 
     def gathering(self, shape: tuple[int, ...]) -> Gathering | None:
         if self.middles or self.light or self.seen.grey:
@@ -105,7 +114,7 @@ class Observer:
     computed.
     """
 
-    views: Mapping[str, _View]
+    views: Mapping[str, View]
     figures: frozenset[str]
     kept: frozenset[str] = frozenset()  # variables passed on unchanged
 
@@ -138,20 +147,20 @@ class Observer:
 class Gathering:
     """A thumbnail of rows that arrive in order, bit-identical to that of the whole."""
 
-    def __init__(self, view: _View, shape: tuple[int, ...], rows: Rows) -> None:
+    def __init__(self, view: View, shape: tuple[int, ...], rows: Rows) -> None:
         self.view, self.size, self.rows = view, (shape[-2], shape[-1]), rows
-        self.band: list[Any] = []
+        self.window: list[Any] = []
 
     def take(self, start: int, rows: Array) -> None:
         self.rows.take(start, rows)
         first, last = (min(max(0, end - start), rows.shape[-2]) for end in self.view.rows)
         if last > first:
-            self.band.append(np.array(rows[..., first:last, :]))
+            self.window.append(np.array(rows[..., first:last, slice(*self.view.columns)]))
 
     def made(self) -> Thumbnail:
         picture = np.ascontiguousarray(self.view.finished(self.rows.made()), dtype=np.float32)
-        band = self.view.banded(np.concatenate(self.band, axis=-2)) if self.band else None
-        return Thumbnail(picture, self.size, band, self.view.rows[0])
+        window = self.view.coloured(np.concatenate(self.window, axis=-2)) if self.window else None
+        return Thumbnail(picture, self.size, window, self.view.first)
 
 
 def only(found: Mapping[str, Any]) -> dict[str, Thumbnail]:
@@ -160,8 +169,8 @@ def only(found: Mapping[str, Any]) -> dict[str, Thumbnail]:
 
 
 def window_of(plan: Plan, shown: Iterable[CellRef]) -> PlaneWindow | None:
-    """Return the rows that are kept of every picture of some cells, before it is known which will exist."""
-    return band_of(
+    """Return the window that is kept of every picture of some cells, before it is known which will exist."""
+    return kept_window(
         [grid for ref in shown for v, grid in plan.cells[ref].grids.items() if known(v).shown not in ("", "map")]
     )
 
@@ -178,7 +187,9 @@ def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Observer]:
         }
         if window is not None:
             views = {
-                v: replace(view, rows=window.rows(y[0])) if (y := lines_of(cell.grids[v])) else view
+                v: replace(view, rows=window.rows(lines[0]), columns=window.columns(lines[1]))
+                if (lines := lines_of(cell.grids[v]))
+                else view
                 for v, view in views.items()
             }
         figures = frozenset(v for v, declared in node.writes.items() if not set(declared.dims) - {"stage"})
@@ -195,7 +206,7 @@ def drawn_before(plan: Plan, cell: Cell, variable: str, shown: Collection[CellRe
     return found
 
 
-def _view(plan: Plan, cell: Cell, variable: str) -> _View | None:
+def _view(plan: Plan, cell: Cell, variable: str) -> View | None:
     drawn, grid = drawn_of(plan, cell, variable), cell.grids[variable]
     if drawn is None:
         return None
@@ -204,4 +215,4 @@ def _view(plan: Plan, cell: Cell, variable: str) -> _View | None:
     first = (round(grid.line("y").start), round(grid.line("x").start)) if drawn.pattern else (0, 0)
     edges = grid.bands().edges if banded(dims) else None
     seen = appearance(drawn, dims[middles:], edges, grid["channel"].values() if "channel" in dims else (), first)
-    return None if seen is None else _View(seen, middles, edges is not None and not seen.grey)
+    return None if seen is None else View(seen, middles, edges is not None and not seen.grey)
