@@ -131,8 +131,8 @@ def _named(named: dict[str, Any]) -> list[str]:
     """Return the section on cameras and lenses that exist."""
     parts = [
         "## Cameras and lenses by name\n",
-        "Whites: red and blue over green under D65, in stops. Values are those of the measured sensitivity minus",
-        "those of the maker's matrix. The sensitivity curves were not fitted to anything.\n",
+        "Whites: red and blue over green under D65, in stops: values from the measured sensitivity minus values",
+        "from the maker's matrix. The sensitivity curves were not fitted to anything.\n",
         "| body | red | blue |", "|---|---|---|",
         *(f"| {name} | {red:+.3f} | {blue:+.3f} |" for name, (red, blue) in named["whites"]["bodies"].items()),
         f"\nTogether {named['whites']['rms']:.3f} stop rms.\n",
@@ -147,7 +147,8 @@ def _named(named: dict[str, Any]) -> list[str]:
         parts.append(f"| {name} | {own['tuning']:.0f} | {measured} | {note} |")
     parts += [
         "\nFall-off at the corner of the calibrated sensor at f/11, in stops. Without a calibration the cos4 law is",
-        "used, which is right for long lenses and too dark for wide ones, whose exit pupils lie far from the sensor.\n",
+        "used, which is right for long lenses and too dark for wide-angle lenses, whose exit pupils lie far",
+        "from the sensor.\n",
         "| lens | mm | measured | cos4 |", "|---|---|---|---|",
     ]  # fmt: skip
     for name, (focal, measured, law) in sorted(named["falls"]["examples"].items(), key=lambda one: one[1][0]):

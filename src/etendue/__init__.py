@@ -41,7 +41,9 @@ class _Package(ModuleType):
         return sorted({*super().__dir__(), *__all__})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by name, as for any module: a function in a notebook that uses it can be sent to another process."""
+        """Pickle by name, like any module, so that a notebook function that uses the package can be sent to another
+        process.
+        """
         from importlib import import_module
 
         return import_module, (self.__name__,)

@@ -1,4 +1,4 @@
-"""The program ``etendue``: signals are handled from before the first heavy import until the process ends."""
+"""The program ``etendue``: signal handlers are active from before the first heavy import until the process ends."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from etendue import interrupts
 
 
 def main() -> None:
-    """Run the command line in a process of its own."""
+    """Run the command line as the main program of the process."""
     interrupts.install()
     code = 1
     try:

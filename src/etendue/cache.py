@@ -1,7 +1,7 @@
 """Results that are costly to compute and never change, cached between runs in the user's cache folder.
 
 In:  a kind, and a key that covers everything the result depends on.
-Out: the cached bytes, or None. Deleting the folder costs time and nothing else.
+Out: the cached bytes, or None. If the folder is deleted, the results are computed again; nothing is lost.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def read(kind: str, key: str) -> bytes | None:
 
 
 def write(kind: str, key: str, data: bytes) -> None:
-    """Write an entry whole or not at all. If it cannot be written, the result is computed again next time."""
+    """Write an entry completely or not at all. If it cannot be written, the result is computed again next time."""
     try:
         path = folder() / kind / key
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -40,7 +40,7 @@ def write(kind: str, key: str, data: bytes) -> None:
 
 
 def keep_newest(kind: str, most: int) -> None:
-    """Remove all entries of a kind but those written last."""
+    """Remove all entries of a kind except the newest."""
     try:
         entries = sorted((folder() / kind).iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
         for path in entries[most:]:

@@ -1,7 +1,9 @@
-"""Rewrite refusals of calls from Python: in arguments instead of command-line options, with a short traceback.
+"""Rewrite error messages for calls from Python: they name arguments instead of command-line options, and have a short
+traceback.
 
 In:  a function that is called from scripts and notebooks.
-Out: the same function. When it refuses, the traceback shows only the call, and the message speaks of its arguments.
+Out: the same function. If it refuses the request, the traceback shows only the call, and the message names its
+     arguments.
 """
 
 from __future__ import annotations
@@ -39,10 +41,10 @@ _OPTION = re.compile(
 
 
 def in_arguments(text: str) -> str:
-    """Return a message in terms of a call: ``--scheduler thread`` becomes ``scheduler='thread'``, ``--at NAME=4``
-    becomes ``NAME=4``.
+    """Return a message that names arguments of a call: ``--scheduler thread`` becomes ``scheduler='thread'``, ``--at
+    NAME=4`` becomes ``NAME=4``.
 
-    Commands to type elsewhere stay as they are.
+    Commands for the shell are not changed.
     """
     text = _LISTED.sub(r"they are listed by the command `\1`", text)
     for phrase, said in PHRASES:
@@ -87,10 +89,10 @@ def _said(error: RequestError | ArchiveError | MachineError) -> Exception:
 
 
 def called(function: Called) -> Called:
-    """Wrap a function for scripts and notebooks: an error about the request is raised at the call, without the frames
-    in between.
+    """Wrap a function for scripts and notebooks: an error about the request is raised at the call, without internal
+    frames.
 
-    Errors of plugins and of etendue itself keep their whole traceback.
+    Errors of plugins and of etendue itself keep their complete traceback.
     """
 
     @wraps(function)

@@ -48,14 +48,14 @@ def shortened(text: str, most: int) -> str:
 
 
 class EtendueError(Exception):
-    """Base class of all errors that etendue raises on purpose."""
+    """Base class of all intended errors of etendue."""
 
     exit_code = 1
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a request: where it is and what to do about it.
+    """One fault of a request: its place and a message with the remedy.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class Fault:
 
 
 class RequestError(EtendueError):
-    """A request that cannot be carried out. It has every fault found, not only the first.
+    """A request that cannot be carried out. It contains every fault found, not only the first.
 
     Examples
     --------
@@ -135,7 +135,7 @@ _SHORT = frozenset({errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EMFILE, errn
 
 
 def machine_text(error: OSError) -> str:
-    """Return what the machine refused and what to do; files are given by name only."""
+    """Return a message that names the refused operation and a remedy; files are given without their folders."""
     name = f": {os.path.basename(str(error.filename))}" if error.filename else ""
     way_out = "free some and run again" if error.errno in _SHORT else "run again once that is fixed"
     return f"the machine refused: {error.strerror or error}{name}; the archive is intact, {way_out}"
@@ -143,7 +143,7 @@ def machine_text(error: OSError) -> str:
 
 @contextmanager
 def refused_by_the_machine() -> Iterator[None]:
-    """Turn an ``OSError`` while reading or writing an archive into a ``MachineError``."""
+    """Convert an ``OSError`` during reading or writing of an archive into a ``MachineError``."""
     try:
         yield
     except OSError as error:

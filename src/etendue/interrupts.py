@@ -1,8 +1,9 @@
-"""Handle Ctrl-C, SIGTERM and SIGHUP: one line and one exit code, whenever they come.
+"""Handle Ctrl-C, SIGTERM and SIGHUP: one line and one exit code at any time.
 
-Nothing is raised where a signal happens to arrive: an exception in the middle of an import, a lock or a foreign event
-loop leaves a traceback at best. While nothing can be lost, the process ends at once. While an archive is open, the
-signal is noted and handled where the run checks for it (``check``). The third signal ends the process in any case.
+No exception is raised at the place where a signal arrives: an exception in the middle of an import, a lock or a foreign
+event loop leaves a traceback at best. While nothing can be lost, the process ends at once. While an archive is open,
+the signal is recorded, and handled where the run checks for it (``check``). The third signal ends the process in any
+case.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ INTACT = "interrupted; the archive is intact, run again to continue"
 
 
 class Interrupted(KeyboardInterrupt):
-    """A noted signal, raised where it can be handled: finished results stay."""
+    """A recorded signal, raised where it can be handled; finished results are kept."""
 
     def __init__(self, number: int) -> None:
         super().__init__(f"signal {number}")
@@ -41,19 +42,21 @@ class _SignalState:
 
 
 def install() -> None:
-    """Handle signals from now on, for the life of the process. Signals that it was started to ignore stay ignored."""
+    """Handle signals from now on, for the life of the process. Signals that were ignored when it started stay
+    ignored.
+    """
     _SignalState.owner = os.getpid()
     _SignalState.answered = tuple(number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN)
     _arm()
 
 
 def owns() -> bool:
-    """Return whether this is a process of ours, whose signals are all handled here."""
+    """Return whether this process belongs to etendue, so that all its signals are handled here."""
     return _SignalState.owner == os.getpid()
 
 
 def noted() -> bool:
-    """Return whether a signal has come that is not handled yet."""
+    """Return whether a signal has arrived that is not handled yet."""
     return bool(_SignalState.noted)
 
 
@@ -74,12 +77,12 @@ def _arm() -> None:
 
 
 def say(line: str) -> None:
-    """Set the line to print when a signal comes."""
+    """Set the line to print when a signal arrives."""
     _SignalState.line = line
 
 
 def line() -> str:
-    """Return the line to print when a signal comes."""
+    """Return the line to print when a signal arrives."""
     return _SignalState.line
 
 
@@ -118,7 +121,7 @@ def check() -> None:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Note signals instead of acting on them. One that was not handled inside is raised at the end.
+    """Record signals instead of acting on them. A signal that was not handled inside is raised at the end.
 
     In another program's process this covers Ctrl-C only, and only if it has Python's default handler.
     """

@@ -22,7 +22,7 @@ _BLOCK = 1 << 20
 
 
 def open_plain(path: str | Path, links: bool = True) -> BinaryIO:
-    """Open a plain file for reading. ``links``: whether the path may be a link to one.
+    """Open a plain file for reading. ``links``: whether the path may be a link to a plain file.
 
     Raises
     ------
@@ -40,7 +40,9 @@ def open_plain(path: str | Path, links: bool = True) -> BinaryIO:
 
 
 def check_plain(path: str | Path) -> None:
-    """Check the same for a library that opens the file itself; also refuse a file that is mostly holes."""
+    """Check that a file is plain, for a library that opens it itself; also refuse a sparse file that is
+    mostly holes.
+    """
     with open_plain(path) as file:
         _refuse_hollow(os.fstat(file.fileno()), path)
 
@@ -50,18 +52,19 @@ def _refuse_hollow(state: os.stat_result, path: str | Path) -> None:
     if state.st_size > LARGEST and held < state.st_size // 8:
         raise OSError(
             errno.EFBIG,
-            f"is {state.st_size} bytes long, but only {held} are on disk: the rest was never written",
+            f"is {state.st_size} bytes long, but only {held} are on disk: the remaining bytes were never written",
             str(path),
         )
 
 
 def refuse_unfolding(size: int, stored: int, what: str) -> None:
-    """Refuse arrays that decompress to far more memory than they take in their file: measured data is not that uniform.
+    """Refuse arrays that decompress to far more bytes than they take in their file, because measured data is not so
+    uniform.
 
     Raises
     ------
     ValueError
-        If they do.
+        If the arrays do.
     """
     if size > UNFOLDED and size > 200 * max(stored, 1):
         raise ValueError(
@@ -118,7 +121,7 @@ def check_entries(path: str | Path) -> None:
     Raises
     ------
     ValueError, zipfile.BadZipFile
-        If they do, or if it is not a zip file.
+        If the entries do, or if the file is not a zip file.
     """
     with zipfile.ZipFile(path) as whole:
         parts = whole.infolist()

@@ -80,8 +80,8 @@ class StateBefore(Generic[_Found]):
         return who, found
 
     def end(self, who: object, put_back: Callable[[], object]) -> None:
-        """End a use. The lock is held while the state is restored: a use that began meanwhile would save the state that
-        foreign code left.
+        """End a use. The lock is held while the state is restored: a use that began at this moment would save the state
+        that foreign code left.
         """
         with self.lock:
             try:
@@ -90,7 +90,7 @@ class StateBefore(Generic[_Found]):
                 self.inside.pop(who, None)
 
     def abandon(self) -> None:
-        """Forget all uses, for one that will never end: later uses save and restore the state as it is now."""
+        """Forget all uses, because one of them will never end; later uses save and restore the present state."""
         with self.lock:
             self.inside.clear()
 
@@ -103,7 +103,8 @@ _filters = threading.Lock()
 def unwarned(message: str = "") -> Iterator[None]:
     """Suppress warnings that contain a text, or all warnings.
 
-    ``warnings.catch_warnings`` is not enough: with two threads, the second saves and restores what the first has set.
+    ``warnings.catch_warnings`` is not enough: with two threads, the second thread saves and restores the settings of
+    the first.
     """
     own = (
         "ignore",
@@ -144,7 +145,7 @@ class Warned:
 
 
 def _but(some: Iterable[Any], filters: Iterable[Any]) -> list[Any]:
-    """Return the other filters, in order. Compared by identity: a foreign filter may equal one of ours."""
+    """Return the filters except one, in order. Compared by identity: a foreign filter may equal one of ours."""
     own = {id(one) for one in some}
     return [one for one in filters if id(one) not in own]
 

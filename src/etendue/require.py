@@ -16,7 +16,7 @@ from etendue.types.arrays import Array
 
 
 def that(fine: Any, text: str) -> None:
-    """Raise ``TEXT`` unless ``fine``; for messages that fit no other function here."""
+    """Raise ``TEXT`` unless ``fine``; for messages that do not fit another function of this module."""
     if not fine:
         raise ValueError(text)
 

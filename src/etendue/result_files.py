@@ -1,7 +1,8 @@
-"""Write the results of studies: check the folder before anything is computed, and write each file whole.
+"""Write the results of studies: check the folder before anything is computed, and write each file completely or not at
+all.
 
 In:  a folder; files by name, as bytes; documents with numbers that JSON cannot hold.
-Out: the files, each whole or not at all; the same documents in a form that JSON can hold.
+Out: complete files; the same documents in a form that JSON can hold.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ def check_folder(path: Path) -> None:
     Raises
     ------
     RequestError
-        If it is a file, or cannot be made or written into.
+        If the path is a file, or the folder cannot be created or written to.
     """
     try:
         if path.exists() and not path.is_dir():
-            raise RequestError([Fault(str(path), "is a file; expected a folder, or the name of a new one")])
+            raise RequestError([Fault(str(path), "is a file; expected a folder, or the name of a new folder")])
         path.mkdir(parents=True, exist_ok=True)
         import tempfile  # not for --help
 
@@ -37,7 +38,8 @@ def check_folder(path: Path) -> None:
 
 
 def write_whole(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
-    """Write files into a folder, replacing older ones of the same names. All are on disk before any gets its name.
+    """Write files into a folder and replace existing files of the same names. All files are on disk before the first is
+    renamed to its final name.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A run in progress: cells are computed, their results passed to the store, and shown on the way.
+"""A run in progress: cells are computed, and their results are passed to the store and shown.
 
 In: the remaining cells of a plan, a store of results.
 Out: reports, arrays of the shown cells, the pictures. ``session`` begins and ends it.
@@ -51,7 +51,7 @@ class Running:
         self.earlier: list[CellRef] = []
 
     def compute(self, options: Options, cut: Cut) -> None:
-        """Compute all that is left to do, in batches. If interrupted, finished results stay in the store."""
+        """Compute all remaining cells, in batches. If interrupted, finished results remain in the store."""
         work, keeper = self.work, self.keeper
         show = frozenset(ref for ref in self.shown.values() if ref in self.looks and ref in work.todo)
         jobs = make_jobs(
@@ -111,8 +111,8 @@ class Running:
         return [ref for ref in self.shown.values() if ref not in self.work.todo]
 
     def sheet(self, at: str) -> ContactSheet | None:
-        """Return pictures of the shown cells, whose axis values are ``at``; None if the pictures of an earlier run
-        stay.
+        """Return pictures of the shown cells, whose axis values are ``at``; None if the pictures of an earlier run are
+        kept.
         """
         keeper = self.keeper
         if keeper.draws and (self.arrays or keeper.lacks_pictures(self.shown.values())):
@@ -136,11 +136,11 @@ class Running:
         return small_maps.all_drawn(chosen, figures, lost)
 
     def standing(self) -> Mapping[CellRef, dict[str, Array]]:
-        """Return the arrays of all computed cells, as stored; of shown cells of earlier runs, their metrics."""
+        """Return the arrays of all computed cells, as stored; for shown cells of earlier runs, their metrics."""
         self.arrays.update(self.keeper.stored(self.there, figures_only=True))
         return self.keeper.standing(self.arrays)
 
     def restored(self) -> int:
-        """Return how many cells of earlier runs were computed again although they were not requested now."""
+        """Return the number of cells of earlier runs that were computed again although they were not requested."""
         asked = set(self.work.cells.values())
         return sum((r.stage, r.index) not in asked for r in self.reports.having(DONE, LEFT_OUT))

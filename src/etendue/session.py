@@ -1,7 +1,7 @@
 """Join plan, run and archive: the part that ``etendue run`` and ``etendue.simulate`` share.
 
-In:  a plan and where to put its results.
-Out: an ``Outcome``: the tree, what was computed, reused and failed, and the rows of the table at the end.
+In:  a plan and the place for its results.
+Out: an ``Outcome``: the tree, the computed, reused and failed cells, and the rows of the table at the end.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Options:
-    """How a run is carried out; nothing here changes a bit of the result."""
+    """Options for the execution of a run; no option changes a bit of the result."""
 
     scheduler: str = "threads"
     workers: int = 0  # 0: one per core
@@ -74,7 +74,7 @@ class Options:
     )
 
     def how(self, stop: Stop, mark: tuple[str, bytes] | None = None) -> How:
-        """Return how the scheduler is to run batches; ``mark``: a file that all workers must see."""
+        """Return the options for running batches on the scheduler; ``mark``: a file that all workers must see."""
         workers = workers_of(self.scheduler, self.workers)
         return How(self.scheduler, workers, stop, self.cell_timeout, platform_record, mark)
 
@@ -133,7 +133,7 @@ def _outcomes() -> ModuleType:
 
 @dataclass
 class Collected:
-    """Arrays of the requested cells, and the reports of all that were computed."""
+    """Arrays of the requested cells, and the reports of all computed cells."""
 
     arrays: dict[CellRef, dict[str, Array]] = field(default_factory=dict)
     reports: dict[CellRef, CellReport] = field(default_factory=dict)
@@ -141,7 +141,7 @@ class Collected:
 
 @dataclass(frozen=True)
 class HeldArrays:
-    """The arrays of a cell that was computed earlier, as a ``Target`` that is only read."""
+    """The arrays of a cell that was computed earlier, as a read-only ``Target``."""
 
     arrays: Mapping[str, Array]
 
@@ -171,7 +171,7 @@ class _Silent:
 
 
 def load(source: str | Path | DocumentView | PipelineSource, overrides: DocumentView | None = None) -> PipelineFile:
-    """Return a pipeline from a file, TOML text or mapping, or from one that was read or written in Python."""
+    """Return a pipeline from a file, TOML text or mapping, or from a pipeline that was read or written in Python."""
     if isinstance(source, PipelineSource):
         return overridden(source.written(), overrides) if overrides else source.written()
     if isinstance(source, Mapping):
@@ -193,7 +193,7 @@ def execute(
 ) -> Outcome:
     """Compute the cells of a plan that are not finished. ``into``: a store for the results instead of an archive.
 
-    An archive may be the URL of an object store: the run works in a local folder, and uploads what has changed.
+    An archive may be the URL of an object store: the run works in a local folder, and uploads changed files.
 
     Raises
     ------
@@ -275,7 +275,7 @@ def collect(
     progress: Progress | None = None,
     known: Mapping[CellRef, Mapping[str, Array]] = MappingProxyType({}),
 ) -> Collected:
-    """Compute some variables of some cells of a plan, with everything that they need, in memory; store nothing.
+    """Compute some variables of some cells of a plan, with all cells that they need, in memory; store nothing.
 
     ``known``: arrays of cells that need not be computed again.
 

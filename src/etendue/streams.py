@@ -1,4 +1,4 @@
-"""Reserve stdout for results: plugins and the libraries below them may print whatever they like.
+"""Reserve stdout for results: plugins and their libraries may print anything.
 
 While a command runs, file descriptor 1 and ``sys.stdout`` are stderr; ``results`` restores both while results are
 written. Worker processes inherit stderr as their stdout.

@@ -1,4 +1,4 @@
-"""Format errors of foreign code for display: which code failed, where in it, and no terminal control characters.
+"""Format errors of foreign code for display: the code that failed and the line, without terminal control characters.
 
 In:  exceptions of plugins and libraries, texts of files and plugins.
 Out: plain text without control characters and without folders of this machine.
@@ -125,7 +125,7 @@ def told(error: BaseException) -> str:
 class foreign:
     """Guard for code of a plugin: an exception that it raises becomes a ``PluginError`` that names the failed part.
 
-    Exceptions: signals from the user, errors raised on purpose, and ``ValueError``, by which a stage states that it
+    This does not apply to signals from the user, intended errors, and ``ValueError``, by which a stage states that it
     cannot serve.
     """
 
@@ -159,7 +159,7 @@ def where(error: BaseException) -> str:
 
 
 def human_seconds(seconds: float) -> str:
-    """Return a duration for people to read."""
+    """Return a duration in a readable unit, such as 1.5 s."""
     if seconds >= 59.995:  # what rounds to a minute
         minutes, rest = divmod(round(seconds), 60)
         return f"{minutes} min {rest} s"

@@ -74,7 +74,7 @@ def exif_note(exif: Image.Exif, info: Any) -> str:
 
 
 def png_note(path: str) -> str | None:
-    """Return a note on cICP code points, which override a profile; None where the file has none."""
+    """Return a note on cICP code points, which override a profile; None if the file has no code points."""
     with open(path, "rb") as file:
         file.seek(8)
         while len(head := file.read(8)) == 8:

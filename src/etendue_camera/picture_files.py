@@ -73,7 +73,8 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> FilePicture:
     ------
     ValueError
         If the file is no picture, damaged, too large, has several pictures, transparent pixels, signed values, NaN
-        or floats outside 0 to 1, or is neither grey nor RGB; the message states file, content and what is allowed.
+        or floats outside 0 to 1, or is neither grey nor RGB; the message states the file, its content and the supported
+        formats.
     """
     from PIL import Image, UnidentifiedImageError
 
@@ -143,10 +144,7 @@ def _check_parts(path: str) -> None:
 def check_segments(path: str | Path, page: Any) -> None:
     """Reject a TIFF page with strips or tiles that are, or decompress to, far more than their part of the picture.
 
-    Raises
-    ------
-    ValueError
-        If there is one.
+    Raises ------ ValueError If there is one.
     """
     if page.dtype is None:
         return
@@ -333,7 +331,7 @@ def _only_page(path: str, file: Any) -> Any:
 
 
 def _check_kind(path: str, page: Any, colours: str) -> None:
-    """Reject sample formats and colours that are not those of a picture."""
+    """Reject sample formats and colours that a picture cannot have."""
     kind, bits = page.dtype, page.bitspersample
     known = kind is not None and (bits == 1 or (kind.kind in "uf" and bits in (8, 16, 32, 64)))
     require.that(known, f"{path} has {kind or bits} samples; they must be unsigned integers, or floats from 0 to 1")

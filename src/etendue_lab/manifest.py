@@ -21,7 +21,7 @@ def etendue_commands() -> Document:
                 "FILE --axis demosaic.use",
                 "rank alternatives by quality against run time",
             ),
-            ("quality", "comparisons:quality", "FILE", "compare every camera of a sweep with the ideal one"),
+            ("quality", "comparisons:quality", "FILE", "compare every camera of a sweep with the ideal camera"),
             ("noise", "comparisons:noise", "FILE", "report noise after every stage, predicted and measured"),
             ("emva", "emva:emva", "FILE", "measure a sensor by EMVA 1288, beside expected values"),
             ("calibrate", "calibrate:calibrate", "FRAMES", "make a sensor file from real frames, and check it"),
@@ -38,7 +38,7 @@ def etendue_commands() -> Document:
                 "pairs",
                 "search:pairs",
                 "FILE --photographs FOLDER",
-                "make training data: pictures of random cameras and their true values",
+                "make training data: pictures of random cameras with noise-free values",
             ),
             (
                 "sensitivity",
@@ -83,12 +83,12 @@ def etendue_plots() -> Document:
         },
         "convergence": {
             "place": "etendue_lab.designs.drawing:converging",
-            "doc": "the indices of a design over the number of points, with intervals",
+            "doc": "the indices of a design against the number of points, with intervals",
             "uses": ("at",),
         },
         "yield": {
             "place": "etendue_lab.designs.drawing:yield_curve",
-            "doc": "the share of the samples of a design that reach a limit, over the limit",
+            "doc": "the share of the samples of a design that reach a limit, against the limit",
             "uses": ("at",),
         },
     }

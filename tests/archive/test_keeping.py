@@ -201,7 +201,7 @@ def test_an_axis_named_like_a_dim_is_refused(place, sweep, stage):
 @pytest.mark.parametrize(
     ("writes", "why"),
     [
-        ({"status": "y x [1]"}, "its own array of this name"),
+        ({"status": "y x [1]"}, "an array with this name"),
         ({"y": "y x [1]"}, "coordinate"),
         ({"y_um": "y x [1]"}, "coordinate"),
         ({"a": "..: y x [1]"}, "letters"),

@@ -293,7 +293,7 @@ def test_one_run_at_a_time(plan, machine, monkeypatch):
         with monkeypatch.context() as patch:
             elsewhere(machine, patch)
             with pytest.raises(
-                ArchiveInUse, match=r"in use by another run; if that run was killed, the archive is free in \d+ s"
+                ArchiveInUse, match=r"in use by another run; if that run was killed, its lease ends in \d+ s"
             ):
                 run(plan, url)
             monkeypatch.setattr(lease, "LEASE", 0.0)  # from now on
@@ -303,7 +303,7 @@ def test_one_run_at_a_time(plan, machine, monkeypatch):
 
     taken: dict[str, bytes] = {}
     monkeypatch.setattr(mirror.Mirror, "begun", begun)
-    with pytest.raises(ArchiveInUse, match="now belongs to another run; this one stops"):
+    with pytest.raises(ArchiveInUse, match="now belongs to another run; this run stops"):
         run(plan, url)
     assert {path: data for path, data in stored(url).items()} == taken
 

@@ -91,7 +91,7 @@ def test_a_t_number_replaces_f_number_and_transmittance():
     [
         ({"t_number": 4, "transmittance": 0.9}, "includes the lens losses already"),
         ({"t_number": 2, "f_number": 2.8}, "more light than it receives"),
-        ({"magnification": -0.5, "focus_distance": 500}, "give one of them"),
+        ({"magnification": -0.5, "focus_distance": 500}, "give only one of them"),
         ({"focus_distance": 5, "focal_length": 6.93}, "closer there is no real image"),
         (
             {

@@ -49,7 +49,8 @@ def test_charge_that_was_to_diffuse_behind_the_filters_and_does_not_is_noted():
 def test_a_stage_that_changes_what_was_read_before_it_is_told_to_move_up():
     late = notes("diffraction", "pixel", "mosaic", "exposure", "crosstalk", crosstalk="through_filter")
     told = (
-        "crosstalk: nothing reads its photocurrent; exposure comes earlier and reads that of mosaic; move crosstalk up"
+        "crosstalk: nothing reads its photocurrent; exposure comes earlier and reads the photocurrent of mosaic; "
+        "move crosstalk up"
     )
     assert told in late
     assert not any(

@@ -132,7 +132,7 @@ def test_a_comparison_runs_along_an_axis_under_both_names():
     for text in ("{}f_number=2,4", "{}sensor"):
         one, other = (check_axis(parse_axis(text.format(front), str), pipeline) for front in ("", "camera."))
         assert one == other and one.stage == ""
-    with pytest.raises(RequestError, match="needs values: --axis f_number="):
+    with pytest.raises(RequestError, match="values are required: --axis f_number="):
         check_axis(parse_axis("camera.f_number", str), pipeline)
 
 

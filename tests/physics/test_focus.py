@@ -51,7 +51,7 @@ def test_a_magnification_of_zero_is_a_focus_at_infinity():
 
 
 def test_a_magnification_and_a_focus_that_contradict_each_other_are_refused():
-    with pytest.raises(ValueError, match=r"gives -1; give one of them"):
+    with pytest.raises(ValueError, match=r"gives -1; give only one of them"):
         effective_magnification(-0.5, 50.0, 100.0)
 
 

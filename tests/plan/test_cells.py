@@ -326,6 +326,6 @@ def test_an_axis_that_reaches_nothing_wanted_is_left_out_with_a_note():
     plan = plan_of(chain(sweep=sweep), {"wanted": ["irradiance"]})
     assert [axis.dim for axis in plan.axes] == ["f_number"]
     assert [text for text in plan.warnings if "integration_time" in text] == [
-        "sweep.integration_time is not swept: nothing that is wanted depends on it"
+        "sweep.integration_time is not swept: no wanted variable depends on it"
     ]
     assert keys_of(plan)["diffusion"] == keys_of(plan_of(chain(sweep=sweep)))["diffusion"]

@@ -183,5 +183,5 @@ def test_an_optional_variable_that_is_only_kept_is_told_to_be_wanted():
             {"use": "sharpen"},
         ],
     }
-    with pytest.raises(RequestError, match="mtf50_gain is optional: ask for it under 'wanted'"):
+    with pytest.raises(RequestError, match="mtf50_gain is optional: request it under 'wanted'"):
         etendue.simulate(document)

@@ -23,7 +23,7 @@ ONE = np.linspace(0, 1, 100)
 def test_a_value_that_is_undefined_in_one_of_both_is_beyond_any_stated_error():
     for elsewhere, allowed in ((False, None), (True, None), (True, math.inf)):
         found = judged("s", "s", Compared.of("v", between(ONE, np.where(ONE < 0.5, ONE, np.nan))), allowed, elsewhere)
-        assert found.found == "beyond" and "undefined in one of them only" in found.why
+        assert found.found == "beyond" and "undefined in only one of the arrays" in found.why
 
 
 def test_the_whole_of_the_stated_error_may_be_used():
@@ -107,7 +107,7 @@ def test_where_errors_were_measured_is_said_unless_it_was_everywhere(points, fac
     found = {"errors": {"v": error({"bins": part(0.1)}, scaled=factor)}, "points": points, "remembered": False}
     first, *_ = notes(found | {"seconds": 1.0, "dear": None})
     assert said in first
-    assert (f"errors of the whole sweep are {factor:g} times those" in first) == (factor > 1)
+    assert (f"errors of the whole sweep are {factor:g} times these errors" in first) == (factor > 1)
 
 
 @pytest.mark.parametrize(("norm", "times"), [("rms", "3 times"), ("max", "5 times")])
@@ -158,5 +158,5 @@ def test_a_cell_whose_values_no_cell_of_equal_key_has_is_named_and_another_is_no
     one = SimpleNamespace(group="g", variable="v", path="/a/v", cells={0: (SimpleNamespace(name="there"), None)})
     stored = SimpleNamespace(archive=SimpleNamespace(followed=[one]), journal=None)
     found = list(left_out.left_out_damage(stored))
-    assert [damage.cell for damage in found if "no cell of equal key" in damage.what] == ["lost"]
+    assert [damage.cell for damage in found if "no cell with an equal key" in damage.what] == ["lost"]
     assert len(found) == 1 + bool(why)

@@ -156,7 +156,7 @@ def test_of_a_batch_of_which_workers_die_only_the_guilty_cell_fails():
     whole = run(plan)
     failed = {ref for ref, report in reports.items() if report.status == "failed"}
     assert failed == {guilty}
-    assert "every worker that computed it died, though it ran alone" in reports[guilty].message
+    assert "every worker that computed it died, although it ran alone" in reports[guilty].message
     skipped = {ref for ref, report in reports.items() if report.status == "skipped"}
     assert skipped == {ref for ref in plan.cells if jobs[ref].ref != guilty and _reads(jobs, ref, guilty)}
     rest = {ref: own for ref, own in arrays.items() if ref not in failed | skipped}

@@ -111,7 +111,10 @@ def faulty(body):
             "with the dims 'y x', but declares 'channel y x'",
         ),
         (lambda self, data: data.assign(rgb_camera=data.rgb_camera.assign_attrs(units="lx")), "in lx, but declares 1"),
-        (lambda self, data: {"rgb_camera": data.rgb_camera.assign_coords(y=data.y + 1)}, "at another y than it read"),
+        (
+            lambda self, data: {"rgb_camera": data.rgb_camera.assign_coords(y=data.y + 1)},
+            "with other values of y than in its input",
+        ),
         (lambda self, data: data.assign(other=data.rgb_camera), "returned other, which it does not write"),
     ],
     ids=["no labels", "nothing", "dims", "unit", "coordinate", "more"],

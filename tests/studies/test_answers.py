@@ -186,7 +186,7 @@ def test_what_cannot_be_refined_is_named_and_never_zero() -> None:
     error = found.errors["photon_rate"]
     assert "margin" in error.fixed
     assert "margin" not in error.parts
-    assert any("in none of these errors: margin" in text for text in notes(found.document()))
+    assert any("because it cannot be refined: margin" in text for text in notes(found.document()))
 
 
 @pytest.mark.parametrize(("tolerance", "named"), [(1e-3, True), (0.2, False)])
@@ -198,7 +198,7 @@ def test_a_knob_that_no_study_refines_is_named_where_its_stage_is_above_the_tole
     found = stated(document)
     texts = [text for text in notes(found.document()) if "aberrations (accuracy)" in text]
     assert bool(texts) == named
-    assert all("in none of these errors" in text and "of full scale" in text for text in texts)
+    assert all("not included in these errors" in text and "of full scale" in text for text in texts)
 
 
 def test_with_common_draws_omissions_are_measured_against_the_best_that_the_stages_accept() -> None:
@@ -495,7 +495,7 @@ def test_what_would_make_the_answer_better_is_said() -> None:
     assert found.remedies["bins"] == "scene.bin_width = 25"
     assert found.remedies["spacing"] == "scene.spacing = 1"
     (line,) = (text for text in notes(found.document()) if text.startswith("for smaller errors: --set scene."))
-    assert line.endswith("; one or more, the first helps most)")
+    assert line.endswith("; use one or more; the first has the largest effect)")
     assert "margin" not in stated(pipeline(use="colorchecker")).remedies
 
 

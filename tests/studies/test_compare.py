@@ -441,10 +441,10 @@ def test_what_breaks_off_or_refuses_is_a_row_with_the_reason_and_the_others_are_
 @pytest.mark.parametrize(
     ("values", "code", "left"),
     [
-        ("RGGB,X-Trans,mono", 3, "the others are refused"),
+        ("RGGB,X-Trans,mono", 3, "the other alternatives are refused"),
         ("RGGB,BGGR,mono", 3, ""),
         ("RGGB,BGGR", 0, ""),
-        ("RGGB", 0, "it is the only one"),
+        ("RGGB", 0, "it is the only alternative"),
     ],
 )
 def test_the_command_says_what_of_the_values_that_were_named_is_not_compared(run, values, code, left):
@@ -650,12 +650,12 @@ WRONG = {
     "demosaic.use={use=demosaic_bilinear}": "is not valid TOML",
     "demosaic.use=falloff,demosaic_bilinear": "alternatives must write the same variables",
     "demosaic.use=": "expected NAME",
-    "sharpen.strength": "needs values",
+    "sharpen.strength": "values are required",
     "sharpen.strenght=1": "did you mean 'strength'",
     "sharpen.strength=-1,2": "out of range",
     "sharpen.strength=1,1": "appears twice",
     "f_nummer=2": "did you mean 'f_number'",
-    "f_number": "needs values",
+    "f_number": "values are required",
     "colour_fit.use=white": "alternatives must write the same variables",
 }
 

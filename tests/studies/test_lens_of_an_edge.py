@@ -87,7 +87,7 @@ def test_what_is_no_edge_of_this_pixel_is_told(sensors, tmp_path):
     _, frames, model = sensors[0]
     places, rng = {"W": MONO}, np.random.default_rng(0)
     sharp = photograph(tmp_path / "sharp.npy", rng, 6.0, 0.05, 0.4)
-    with pytest.raises(RequestError, match="beyond that of a pixel"):
+    with pytest.raises(RequestError, match="above the MTF50 of a pixel"):
         edge_blur(EdgePhotograph(sharp, 4.0, 1.0), frames, [model], places)
     bright = photograph(tmp_path / "bright.npy", rng, 6.0, 0.5, 1.0, bright=30000.0)
     with pytest.raises(RequestError, match="top code"):

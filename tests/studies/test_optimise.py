@@ -169,7 +169,7 @@ def test_the_folder_of_another_search_is_refused_and_left_alone(tmp_path, text, 
 @pytest.mark.parametrize(
     ("goal", "limit", "says"),
     [
-        ("mean_snr", "photon_rate[max] >= {}", "cannot be met by what its stage declares"),
+        ("mean_snr", "photon_rate[max] >= {}", "cannot be met, according to the declarations of the stage"),
         ("edge_mtf50[mean]", "clipped_fraction <= 0.05", "is beyond the limit, which was computed first"),
     ],
 )

@@ -231,7 +231,7 @@ def test_metering_and_crosstalk_have_their_own_full_planes():
     ]
     found = ideal(stages)
     assert found.replaced == {"d": "no_demosaicing", "crosstalk": "crosstalk_planes"}
-    assert any("does its own metering" in note for note in found.notes)
+    assert any("meters its own, sharper light" in note for note in found.notes)
 
 
 def test_a_stage_that_reads_from_the_lens_then_reads_what_the_lens_read():
@@ -387,7 +387,7 @@ def test_small_pictures_and_those_without_a_display_have_unknown_figures():
     assert np.isnan(found["ssim"]) and found["de_mean"] == 0 and flat is None
     found, shown, flat = figures(Shot(rgb), Shot(rgb), 30)
     assert found["psnr_linear"] == np.inf and np.isnan(found["de_mean"]) and shown is None
-    with pytest.raises(ValueError, match="do not match"):
+    with pytest.raises(ValueError, match="but the picture of the ideal camera has shape"):
         figures(Shot(rgb), Shot(rgb[:, :4]), 30)
 
 

@@ -1,1 +1,1 @@
-"""Error against run time: errors measured against the reference, and settings that keep within a tolerance."""
+"""Error against run time: errors relative to the reference, and settings that keep errors within a tolerance."""

@@ -1,6 +1,6 @@
 """Attribute an error to stages: undo the decisions for one stage at a time and measure what remains.
 
-In:  a pipeline with its reference, and a plan whose error exceeds the requested one.
+In:  a pipeline with its reference, and a plan whose error exceeds the requested error.
 Out: for each stage and the decisions for it, its share of the error.
 
 A stage with a large error may still have no share, because an error that plan and reference have in common cancels in
@@ -47,7 +47,7 @@ def blamed(
 def _of_decisions(
     measurement: Measurement, plan: Plan, found: MeasuredErrors, far: list[str], norm: str
 ) -> dict[str, float]:
-    """Return the reduction of the largest error by stage; if no single stage reduces it, that of all stages
+    """Return the reduction of the largest error by stage; if no single stage reduces it, the reduction by all stages
     together.
     """
     worst = max(_error(found.errors[name], norm) for name in far)
@@ -69,8 +69,8 @@ def _of_decisions(
 
 
 def decided(measurement: Measurement, plan: Plan, wanted: Iterable[str]) -> dict[tuple[str, tuple[str, ...]], str]:
-    """Return the differences from the reference in the stages that ``wanted`` ones depend on: a name by stage and
-    decisions.
+    """Return the decisions that differ from the reference, for the stages on which ``wanted`` depends: a name by stage
+    and decisions.
     """
     exact, needed = measurement.exact, in_front(plan, wanted)
     found: dict[str, list[str]] = {}

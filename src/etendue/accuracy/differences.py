@@ -1,11 +1,12 @@
-"""Measure how far a variable of one run is from another run, relative to full scale.
+"""Measure the difference of a variable between two runs, relative to full scale.
 
 In:  the same variable of two runs, its declaration, the stage that writes it.
-Out: ``Difference``, of which the relative values are those over the picture and of the largest pixel.
+Out: ``Difference``; its relative values are the rms over the picture and the largest error of a pixel.
 
 Full scale is 1 for pictures without a unit, white - black for codes with a black level (``Variable.black``), and else
-the largest value of the reference. Values without a place are relative: metrics per stage each to itself, vectors and
-matrices to their largest element. ``Variable.full`` overrides this: a share of pixels is a share of the frame.
+the largest value of the reference. For values without a position, errors of a metric per stage are relative to the
+metric, and errors of vectors and matrices to their largest element. ``Variable.full`` overrides this: a share of pixels
+is a share of the frame.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ def difference(found: Array, reference: Array, declaration: Declaration, stage: 
     scale = scale_of(reference, declaration, stage)
     largest = float(np.max(scale, initial=0.0))
     own = between(reference * (largest / scale), found * (largest / scale), largest)  # each value has its own scale
-    return replace(own, why="undefined at different places than the reference") if own.undefined else own
+    return replace(own, why="undefined at other places than in the reference") if own.undefined else own
 
 
 def scale_of(reference: Array, declaration: Declaration, stage: Stage) -> float | Array:

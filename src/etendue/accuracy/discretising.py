@@ -70,8 +70,9 @@ class Chosen:
 
     ``values``: by stage and parameter. ``refined``: parameters that are finer than at the start of the search.
     ``spent``: by variable, the error of all discretisations, relative to full scale, for all points of the sweep.
-    ``factor``: ratio of this error to that of the measured points. ``missed``: variables whose error by discretisation
-    exceeds the requested one, with the reason. ``needed``: the cost of the next refinement; '' if none is needed.
+    ``factor``: ratio of this error to the error of the measured points. ``missed``: variables whose discretisation
+    error exceeds the requested error, with the reason. ``needed``: the cost of the next refinement; '' if none is
+    needed.
     """
 
     values: Values
@@ -103,11 +104,11 @@ class Refinement:
 
     Parameters
     ----------
-    pipeline : with a number for every open parameter
+    pipeline : pipeline with a number for every open parameter
     open_ : open parameters by stage, each with its discretisation
     asked : requested errors
     seconds : processor time that the search may take
-    workers : of the run that follows
+    workers : number of workers of the run that follows
     shown : returns the progress to show of a plan
     """
 
@@ -191,7 +192,7 @@ class Refinement:
             missing: dict[StageVariable, dict[str, str]] = {one: {} for one in self.names}
             try:
                 pair = refined_pair(evaluations, name) if affected else None
-                why = f"one half as large is refused{f' ({point.refusal})' if point.refusal else ''}"
+                why = f"half of this value is refused{f' ({point.refusal})' if point.refusal else ''}"
             except TooDear as error:
                 pair, why = None, str(error)
                 self.needed = self.needed or f"measuring {name} {why}"
@@ -205,7 +206,7 @@ class Refinement:
         return found
 
     def _scale(self, evaluated: tuple[Plan, Mapping[StageVariable, Any]]) -> None:
-        """Keep the full scale of every variable, and whether it is a number."""
+        """Store the full scale of every variable, and whether it is a number."""
         plan, values = evaluated
         for stage, name in self.names:
             if (stage, name) not in values:
@@ -279,7 +280,7 @@ class Refinement:
         if seconds > self.until - self.began:
             return self._refine(name, 1)
         if time.process_time() > self.until:
-            return self._not(words, f"the run would take about {_time(seconds)}; --hold-seconds are over")
+            return self._not(words, f"the run would take about {_time(seconds)}; the time of --hold-seconds is used up")
         self.plan, self.pipeline = plan, plan.pipeline
         return True
 

@@ -1,10 +1,10 @@
 """``run --hold``: find the loosest local tolerance, and values for the parameters that the pipeline leaves open, with
-which the error stays within a requested one. The search uses pilot cells.
+which the error stays within the requested error. The search uses pilot cells.
 
 In:  a pipeline, and the requested error.
 Out: discretisations for open parameters (`discretising`); a local tolerance from a fixed ladder, and the errors
-     measured with it. If no tolerance is strict enough, the causes; if the budget ends the search, what the next run
-     would have taken.
+     measured with it. If no tolerance is strict enough, the causes; if the budget ends the search, the seconds and
+     bytes of the next run.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class Rung(Trial):
 class HeldTolerance:
     """The result: a ``tolerance``, and the errors ``measured`` with it.
 
-    ``missed``: variables whose error exceeds the requested one or is unknown. ``blame``: shares of the stages that
+    ``missed``: variables whose error exceeds the requested error or is unknown. ``blame``: shares of the stages that
     cause this, largest first (`accuracy.blame`).
     """
 
@@ -225,7 +225,7 @@ def keep(held: HeldTolerance, archive: Path, plan: Plan | None = None) -> None:
 
 
 def _search(measurement: Measurement, asked: Asked, norm: str) -> HeldTolerance:
-    """Loosen the tolerance as long as the error stays within the requested one, or tighten it until it does.
+    """Loosen the tolerance as long as the error stays within the requested error, or tighten it until the error does.
 
     The uncertainty of the reference does not depend on the tolerance, so no tolerance is tried for variables that are
     missed for this reason alone.
@@ -264,12 +264,12 @@ def _search(measurement: Measurement, asked: Asked, norm: str) -> HeldTolerance:
 
 
 def _share(value: float | None, limit: float) -> float:
-    """Return an error over the requested one."""
+    """Return the ratio of an error to the requested error."""
     return value / limit if value and limit else 0.0
 
 
 def missed(found: MeasuredErrors, asked: Asked, norm: str) -> tuple[str, ...]:
-    """Return the variables whose error is not known to be within the requested one."""
+    """Return the variables whose error is not known to be within the requested error."""
     return tuple(n for n, limit in asked.limits(found).items() if found.errors[n].held(limit, norm) is not True)
 
 

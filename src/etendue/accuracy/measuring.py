@@ -3,7 +3,7 @@
 In:  a pipeline.
 Out: for every wanted variable its difference from the reference (`reference`), on some cells of the sweep (`pilot`).
 
-Both runs are of expected values: samplers give their mean and nothing is rounded (`Sampled`). Otherwise the comparison
+Both runs compute expected values: samplers give their mean and nothing is rounded (`Sampled`). Otherwise the comparison
 would be ill-posed: an error d becomes sqrt(d q) after rounding by q, and two draws differ by their noise.
 """
 
@@ -48,8 +48,9 @@ class GlobalError:
     """The error of one wanted variable in the worst measured cell. None: unknown, for the reason in ``why``.
 
     ``how`` is ``measured``, ``unknown``, or ``unknown below`` a number: the possible error of the reference itself.
-    ``below`` is the change by the last refinement of the reference. ``rms`` is over the picture, ``max`` of the largest
-    pixel, both relative to ``scale``; ``linear`` is (rms, max) of an encoded variable before its encoding.
+    ``below`` is the change by the last refinement of the reference. ``rms`` is taken over the picture and ``max`` at
+    the pixel with the largest error, both relative to ``scale``; ``linear`` is (rms, max) of an encoded variable before
+    its encoding.
     """
 
     rms: float | None
@@ -76,7 +77,9 @@ class GlobalError:
 
 @dataclass(frozen=True)
 class MeasuredErrors:
-    """``errors`` by variable name (``stage.name`` if two stages write a variable of that name)."""
+    """Measured global errors. ``errors``: by variable name (``stage.name`` if two stages write a variable of that
+    name).
+    """
 
     errors: dict[str, GlobalError]
     cells: int  # places of the sweep
@@ -114,9 +117,9 @@ def measure(
     progress: Any = None,
     archive: Path | None = None,
 ) -> MeasuredErrors:
-    """Return the global error of every wanted variable of a pipeline, on ``cells`` places of its sweep.
+    """Return the global error of every wanted variable of a pipeline, at ``cells`` points of its sweep.
 
-    ``archive``: where results are cached; they are measured again only if something they depend on has changed.
+    ``archive``: where results are cached; errors are measured again only if the compared cells have changed.
     """
     measurement = Measurement(pipeline, registry, cells, options, progress)
     return measurement.errors() if archive is None else measurement.remembered(archive)
@@ -127,17 +130,17 @@ class Measurement:
 
     Parameters
     ----------
-    pipeline : as read
-    registry : of installed stages
+    pipeline : pipeline as read
+    registry : registry of installed stages
     cells : largest number of places of the sweep
-    options : how the runs are done
+    options : run options
     progress : ``plan -> Progress``, or None
     reference : replaces the reference of all knobs that the file does not write
 
     Attributes
     ----------
     also : variables (stage, name) to measure in addition to the wanted ones
-    before : called before each run with its expected seconds and bytes; may raise
+    before : called before each run with its expected seconds and bytes; may raise an exception
     """
 
     also: tuple[StageVariable, ...] = ()
@@ -171,7 +174,7 @@ class Measurement:
         return make_plan(pipeline, self.registry, expected=True, computed=computed)
 
     def possible(self, reference: ReferencePipeline) -> ReferencePipeline:
-        """Return the reference, with each knob whose best setting its stage refuses here set to the best it accepts.
+        """Return the reference; a knob whose best setting is refused by its stage is set to the best accepted setting.
 
         Raises
         ------
@@ -208,14 +211,16 @@ class Measurement:
 
     @cached_property
     def coarser(self) -> tuple[Plan, Collected] | None:
-        """The reference with one refinement less, if the finest setting of one of its knobs is not exact."""
+        """The reference at one refinement less, if the finest setting of one of its knobs is not exact."""
         if self.reference.coarser is None:
             return None
         plan = self.plan(self.reference.coarser)
         return plan, self.run(plan)
 
     def run(self, plan: Plan) -> Collected:
-        """Compute the wanted variables of a plan at every place, and the variables from which encoded ones are made."""
+        """Compute the wanted variables of a plan at every place, and the variables from which encoded variables are
+        made.
+        """
         estimate = sum(cell_seconds(plan.node(cell.node), cell, plan.precision) for cell in plan.cells.values())
         # Factor on estimated seconds, from the runs so far.
         longer = self.seconds / self.estimated if self.estimated else 1.0
@@ -257,8 +262,8 @@ class Measurement:
         computed: frozenset[str] = frozenset(),
         precision: str | None = None,
     ) -> MeasuredErrors:
-        """Return the global errors as planned, or with another local tolerance, knobs written in, or stages computed
-        instead of left out.
+        """Return the global errors of the plan, or of a plan with another local tolerance, with given knobs, or with
+        some stages computed instead of left out.
         """
         pipeline = with_settings(self.pipeline, settings)
         pipeline = replace(
@@ -359,7 +364,7 @@ class Measurement:
 
 
 def shown_names(plan: Plan) -> dict[StageVariable, str]:
-    """Return the wanted variables by name, with the stage if two stages write one of that name."""
+    """Return the wanted variables by name, with the stage if two stages write a variable of that name."""
     names = [name for _, name in plan.wanted]
     return {(stage, name): name if names.count(name) == 1 else f"{stage}.{name}" for stage, name in plan.wanted}
 

@@ -39,7 +39,8 @@ class Convergence:
 def convergence(
     settings: Sequence[Value], errors: Sequence[float | None], floor: float = 0.0, reference: float | None = None
 ) -> Convergence:
-    """Return the law by which errors fall from setting to setting: the one with the smaller residual in log error.
+    """Return the law by which errors fall from setting to setting, power law or geometric, whichever has the smaller
+    residual in log error.
 
     The order is the median of the local orders between neighbours among the finest four settings that show it, if these
     agree. Settings from which the error falls by less than a tenth are ignored, because another error dominates there.
@@ -47,10 +48,10 @@ def convergence(
 
     Parameters
     ----------
-    settings : from the cheapest to the finest; only positive finite numbers count (no closed forms)
-    errors : of each setting
-    floor : possible error of the reference itself; errors below ten times that are ignored
-    reference : the setting relative to which errors are measured, if it is finite. Under a power law h^p the
+    settings : settings from the cheapest to the finest; only positive finite numbers count (no closed forms)
+    errors : error of each setting
+    floor : possible error of the reference itself; errors below ten times this value are ignored
+    reference : setting relative to which errors are measured, if it is finite. Under a power law h^p the
         differences are h^p - r^p, which fall faster than the error itself.
     """
     least = max(10 * floor, ROUNDING)
@@ -74,7 +75,7 @@ def convergence(
 
 
 def _why_not(settings: Sequence[Value], errors: Sequence[float | None], least: float) -> str:
-    """Return the reason why the settings give no order of convergence; '' if no setting is a size."""
+    """Return the reason why the settings give no order of convergence; '' if no setting is a positive finite number."""
     numbers = [e or 0.0 for s, e in zip(settings, errors, strict=True) if _is_size(s)]
     above = sum(e > least for e in numbers)
     if not numbers:
@@ -116,7 +117,7 @@ def _beside_a_finite_reference(local: FloatArray, step: FloatArray, error: Float
 
 
 def law_of(settings: Sequence[Value], errors: Sequence[float | None], finite: bool) -> Convergence:
-    """Return the law of errors that are differences to the last setting, which is ``finite`` or exact."""
+    """Return the law of errors that are differences from the last setting, which is either ``finite`` or exact."""
     numbers = [float(s) for s in settings if not isinstance(s, bool | str)]
     last = numbers[-1] if finite and numbers and numbers[-1] > 0 else None
     power = last is not None and last < numbers[0]  # a width: the law itself accounts for the finite reference

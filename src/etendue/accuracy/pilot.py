@@ -1,5 +1,5 @@
-"""Choose the cells of a sweep that are measured: corners, the middle, and places in between, always the same ones; and
-state an error for the other cells.
+"""Choose the cells of a sweep that are measured (corners, the middle and places in between, always the same), and state
+an error for the other cells.
 
 In:  the axes of a pipeline, and the largest number of places; errors measured there.
 Out: places as positions on each axis; the pipeline with its sweep reduced to these values; for every wanted variable,
@@ -28,11 +28,11 @@ _BASES = (2, 3, 5, 7, 11, 13, 17, 19)
 
 
 def places(sizes: Sequence[int], categorical: Sequence[bool] = (), most: int = MOST) -> tuple[tuple[int, ...], ...]:
-    """Return positions on axes of these sizes: all of them if few, else both ends, the middle, further corners, and
-    places inside. A single one is the middle.
+    """Return positions on axes of these sizes: all positions if there are few, else both ends, the middle, further
+    corners, and places inside. A single position is the middle.
 
-    Every value of a ``categorical`` axis (a swapped stage, a word) is included, whatever ``most`` is: one such value
-    tells nothing about another.
+    Every value of a ``categorical`` axis (a swapped stage, a word) is included for any ``most``, because results at one
+    value say nothing about another value.
     """
     if math.prod(sizes) <= most:
         return tuple(itertools.product(*(range(size) for size in sizes)))
@@ -98,8 +98,8 @@ def narrowed(pipeline: PipelineFile, axes: Sequence[Axis], chosen: Sequence[dict
 def stated_elsewhere(plan: Plan, measured: MeasuredErrors, places: Sequence[AxisValues]) -> dict[str, float | None]:
     """Return the stated error by variable, rms relative to full scale; None if unknown, or if every cell was measured.
 
-    The bounds of all decisions on the way to a cell are added up. If that sum exceeds those of the measured cells, the
-    stated error grows in proportion.
+    The bounds of all decisions on the way to a cell are added. If this sum exceeds the sums of the measured cells, the
+    stated error is increased in proportion.
     """
     bounds: dict[CellRef, float] = {}
     for ref, cell in plan.cells.items():

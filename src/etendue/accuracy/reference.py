@@ -1,10 +1,10 @@
-"""The reference of a pipeline: every knob at its best setting, nothing left out, 64 bits.
+"""The reference of a pipeline: every knob at its best setting, no stage left out, 64 bits.
 
 In:  a pipeline, the registry.
-Out: the same pipeline with the knobs written in; the setting of each knob, and which of them end in a finite setting.
+Out: the same pipeline with the knobs written in; the setting of each knob, and the knobs whose best setting is finite.
 
-Values that are written in the file (or set, or swept) belong to the model and are not knobs. Neither is the drawing of
-the scene (``Parameter.studied``): its samples and bands are those of the stored light.
+Values that are written in the file (or set, or swept) belong to the model and are not knobs. The drawing of the scene
+(``Parameter.studied``) is not a knob either: its samples and bands are the samples and bands of the stored light.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ class PipelineKnob(Knob):
 
 @dataclass(frozen=True)
 class ReferencePipeline:
-    """``pipeline`` with the knobs written in; ``coarser``: the same one refinement below, None if every reference is a
-    closed form.
+    """``pipeline`` with the knobs written in; ``coarser``: the same pipeline one refinement below; None if every
+    reference is a closed form.
     """
 
     pipeline: PipelineFile
@@ -109,7 +109,9 @@ def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
 
 
 def within(knob: PipelineKnob, takes: Callable[[Value], bool]) -> PipelineKnob:
-    """Return a knob up to the best setting that its stage takes; if settings are lost, its reference is finite."""
+    """Return a knob with the settings up to the best setting that its stage accepts; if settings are lost, its
+    reference is finite.
+    """
     for count in range(len(knob.settings), 0, -1):
         if takes(knob.settings[count - 1]):
             whole = count == len(knob.settings)
@@ -120,7 +122,7 @@ def within(knob: PipelineKnob, takes: Callable[[Value], bool]) -> PipelineKnob:
 def reference_of(
     pipeline: PipelineFile, registry: Registry, knobs: Iterable[PipelineKnob] | None = None
 ) -> ReferencePipeline:
-    """Return the reference of a pipeline, for ``knobs`` if given, else for all that the file does not write."""
+    """Return the reference of a pipeline, for ``knobs`` if given, else for all knobs that the file does not set."""
     chosen = (
         tuple(k for k in knobs_of(pipeline, registry) if not (k.written or k.studied))
         if knobs is None

@@ -1,10 +1,11 @@
-"""Discretisations as knobs: settings coarser and finer than those of the file, and the change by each alone.
+"""Discretisations as knobs: settings coarser and finer than in the file, and the change by each discretisation alone.
 
 In:  a pipeline with stages that are ``Discretised``.
 Out: a knob for each parameter that sets a discretisation; differences between runs on different grids.
 
 A run on a finer grid costs several times as much. Therefore all other knobs are tried on the grid of the file, and each
-discretisation with the others as in the file; the change by one hardly depends on the others.
+discretisation is tried with the others as in the file, because the change by one discretisation hardly depends on the
+others.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ def _seconds(plan: Plan) -> float:
 
 
 def moved(one: Measurement, finest: Measurement) -> dict[str, float]:
-    """Return the difference between the references on one grid and on a finer one, by variable: rms relative to full
+    """Return the difference between the references on a grid and on a finer grid, by variable: rms relative to full
     scale.
 
     Variables that cannot be compared are missing.
@@ -114,7 +115,7 @@ def moved(one: Measurement, finest: Measurement) -> dict[str, float]:
 
 def limits(changes: Mapping[Value, Mapping[str, float]], law: Convergence) -> dict[Value, dict[str, float]]:
     """Return the error of each setting, by variable: the change up to the finest setting, plus the remaining error of
-    the finest, estimated from the last refinement and the observed order.
+    the finest setting, estimated from the last refinement and the observed order.
     """
     settings = list(changes)
     last = changes[settings[-2]]

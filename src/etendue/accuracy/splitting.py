@@ -57,8 +57,8 @@ def _of_grid(variable: str, settings: Settings, sampled: Sampled) -> dict[str, f
 
 
 def choices(study: Trials, curves: Sequence[SettingCurve]) -> dict[str, list[Setting]]:
-    """Return, by knob, its settings with the error of each alone (including the whole error of a grid) and the seconds
-    of the stages that the knob affects.
+    """Return, by knob, its settings with the error of each setting alone (including the whole error of a grid) and the
+    seconds of the stages that the knob affects.
     """
     found = {}
     for c in curves:
@@ -73,11 +73,12 @@ def choices(study: Trials, curves: Sequence[SettingCurve]) -> dict[str, list[Set
 
 
 class Prediction:
-    """Predicted error and seconds of a combination, from those of its settings alone.
+    """Predicted error and seconds of a combination, from the error and seconds of each setting alone.
 
     The squares of errors of different knobs add, as for independent causes; a sum of bounds would exclude too many
-    combinations. The seconds of a stage are those of a trial with the same work, otherwise its seconds in the reference
-    times the factor of each knob alone. Error and seconds are infinite on a grid whose reference takes too long.
+    combinations. The seconds of a stage are taken from a trial with the same work; otherwise they are its seconds in
+    the reference times the factor of each knob alone. Error and seconds are infinite on a grid whose reference takes
+    too long.
     """
 
     def __init__(

@@ -71,17 +71,14 @@ def accuracy(
 
     Parameters
     ----------
-    pipeline : as read
-    registry : of installed stages
-    asked : by knob (``stage.knob``, including those that the file writes, and ``precision``) settings from the cheapest
-        to the reference, () for those that it declares; if empty, all knobs that the file does not write, and all
-        discretisations
-    cells : places of the sweep
-    repeat : cold and warm runs of each trial
-    most : largest number of combinations
-    told : called with what is being tried
-    elsewhere : the same stages with another source, on which the cheapest settings are tried too; ``verify`` names it
-    by : the time by which settings are compared: warm, with tables that are made once, or cold
+    pipeline : pipeline as read
+    registry : registry of installed stages
+    asked : settings from the cheapest to the reference by knob (``stage.knob``, also knobs that the file sets, or
+    ``precision``); () for the declared settings. If empty, all knobs that the file does not set and all discretisations
+    are tried cells : number of points of the sweep repeat : number of cold and warm runs of each trial most : largest
+    number of combinations told : called with a text before each trial elsewhere : the same stages with another scene,
+    on which the cheapest settings are tried too; ``verify`` names it by : time used to compare settings: ``warm``
+    (tables are computed once) or ``cold``
 
     Raises
     ------
@@ -130,7 +127,7 @@ def accuracy(
 
 
 def _cheapest(trials: Sequence[SettingTrial], of: Callable[[SettingTrial], tuple[float, float]]) -> list[SettingTrial]:
-    """Return the cheapest trial of every tolerance, and the next cheapest ones, which may prove cheaper when timed
+    """Return the cheapest trial for every tolerance, and the next cheapest trials, which may prove cheaper when timed
     again.
     """
     found = []
@@ -143,7 +140,7 @@ def _cheapest(trials: Sequence[SettingTrial], of: Callable[[SettingTrial], tuple
 def chosen_knobs(
     pipeline: PipelineFile, registry: Registry, asked: Mapping[str, tuple[Any, ...]], cells: int = 1
 ) -> tuple[PipelineKnob, ...]:
-    """Return the knobs to try: those asked for, else all that the file does not write, and the discretisations.
+    """Return the knobs to try: the requested knobs, else all knobs that the file does not set and the discretisations.
 
     Raises
     ------
@@ -195,7 +192,7 @@ def _with_settings(knob: PipelineKnob, own: tuple[Value, ...]) -> PipelineKnob:
 def _resolved(
     knob: PipelineKnob, values: tuple[Value, ...], pipeline: PipelineFile, registry: Registry
 ) -> tuple[Value, ...]:
-    """Return settings in the unit of the knob; raise ``Unfit`` if it does not accept one."""
+    """Return settings in the unit of the knob; raise ``Unfit`` if the knob does not accept a setting."""
     if not knob.stage:
         if not set(values) <= set(knob.settings):
             raise Unfit(f"expected {' and '.join(map(str, knob.settings))}")

@@ -1,5 +1,5 @@
-"""Seconds of repeated runs, by stage: cold, when every table is computed again, and warm, with the tables of the run
-before.
+"""Seconds of repeated runs, by stage: cold, when every table is computed again, and warm, with the tables of the
+previous run.
 
 In:  seconds of every run.
 Out: minimum and median, of some stages or of all.
@@ -22,7 +22,7 @@ class Timing:
     """Thread time by stage. The sum of the minima over stages is the time of a run on an idle machine; the sum of the
     medians is its time on this machine.
 
-    ``by``: which of the two ways is compared, cold or warm.
+    ``by``: the kind of runs to compare, ``cold`` or ``warm``.
     """
 
     cold: Samples = field(default_factory=dict)

@@ -39,7 +39,7 @@ Work = tuple[object, ...]  # a stage, and the settings of the knobs that affect 
 class SettingTrial(Trial):
     """A trial with the error of the worst wanted variable: rms relative to full scale, including the error of the grid.
 
-    Knobs that are not named are at their reference; those of discretisations as in the file.
+    Knobs that are not named are at their reference; discretisations that are not named are as in the file.
     """
 
     variable: str  # name of the worst variable
@@ -60,7 +60,7 @@ class SettingTrial(Trial):
 
 @dataclass(frozen=True)
 class SettingCurve:
-    """A knob alone, from its cheapest setting to its finest. Its errors are distances from the finest."""
+    """A knob alone, from its cheapest setting to its finest. Its errors are differences from the finest setting."""
 
     knob: PipelineKnob
     measured_at: str  # variable at which the error of the stage is measured
@@ -244,7 +244,7 @@ class Trials:
                 self.search.tried[key] = replace(own, timing=replace(own.timing, runs=own.timing.runs + 1))
 
     def known(self, plan: Plan, errors: Mapping[str, GlobalError]) -> dict[str, float]:
-        """Return the rms errors of the wanted variables that are known; add a note for each unknown one."""
+        """Return the rms errors of the wanted variables that are known; add a note for each unknown error."""
         wanted = {name: errors[name] for name in shown_names(plan).values()}
         for name, e in wanted.items():
             if e.rms is None and (note := f"{name} is not counted: {e.why}") not in self.notes:
@@ -253,14 +253,14 @@ class Trials:
         return {name: e.rms for name, e in wanted.items() if e.rms is not None}
 
     def whole(self, trial: SettingTrial) -> SettingTrial:
-        """Return a trial with its error, including that of the grid as far as it is known."""
+        """Return a trial with its error, including the error of the grid as far as it is known."""
         of_grid = [self.sampled[k.key].get(trial.setting(k), {}) for k in self.sampling if k.key in self.sampled]
         errors = {name: e + sum(own.get(name, 0.0) for own in of_grid) for name, e in trial.computed.items()}
         worst = max(errors, key=lambda name: errors[name], default="")
         return replace(trial, error=errors.get(worst), variable=worst)
 
     def curve(self, knob: PipelineKnob, reference: SettingTrial) -> SettingCurve:
-        """Return the curve of a knob. Settings are tried from the reference towards cheaper ones, until the error
+        """Return the curve of a knob. Settings are tried from the reference towards cheaper settings, until the error
         exceeds ``COARSEST``.
         """
         if knob.discretisation:
@@ -308,7 +308,7 @@ class Trials:
 
     def settle(self) -> list[SettingTrial]:
         """Return all trials with final times and errors. The time of a stage uses the samples of all trials with the
-        same settings of the knobs that affect it. Errors include those of the grid.
+        same settings of the knobs that affect it. Errors include the error of the grid.
         """
         for name, trial in self.search.tried.items():
             pools = {stage: self.samples[self.work(trial.settings, stage)] for stage in trial.timing.warm}
@@ -346,8 +346,8 @@ class Trials:
 
 
 def affected(plan: Plan, knob: PipelineKnob) -> frozenset[str]:
-    """Return the stages whose computation a knob may change: its own, those joined with it into one pass, and after a
-    change of grid all later ones.
+    """Return the stages whose computation a knob may change: its own stage, the stages joined with it into one pass
+    and, after a change of grid, all later stages.
     """
     if not knob.stage:
         return frozenset(node.name for node in plan.nodes)

@@ -2,5 +2,5 @@
 memory.
 
 In:  a plan, the reports and arrays of cells (``keeper``, ``memory``).
-Out: the cells left to compute; a store that xarray opens without etendue.
+Out: the cells that remain to be computed; a store that xarray opens without etendue.
 """

@@ -1,4 +1,4 @@
-"""Make a local folder of an archive on an object store: small documents are fetched, shards become stand-ins.
+"""Make a local folder of an archive on an object store: small documents are fetched, shards become stubs.
 
 In:  the listing of the store, and the present content of the folder.
 Out: the folder as a run or reader expects an archive; by path, the object that each file equals.
@@ -52,8 +52,8 @@ class Here:
 
     Attributes
     ----------
-    run : the last run that has written to it; '' if nothing in it is newer than the store
-    there : by path, the tag of the object that a file equals, and the file's state at that time
+    run : the last run that has written to the folder; '' if nothing in the folder is newer than the store
+    there : by path, the tag of the object that a file equals, and the state of the file when this was checked
     """
 
     place: Path
@@ -78,7 +78,7 @@ class Here:
         disk.write(self.place, STORE, json.dumps({"url": self.url, "run": self.run, "there": self.there}).encode())
 
     def state(self, path: str) -> State | None:
-        """Return the state of a file; None if there is none."""
+        """Return the state of a file; None if the file does not exist."""
         try:
             found = os.lstat(self.folder / path)
         except OSError:
@@ -121,7 +121,7 @@ def is_ours(path: str) -> bool:
 def fetch(
     objects: Objects, here: Here, seen: SeenOwner, found: Mapping[str, StoredObject], exact: bool, inputs: bool = True
 ) -> None:
-    """Make a folder match the store; results of a run of this folder that are not on the store yet stay.
+    """Make a folder match the store; results of a run in this folder that have not been uploaded yet are kept.
 
     ``exact``: fetch the index of every shard from the store, for callers that verify; ``inputs``: fetch the input
     files of pipelines too.
@@ -187,7 +187,7 @@ def _lacks(here: Here, path: str, one: StoredObject, ours: bool) -> bool:
 
 
 def at_once(do: Callable[[str], T], paths: Iterable[str], threads: int = AT_ONCE) -> list[T]:
-    """Call ``do`` for many paths in threads; the first exception stops the rest."""
+    """Call ``do`` for many paths in threads; the first exception stops the remaining calls."""
     own = list(paths)
     if len(own) < 2:
         return [do(path) for path in own]
@@ -223,8 +223,8 @@ def packed(here: Here) -> bytes:
 def _pack(
     objects: Objects, found: Mapping[str, StoredObject], vouched: Mapping[str, str], todo: Collection[str]
 ) -> dict[str, bytes]:
-    """Return the packed documents among ``todo``. The pack counts only while the object table has its tag: a run that
-    has started since has removed it from there.
+    """Return the packed documents among ``todo``. The pack is valid only while the object table contains its tag; a run
+    that starts removes this tag.
     """
     if PACK not in found or vouched.get(PACK) != found[PACK].tag or len(todo) < AT_ONCE:
         return {}
@@ -254,7 +254,7 @@ class _Indexes:
 
 
 def _backed(data: bytes, found: Mapping[str, StoredObject]) -> bytes:
-    """Return the journal lines whose bytes are on the store too. Cells of an interrupted run may exist only in the
+    """Return the journal lines whose chunks are also on the store. Cells of an interrupted run may exist only in the
     folder of that run.
     """
     lines = data.split(b"\n")[:-1]

@@ -4,11 +4,11 @@ uploaded whole, as one object.
 In:  a URL.
 Out: the working folder; at the end, objects that hold a valid archive, byte for byte the files of the folder.
 
-Order of changes on the store: put ``owner.json``, on the condition that nobody else has put it; delete the manifest;
+Order of changes on the store: put ``owner.json``, on the condition that no other run has put it; delete the manifest;
 put all files that are known before computing; put each shard as soon as it is complete, and then the journal that names
 it. At the end put status and tables, metadata, the journal, the manifest, the table of objects, and ``owner.json``
 again, which marks the archive as closed. Objects that no longer belong to the archive are deleted before the manifest
-is put. An uploaded shard leaves a stand-in in the local folder.
+is put. An uploaded shard leaves a stub in the local folder.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from etendue.errors import ArchiveError, ArchiveInUse, EtendueError, MachineErro
 ROOT = f"{DATA}/zarr.json"
 UPLOADS = 3  # shards uploaded at a time
 MOST_WAITING = 12
-STOOD_FOR = 1 << 20  # bytes; larger shards are replaced by a stand-in once they are uploaded
+STOOD_FOR = 1 << 20  # bytes; larger shards are replaced by a stub once they are uploaded
 SHARE = 20  # at most 1 part in 20 of the time goes into publishing the journal
 LOOK = 1.0
 
@@ -61,7 +61,7 @@ def working_folder(url: str) -> Path:
 
 
 class Mirror(Behind):
-    """Use as a context manager: gives the working folder. On a normal exit its changes are on the store.
+    """A context manager that gives the working folder. After a normal exit, all changes are on the store.
 
     Attributes
     ----------
@@ -288,7 +288,7 @@ class Mirror(Behind):
                 del self.here.there[path]
 
     def _finish(self) -> None:
-        """Upload everything in order: readers see either this finished run or the one before."""
+        """Upload everything in order: readers see either this finished run or the previous run."""
         changed, gone = self.here.changed(), self.here.gone()
         if not (changed or gone or self.unfinished or self.lease):
             return
@@ -314,7 +314,7 @@ class Mirror(Behind):
 
 
 def _order(path: str) -> int:
-    """Return the upload level of a file: a file with digests of others is uploaded after them."""
+    """Return the upload level of a file: a file that contains digests of other files is uploaded after them."""
     if not path.startswith(f"{DATA}/"):
         return {JOURNAL: 5, MANIFEST: 6}.get(path, 1)
     if path == ROOT:

@@ -1,7 +1,7 @@
-"""The place of an archive: a folder, or a URL of an object store. Code that needs a folder is given one here.
+"""The place of an archive: a folder, or a URL of an object store. This module provides a folder to code that needs one.
 
 In:  a path, or ``s3://bucket/prefix/name``.
-Out: a folder for as long as it is needed; texts and documents in which the URL replaces that folder.
+Out: a folder that exists as long as it is needed; texts and documents in which the URL replaces that folder.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def is_url(place: object) -> bool:
 
 @contextmanager
 def reading(place: str | Path, exact: bool = False, inputs: bool = True) -> Iterator[Path]:
-    """Give a folder from which an archive can be read.
+    """Yield a folder from which an archive can be read.
 
     From an object store, small objects are fetched now and the rest on reading; nothing is written. ``exact``: read
     from the store instead of the journal wherever possible; ``inputs``: also fetch the input files of pipelines.
@@ -55,7 +55,7 @@ def reading(place: str | Path, exact: bool = False, inputs: bool = True) -> Iter
     ArchiveError
         There is no archive, or the store cannot be reached.
     ArchiveInUse
-        Instead of an error about cells that a run is just replacing.
+        A run is replacing the cells that are read.
     """
     if not is_url(place):
         with unless_written(Path(place)):
@@ -97,7 +97,7 @@ def _fetched(url: str, own: Path, exact: bool, inputs: bool) -> Iterator[Path]:
 
 
 def _sweep(work: Path) -> None:
-    """Remove what killed readers have left."""
+    """Remove folders that killed readers have left."""
     for place in work.glob(f"{READING}*"):
         try:
             held = os.open(place / "lock", os.O_RDONLY | os.O_CLOEXEC)
@@ -114,8 +114,8 @@ def _sweep(work: Path) -> None:
 
 @contextmanager
 def writing(place: str | Path, far: str = "", exact: bool = False) -> Iterator[Path]:
-    """Give a folder into which a run may write; its changes are on the object store at the end. ``far``: the scheduler,
-    if its workers may be on other machines.
+    """Yield a folder into which a run may write; its changes are on the object store at the end. ``far``: the
+    scheduler, if its workers may be on other machines.
 
     Raises
     ------

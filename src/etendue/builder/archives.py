@@ -1,4 +1,4 @@
-"""An archive in Python: methods that do what the commands of the same names do.
+"""An archive in Python: its methods correspond to the commands of the same names.
 
 In:  a folder, or the URL of an object store.
 Out: trees, plots, files, and documents as printed by ``--json``.
@@ -67,7 +67,7 @@ class Archive(Extended):
 
     @property
     def tree(self) -> xarray.DataTree:
-        """The stored results that are finished by now, loaded lazily."""
+        """The results that are finished so far, loaded lazily."""
         return places.open_archive(self.place)
 
     @property
@@ -80,7 +80,7 @@ class Archive(Extended):
         return TreeAccessor(self.tree).show(variable, **at)
 
     def report(self, output: str | Path | None = None, *, blame: bool = False) -> Path:
-        """Write a report as one page, and return its file; an older one is replaced.
+        """Write a report as one page, and return its path; an existing file is replaced.
 
         ``blame``: also compute each stage's share of the losses now.
         """
@@ -89,7 +89,7 @@ class Archive(Extended):
             return report_page.report(folder, to, shares_at() if blame else None).path
 
     def verify(self) -> Document:
-        """Check that every byte is as it was written; return the document that ``etendue verify --json`` prints."""
+        """Check that every byte is as written; return the document that ``etendue verify --json`` prints."""
         with places.reading(self.place, exact=True) as folder:
             found: Document = places.named(verifying.document(verifying.verify(folder)), folder, self.place)
         return found
@@ -97,7 +97,7 @@ class Archive(Extended):
     def reproduce(self, scheduler: str = "threads", workers: int = 0) -> Document:
         """Compute every cell again from the archive alone and compare.
 
-        Return what ``etendue reproduce --json`` prints.
+        Return the document that ``etendue reproduce --json`` prints.
         """
         with places.reading(self.place, exact=True) as folder:
             found: Document = places.named(
@@ -108,8 +108,8 @@ class Archive(Extended):
         return found
 
     def diff(self, other: Archive | str | Path) -> Document:
-        """Compare with another archive: which cells differ, by how much, and why; return what ``etendue diff --json``
-        prints.
+        """Compare with another archive: differing cells, size and cause of the differences; return the document that
+        ``etendue diff --json`` prints.
         """
         place = other.place if isinstance(other, Archive) else other
         with places.reading(self.place, inputs=False) as a, places.reading(place, inputs=False) as b:
@@ -124,7 +124,7 @@ class Archive(Extended):
         Raises
         ------
         RequestError
-            If the archive is in an object store; use the command ``etendue view``, which fetches it.
+            If the archive is in an object store; use the command ``etendue view``, which fetches the archive.
         """
         if places.is_url(self.place):
             raise RequestError(

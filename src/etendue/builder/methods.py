@@ -2,7 +2,7 @@
 ``{"Pipeline.compare": "module:function"}``.
 
 In:  the name of a class and of a method.
-Out: the function, bound to the object that it is called on.
+Out: the function, bound to the pipeline or archive.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from etendue.plugins import discovery
 
 
 class Extended:
-    """A class to which distributions add methods; its own take precedence."""
+    """A class to which distributions add methods; methods of the class itself take precedence."""
 
     def __getattr__(self, name: str) -> Any:
         if not name.startswith("_"):

@@ -1,6 +1,6 @@
-"""A pipeline written in Python: the content of a pipeline file, as a value to which calls add.
+"""A pipeline written in Python: the content of a pipeline file, as an immutable value that is built by method calls.
 
-In:  placed stages, shared quantities, axes of a sweep, what is wanted.
+In:  placed stages, shared quantities, axes of a sweep, wanted variables.
 Out: the same pipeline as TOML, its plan, its results, studies of it.
 """
 
@@ -59,7 +59,7 @@ def span(first: Any, last: Any, steps: int, spacing: str = "linear") -> Document
 class Pipeline(Extended, PipelineSource):
     """A graph of stages: placed stages in order, and everything else that a pipeline file can state.
 
-    Every method returns a new pipeline and leaves the one it is called on unchanged.
+    Every method returns a new pipeline and leaves the original unchanged.
 
     Parameters
     ----------
@@ -101,8 +101,8 @@ class Pipeline(Extended, PipelineSource):
 
     @classmethod
     def read(cls, path: str | Path) -> Pipeline:
-        """Read the pipeline of a file, to change it; its comments are lost. Relative paths still start at the file's
-        folder.
+        """Read the pipeline of a file, to change it; its comments are lost. Relative paths remain relative to the
+        folder of the file.
         """
         written = read_pipeline(Path(path))
         if written.faults:
@@ -202,13 +202,13 @@ class Pipeline(Extended, PipelineSource):
         return self._with(drawn={word: one for word, one in own.items() if word not in empty}, axes=left)
 
     def want(self, *variables: str) -> Pipeline:
-        """Return the pipeline with the variables to compute: ``rgb_display``, or ``stage.variable``. Stages that they
-        do not need do not run.
+        """Return the pipeline with the variables to compute: ``rgb_display``, or ``stage.variable``. Stages that these
+        variables do not need are not run.
         """
         return self._with(words={**self.words, "wanted": list(variables)})
 
     def keep(self, *variables: str) -> Pipeline:
-        """Return the pipeline with the variables to store; by default, all computed ones. ``looks``: pictures and
+        """Return the pipeline with the variables to store; by default, all computed variables. ``looks``: pictures and
         metrics, not light by band.
         """
         return self._with(words={**self.words, "keep": list(variables)})
@@ -260,7 +260,7 @@ class Pipeline(Extended, PipelineSource):
         return text
 
     def written(self) -> Written:
-        """Return the pipeline as if read from a file, in the form that studies take."""
+        """Return the pipeline as if read from a file, in the form that studies accept."""
         return parse_pipeline(self.to_toml(), folder=self.folder)
 
     def plan(self, leave_out: bool = True) -> Planned:
@@ -269,7 +269,7 @@ class Pipeline(Extended, PipelineSource):
         Raises
         ------
         RequestError
-            With every fault.
+            The pipeline is invalid; the message lists every fault.
         """
         return Planned(make_plan(self.written(), installed_stages(), leave_out))
 
@@ -290,15 +290,15 @@ class Pipeline(Extended, PipelineSource):
         Parameters
         ----------
         archive : folder that keeps the results and from which a run resumes; None: in memory
-        want : variable or variables, instead of those of the pipeline
+        want : variable or variables to compute, instead of the pipeline's ``wanted``
         errors : whether to measure the errors of the wanted variables, in at most 10 % of the run's time; a number is
-            the seconds that it may take, ``math.inf`` any
+        the maximum time in seconds, ``math.inf``: no limit
 
         Returns
         -------
         Outcome
-            ``tree``: the ``xarray.DataTree`` (from an archive, loaded lazily); also what was computed, reused and
-            failed.
+            ``tree``: the ``xarray.DataTree`` (from an archive, loaded lazily); also the computed, reused and failed
+            cells.
         """
         chosen = self if want is None else self.want(*([want] if isinstance(want, str) else want))
         made = make_plan(at_choices_of(chosen.written(), archive), installed_stages(), leave_out)
@@ -314,8 +314,9 @@ class Pipeline(Extended, PipelineSource):
         return outcome
 
     def session(self, bytes: int = BYTES, leave_out: bool = True, archive: str | Path | None = None) -> Session:
-        """Return an object that evaluates the pipeline many times, each time at other values. It keeps results of at
-        most ``bytes`` bytes, and computes only what changed. ``archive``: a folder from which results are read too.
+        """Return an object that evaluates the pipeline many times at different values. It keeps results of at most
+        ``bytes`` bytes, and computes only cells that a change affects. ``archive``: a folder from which finished
+        results are also read.
         """
         return Session(at_choices_of(self.written(), archive), bytes, leave_out, archive)
 

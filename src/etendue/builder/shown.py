@@ -1,6 +1,6 @@
 """Plans and pipelines as shown in a notebook.
 
-In:  documents of numbers and texts, which may come from anywhere.
+In:  documents of numbers and untrusted texts.
 Out: HTML without scripts; texts are escaped.
 """
 
@@ -30,7 +30,7 @@ def table_page(title: str, columns: Sequence[Column], rows: Iterable[Any], notes
 
 
 def plan_page(document: Document) -> str:
-    """Return what ``etendue plan`` prints, as HTML."""
+    """Return the output of ``etendue plan`` as HTML."""
     columns = plan_columns(lambda axes: " \u00d7 ".join(axes) or "-")
     whole = (
         f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
@@ -53,7 +53,7 @@ class Planned:
         return len(self.plan.cells)
 
     def document(self) -> Document:
-        """Return what ``etendue plan --json`` prints."""
+        """Return the document that ``etendue plan --json`` prints."""
         return summary(self.plan, peak_memory(self.plan, workers_of("threads", 0)).bytes)
 
     def __repr__(self) -> str:

@@ -1,6 +1,6 @@
 """``etendue.simulate``: run a pipeline in one call.
 
-In:  a pipeline, and values in place of its own.
+In:  a pipeline, and values that override its own.
 Out: an ``xarray.DataTree``, with the errors of the wanted variables.
 """
 
@@ -46,18 +46,20 @@ def simulate(
     archive : folder or s3://bucket/prefix/name that keeps the results and from which a run resumes; None: in memory
     want : variable or variables to compute, instead of the file's ``wanted``
     scheduler, workers : as for ``--scheduler`` (``etendue run --help``); number of threads or processes
-    leave_out : whether stages that the scene does not need may be left out
+    leave_out : whether stages may be left out if they have no effect on the scene
     errors : whether to measure the errors of the wanted variables, in at most 10 % of the run's time; a number is the
-        seconds that it may take, ``math.inf`` any. They are the attributes ``error`` (in the variable's unit, or
+    maximum time in seconds, ``math.inf``: no limit. The errors are stored as the attributes ``error`` (in the
+    variable's unit, or
         relative to full scale) and ``error_parts``
-    **parameters : shared quantities by name, ``stage__parameter`` for others, ``seed``, ...; a list makes a sweep axis
+    **parameters : shared quantities by name, ``stage__parameter`` for parameters of stages, ``seed``, ...; a list makes
+    a sweep axis
 
     Raises
     ------
     RequestError
-        With every fault of the file.
+        The file is invalid; the message lists every fault.
     EtendueError
-        If cells failed; the message names the first.
+        If cells failed; the message names the first failed cell.
 
     Examples
     --------
@@ -85,8 +87,8 @@ def at_choices_of(pipeline: PipelineFile, archive: str | Path | None) -> Pipelin
 
 
 def with_errors(outcome: Outcome, errors: bool | float = True) -> None:
-    """Measure the errors of a run's wanted variables, if the time suffices for anything. ``errors``: whether to, within
-    10 % of the run's time, or the seconds that it may take.
+    """Measure the errors of a run's wanted variables, as far as the time allows. ``errors``: True for at most 10 % of
+    the run's time, or the maximum time in seconds.
     """
     budget = SHARE * outcome.seconds if isinstance(errors, bool) else errors
     folder = outcome.archive if isinstance(outcome.archive, Path) else None
@@ -97,7 +99,7 @@ def with_errors(outcome: Outcome, errors: bool | float = True) -> None:
 
 
 def opened(outcome: Outcome, archive: str | Path | None) -> Any:
-    """Return the tree of a run, in memory or of its archive, lazily; with ``tree.etendue``."""
+    """Return the tree of a run, from memory or lazily from its archive, with the accessor ``tree.etendue``."""
     from etendue.present.plots import accessor  # noqa: F401  # tree.etendue.plot
 
     if archive is None:

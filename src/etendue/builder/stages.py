@@ -26,7 +26,7 @@ from etendue.types.documents import Document, DocumentView
 
 @dataclasses.dataclass(frozen=True)
 class Placed:
-    """One stage of a pipeline: its kind, name, parameters as written, and the stages that it reads from."""
+    """One stage of a pipeline: its kind, name, parameters as written, and the stages from which it reads."""
 
     use: str
     values: DocumentView
@@ -43,7 +43,7 @@ class Placed:
         return {**own, **self.values}
 
     def with_values(self, **values: Any) -> Placed:
-        """Return the same stage with other values of some parameters."""
+        """Return the stage with other values for some parameters."""
         return maker(self.use)(name=self.name, reads_from=self.reads_from, **{**self.values, **values})
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""The command line: words in, results on stdout, one clear message on stderr, an exit code.
+"""The command line: arguments in, results on stdout, errors as one clear message on stderr, an exit code.
 
 In:  the arguments of the process.
 Out: the output of a command of ``runs``, ``catalogue``, ``comparisons`` or ``exports``.

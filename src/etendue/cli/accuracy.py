@@ -36,7 +36,7 @@ from etendue.cli.saying import command, later
     show_default=True,
     type=click.IntRange(1),
     metavar="N",
-    help="Cold and warm runs of each trial.",
+    help="Number of cold and warm runs of each trial.",
 )
 @click.option(
     "--by",
@@ -59,7 +59,7 @@ from etendue.cli.saying import command, later
     "--verify",
     multiple=True,
     metavar="NAME=VALUE",
-    help="Also check the cheapest settings here, such as scene.file=other.png" + options.REPEAT,
+    help="Also check the cheapest settings on another scene, such as scene.file=other.png" + options.REPEAT,
 )
 @options.output("Folder for table (CSV, JSON) and plot. Default: ./<name>-accuracy.")
 @options.JSON
@@ -69,11 +69,11 @@ def accuracy() -> None:
     """Measure error against run time for each accuracy setting (knob) and find the cheapest combination for a
     tolerance.
 
-    Every trial is compared with the reference (all knobs at their finest setting, nothing left out, 64 bits), both
+    Every trial is compared with the reference (all knobs at their finest setting, no stage left out, 64 bits), both
     without noise and rounding. Without --knob, the command tries all knobs that the file does not set, the precision,
     and the discretisations (bins, spacing, surround), coarser and finer than in the file; the error of a combination
-    includes the error of its discretisation. The order of convergence is that of the error of the knob's own stage.
-    Errors below the noise of a single frame are invisible in that frame.
+    includes the error of its discretisation. The order of convergence describes the error at the output of the knob's
+    own stage. Errors below the noise of a single frame are invisible in that frame.
 
     Exit codes: 0 done, 2 invalid request.
     """

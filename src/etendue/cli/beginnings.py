@@ -38,7 +38,7 @@ def new() -> None:
 @command("new-plugin")
 @click.argument("name")
 @click.option("--role", metavar="ROLE", help="Role of the stage, as listed by `etendue stages`.")
-@click.option("--like", metavar="STAGE", help="Installed stage to start from. Default: a simple one of the role.")
+@click.option("--like", metavar="STAGE", help="Installed stage to start from. Default: a simple stage of the role.")
 @FOLDER
 @later("etendue.cli.bodies.beginnings:new_plugin")
 def new_plugin() -> None:

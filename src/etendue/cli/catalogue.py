@@ -1,4 +1,4 @@
-"""Commands that list what is installed: ``stages``, ``quantities``, ``schema``."""
+"""Commands that list installed items: ``stages``, ``quantities``, ``schema``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def stages() -> None:
 @JSON
 @later("etendue.cli.bodies.loaded:quantities")
 def quantities() -> None:
-    """List the quantities that stages share: meaning, unit, range, default, and the stages that use each."""
+    """List the quantities that stages share: meaning, unit, range, default, and the stages that use them."""
 
 
 @command("schema")

@@ -1,7 +1,7 @@
 """Command table: the engine's own commands, and those that distributions register with ``etendue_commands``.
 
 In:  names.
-Out: ``Command``: where it is defined, its usage, what it does. A command's module is imported when it is called.
+Out: ``Command``: its location, usage and description. A command's module is imported when it is called.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from etendue.errors import PluginError
 
 @dataclasses.dataclass(frozen=True)
 class Command:
-    """``place``: ``module:function`` of a click command; ``usage``: what is typed after its name; ``doc``: a few words
-    for ``--help``.
+    """``place``: ``module:function`` of a click command; ``usage``: the arguments after its name; ``doc``: a short
+    description for ``--help``.
     """
 
     place: str
@@ -29,7 +29,9 @@ class Command:
 _HERE = "etendue.cli"
 OWN = {
     "run": Command(f"{_HERE}.runs:run", "FILE", "run a pipeline and archive the results; resume an existing archive"),
-    "plan": Command(f"{_HERE}.runs:plan", "FILE", "show what would run: cells, bytes, time, what is left out and why"),
+    "plan": Command(
+        f"{_HERE}.runs:plan", "FILE", "show what would run: cells, bytes, time, omissions and their reasons"
+    ),
     "rerun": Command(f"{_HERE}.runs:rerun", "DIR", "bring an archive up to date, from the archive alone"),
     "stages": Command(f"{_HERE}.catalogue:stages", "[NAME]", "list installed stages: inputs, outputs, parameters"),
     "quantities": Command(f"{_HERE}.catalogue:quantities", "[NAME]", "list shared quantities: meaning, unit, range"),
@@ -41,7 +43,7 @@ OWN = {
     ),
     "verify": Command(f"{_HERE}.trust:verify", "DIR", "check every byte; --repair fixes damage"),
     "reproduce": Command(f"{_HERE}.trust:reproduce", "DIR", "recompute and compare, cell by cell"),
-    "diff": Command(f"{_HERE}.trust:diff", "DIR DIR", "list cells that differ between archives, by how much and why"),
+    "diff": Command(f"{_HERE}.trust:diff", "DIR DIR", "list cells that differ between archives, with size and cause"),
     "compact": Command(f"{_HERE}.compacting:compact", "DIR [NEW]", "rewrite an archive with its axes sorted"),
     "accuracy": Command(f"{_HERE}.accuracy:accuracy", "FILE", "measure error against run time of accuracy settings"),
     "new": Command(f"{_HERE}.beginnings:new", "NAME", "create a commented pipeline to start from"),
@@ -54,7 +56,7 @@ OWN = {
 
 @cache
 def offered() -> dict[str, Command]:
-    """Return all commands by name. The engine's own take precedence over others of the same name."""
+    """Return all commands by name. Commands of the engine take precedence over others of the same name."""
     found = dict(OWN)
     for name, (command, _) in _brought().items():
         found.setdefault(name, command)
@@ -70,7 +72,7 @@ def _discovery() -> ModuleType:
 
 @cache
 def _brought() -> dict[str, tuple[Command, str]]:
-    """Return the commands that distributions register, with their origin; those that cannot be read are omitted."""
+    """Return the commands that distributions register, with their origin; commands that cannot be read are omitted."""
     discovery = _discovery()
     every, found = discovery.installed(), {}
     for name in every.names("commands"):
@@ -88,7 +90,7 @@ def loaded(name: str, command: Command) -> click.Command:
     Raises
     ------
     PluginError
-        Its module cannot be imported or holds no click command of this name.
+        The module of the command cannot be imported, or contains no click command of this name.
     """
     from pkgutil import resolve_name
 
@@ -103,7 +105,7 @@ def loaded(name: str, command: Command) -> click.Command:
 
 
 def listed() -> list[tuple[str, list[tuple[str, str]]]]:
-    """Return section titles, each with its commands as typed and what they do."""
+    """Return section titles, each with its commands as typed and their descriptions."""
     own = [(_typed(name, one), one.doc) for name, one in OWN.items()]
     others: dict[str, list[tuple[str, str]]] = {}
     for name, (one, origin) in _brought().items():
@@ -121,5 +123,7 @@ def _typed(name: str, command: Command) -> str:
 
 
 def missed(name: str) -> str:
-    """Return '; ...' with the reason why no distribution provides a command, if one that may is broken."""
+    """Return '; ...' with the reason why no distribution provides a command, if a distribution that may provide it is
+    broken.
+    """
     return str(_discovery().installed().missed("commands", name))

@@ -96,7 +96,7 @@ WANT = click.option(
 TOLERANCE = click.option(
     "--tolerance",
     metavar="T",
-    help="Error that one approximation or omission may add to its own stage, relative to full scale.",
+    help="Error that one approximation or omission may add to the output of its stage, relative to full scale.",
 )
 ROUND = click.option(
     "--digits",
@@ -104,12 +104,13 @@ ROUND = click.option(
     help="Digits of stored pictures: exact (all), or stated (only those that are significant at the tolerance).",
 )
 NOTHING_LEFT_OUT = click.option(
-    "--nothing-left-out", is_flag=True, help="Run every stage, even where it has no effect on the scene."
+    "--nothing-left-out", is_flag=True, help="Run every stage, even if it has no effect on the scene."
 )
 NO_STAND_INS = click.option(
     "--no-stand-ins",
     is_flag=True,
-    help="Refuse presets with typical values in place of values that no source gives, and list these values.",
+    help="Refuse presets that contain stand-ins (typical values, used if no source gives a value), and list the "
+    "stand-ins.",
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout.")
 SCHEDULER = click.option(
@@ -123,7 +124,8 @@ MOST_CELLS = click.option(
     "--most-cells",
     type=click.IntRange(1),
     metavar="N",
-    help="Maximum number of cells of the archive's pipeline. Default: 1,000,000, whatever the pipeline says.",
+    help="Maximum number of cells of the archive's pipeline. Default: 1,000,000, even if the pipeline states "
+    "another limit.",
 )
 WORKERS = click.option(
     "--workers", type=click.IntRange(1), metavar="N", help="Number of threads or processes. Default: one per core."
@@ -131,7 +133,7 @@ WORKERS = click.option(
 
 
 def from_here(here: Path, place: Path | str) -> Path | str:
-    """Resolve a place against ``here``, an earlier working directory: a plugin may change the current one."""
+    """Resolve a place against ``here``, an earlier working directory: a plugin may change the current directory."""
     return here / place if isinstance(place, Path) else place
 
 
@@ -145,7 +147,7 @@ def output(help: str) -> Adds:
 
 @dataclass(frozen=True)
 class Given:
-    """What the command line says about a pipeline."""
+    """The options of a command line that describe a pipeline."""
 
     file: Path
     settings: tuple[str, ...] = ()
@@ -165,7 +167,7 @@ class Given:
 
 @dataclass(frozen=True)
 class Way:
-    """How a command runs and what it prints meanwhile."""
+    """Options for running a command and for its output during the run."""
 
     scheduler: str = "threads"
     workers: int | None = None
@@ -256,7 +258,7 @@ def number(text: str) -> Any:
 
 
 def knob_settings(words: tuple[str, ...]) -> dict[str, tuple[Any, ...]]:
-    """Parse ``STAGE.KNOB`` or ``STAGE.KNOB=V,V,..`` into settings by knob; () where none are given.
+    """Parse ``STAGE.KNOB`` or ``STAGE.KNOB=V,V,..`` into settings by knob; () if no settings are given.
 
     Raises
     ------
@@ -276,7 +278,7 @@ def knob_settings(words: tuple[str, ...]) -> dict[str, tuple[Any, ...]]:
 
 
 def overrides(given: Given) -> Document:
-    """Return the values that override those of the file.
+    """Return the values that override values of the file.
 
     Raises
     ------

@@ -17,16 +17,16 @@ from etendue.cli.saying import command, later
     "--output",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="File to write; an existing one is replaced. Default: ./ARCHIVE-report.html.",
+    help="File to write; an existing file is replaced. Default: ./ARCHIVE-report.html.",
 )
-@click.option("--blame", is_flag=True, help="Add each stage's share of the loss, which is computed now.")
+@click.option("--blame", is_flag=True, help="Also compute and add each stage's share of the loss.")
 @JSON
 @later("etendue.cli.bodies.pages:report")
 def report() -> None:
     """Write a self-contained HTML report: pictures, maps, curves, trade-offs, errors, failures.
 
     The file opens offline in any browser of 2023 or later. It holds the metrics of all cells and the pictures of at
-    most 64. If the run is still in progress, it holds what is finished.
+    most 64. If the run is still in progress, the file contains the finished cells.
     """
 
 
@@ -40,6 +40,7 @@ def report() -> None:
 def view() -> None:
     """Serve the report live, with every sample of every stage, to a browser on this machine.
 
-    The page follows a run in progress; an archive in an object store is shown as it was at the start. The address
-    contains a secret: users of this machine who know it can look, but nobody can change anything. Stop with Ctrl-C.
+    The page follows a run in progress; an archive in an object store is shown in the state that it has when the command
+    starts. The address contains a secret: users of this machine who know it can open the page, but nobody can change
+    anything. Stop with Ctrl-C.
     """

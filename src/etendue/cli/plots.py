@@ -31,11 +31,11 @@ from etendue.cli.saying import command, later
 @click.option(
     "--better", default="", metavar="WORD,WORD", help="For pareto: higher or lower, for each metric in order."
 )
-@click.option("--blame", is_flag=True, help="For budget: add each stage's share of the loss, which is computed now.")
+@click.option("--blame", is_flag=True, help="For budget: also compute and add each stage's share of the loss.")
 @JSON
 @later("etendue.cli.bodies.plots:plot")
 def plot() -> None:
-    """Plot what an archive holds: maps and curves of metrics, Pareto fronts, pictures, budgets.
+    """Plot the content of an archive: maps and curves of metrics, Pareto fronts, pictures, budgets.
 
     \b
     etendue plot sweep                                    the plot that fits best

@@ -18,7 +18,7 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
 class _Main(click.Group):
-    """Turn errors raised on purpose into one clear message and the right exit code."""
+    """Convert intended errors into one clear message and the matching exit code."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.obj = "--json" in args

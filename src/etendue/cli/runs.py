@@ -17,15 +17,15 @@ from etendue.cli.saying import command, later
 @WORKERS
 @later("etendue.cli.bodies.plans:plan")
 def plan() -> None:
-    """Show what a run would do: stages, cells, bytes, time, and which stages it would leave out and why.
+    """Show what a run would do: stages, cells, bytes, time, and the stages that it would leave out, with the reason.
 
-    If the machine is too small for `run` (with these workers, into ./<name>), the reason is printed after the plan and
-    the exit code is 5, as with `run`.
+    If the machine does not have enough memory or disk space to run the plan (with these workers, into ./<name>), the
+    reason is printed after the plan and the exit code is 5, as for `run`.
     """
 
 
 def _how(function: Any) -> Any:
-    """Add the options of how a run is done; none of them changes a bit of the result."""
+    """Add the options that control the execution of a run; none of them changes a bit of the result."""
     for option in (
         click.option("--quiet", is_flag=True, help="Show no progress."),
         click.option(
@@ -72,7 +72,7 @@ def _how(function: Any) -> Any:
     type=click.FloatRange(0),
     default=900.0,
     show_default=True,
-    help="Thread time that the search of --hold may take, in seconds.",
+    help="Maximum thread time of the search by --hold, in seconds.",
 )
 @click.option(
     "--errors/--no-errors",
@@ -104,7 +104,7 @@ def rerun() -> None:
     """Bring an archive up to date, from the archive alone: run its last pipeline again with the input files it stores.
 
     Results that are present and valid stay. Results that are missing, damaged or out of date (code or input files have
-    changed) are computed. Exit codes are those of `run`.
+    changed) are computed. Exit codes are the same as for `run`.
     """
 
 

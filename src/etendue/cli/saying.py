@@ -1,4 +1,4 @@
-"""Write the output of a command to stdout: a document as JSON, or text for people."""
+"""Write the output of a command to stdout: a document as JSON, or readable text."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def say(document: Any) -> None:
 
 
 def show(draw: Any, *what: Any) -> None:
-    """Print text for people on stdout."""
+    """Print readable text on stdout."""
     with streams.results():
         draw(*what)
 

@@ -18,7 +18,7 @@ from etendue.cli.options import (
 from etendue.cli.saying import command, later
 
 _ARCHIVE = click.argument("place", type=PLACE, metavar="ARCHIVE")
-UNCHANGED = "interrupted; the archive is as it was"
+UNCHANGED = "interrupted; the archive is unchanged"
 
 
 @command("reproduce")
@@ -32,17 +32,18 @@ UNCHANGED = "interrupted; the archive is as it was"
 @gather_way
 @later("etendue.cli.bodies.recomputing:reproduce", UNCHANGED)
 def reproduce() -> None:
-    """Recompute an archive, from the archive alone, and compare every cell with the stored one.
+    """Recompute an archive, from the archive alone, and compare every cell with the stored cell.
 
     Everything else in the archive is compared too: coordinates, dims, units, types, attributes, status, tables,
-    pictures, journal, records. What cannot be recomputed (seconds, dates, versions, authors) is listed as not checked.
+    pictures, journal, records. Facts that cannot be recomputed (seconds, dates, versions, authors) are listed as not
+    checked.
 
     On the same platform every bit must agree. On another platform (processor features, numpy, scipy, Python) a cell may
     differ by the errors that its stage and the stages before it declare. Stages that are not installed are listed, and
     so is code that has changed since. Nothing is kept without --into.
 
-    Exit codes: 0 reproduced, 1 not reproduced, 2 invalid request or something missing here, 4 a run is writing to the
-    archive.
+    Exit codes: 0 reproduced, 1 not reproduced, 2 the request is invalid, or a stage or input is missing, 4 a run is
+    writing to the archive.
     """
 
 
@@ -52,10 +53,12 @@ def reproduce() -> None:
 @JSON
 @later("etendue.cli.bodies.checks:diff", UNCHANGED)
 def diff() -> None:
-    """List the cells that differ between two archives, by how much, and which parameter, code or input caused it.
+    """List the cells that differ between two archives, with the size of the difference and the parameter,
+    code or input that caused it.
 
     Cells are matched by stage and axis values; an axis that only one archive has is matched at the value that the other
-    archive uses. Differences are those of the worst cell of each stage; relative differences are rms over full scale.
+    archive uses. For each stage the largest difference of any cell is given; relative differences are rms over full
+    scale.
 
     Exit codes: 0 equal, 1 different, 2 invalid request.
     """
@@ -74,9 +77,9 @@ def diff() -> None:
     metavar="PATH",
     help="File, folder or archive in which to look for lost inputs, by their content; may be repeated.",
 )
-@click.option("--digest", is_flag=True, help="Print one SHA-256 of the whole archive, for you to keep elsewhere.")
+@click.option("--digest", is_flag=True, help="Print one SHA-256 of the whole archive; store it in another place.")
 @click.option(
-    "--accept-platform", is_flag=True, help="Repair even if this platform differs from that of the other cells."
+    "--accept-platform", is_flag=True, help="Repair even if this platform differs from the platform of the other cells."
 )
 @SCHEDULER
 @WORKERS
@@ -94,9 +97,9 @@ def verify() -> None:
     moved to its folder 'strays'.
 
     `verify` cannot detect a change after which all digests in the archive were rewritten too. `reproduce` detects it if
-    a result differs from the recomputed one; the digest printed by --digest, if you kept it elsewhere, detects any
+    a result differs from the recomputed result; the digest printed by --digest, if you kept it elsewhere, detects any
     change.
 
-    Exit codes: 0 whole (with --repair: whole after it), 1 damaged, 2 invalid request, or the archive lacks what a
+    Exit codes: 0 undamaged (with --repair: after the repair), 1 damaged, 2 invalid request, or the archive lacks what a
     repair needs, 4 a run is writing to the archive.
     """

@@ -131,7 +131,9 @@ def _of_bands(array: Array | BandArray, dims: tuple[str, ...], grid: Grid, bands
 
 
 def run_bands(job: Job, given: Mapping[str, Array | BandArray], bands: slice, pixels: bool = True) -> Mapping[str, Any]:
-    """Call ``run`` of a stage on some of its bands; without ``pixels`` on one pixel, for outputs without y and x."""
+    """Call ``run`` of a stage on some of its bands; without ``pixels``, on a single pixel, for outputs
+    without y and x.
+    """
     stage: Any = job.stage
     declared = reads_of(type(stage))
     inputs = {p: _cut(g, bands) for p, g in job.input_grids.items()}
@@ -174,7 +176,7 @@ def run_bands(job: Job, given: Mapping[str, Array | BandArray], bands: slice, pi
 
 
 def made_by_band(job: Job, given: Mapping[str, Array | BandArray]) -> CellArrays:
-    """Return what a stage writes: large variables as bands computed on demand, small ones now."""
+    """Return what a stage writes: large variables as bands that are computed on demand, small variables as arrays."""
     arrays: CellArrays = {}
     small = [v for v in job.writes if v not in job.by_band]
     bands = max(g.bands().size for g in job.grids.values() if g.banded)
@@ -214,8 +216,8 @@ def among_all(lit: Array, bands: slice, count: int) -> Array:
 
 
 def of_lit_bands(job: Job, given: Mapping[str, Array | BandArray]) -> CellArrays | None:
-    """Return what a stage writes that multiplies light by factors, computed only in bands with light; None if it is not
-    such a stage, or if all bands have light.
+    """Return what a stage writes that multiplies light by factors, computed only in bands with light; None if the stage
+    does not multiply light by factors, or if all bands have light.
     """
     stage, declared = job.stage, reads_of(type(job.stage))
     if not (isinstance(stage, Banded) and stage.pointwise and stage.negative != "clip"):
@@ -235,7 +237,7 @@ def of_lit_bands(job: Job, given: Mapping[str, Array | BandArray]) -> CellArrays
 
 
 class Timed:
-    """Bands that are computed while they are stored; that time is charged to their cell."""
+    """Bands that are computed while they are stored; their time is charged to their cell."""
 
     def __init__(self, bands: BandArray) -> None:
         self.bands, self.seconds = bands, 0.0

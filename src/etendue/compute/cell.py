@@ -1,4 +1,4 @@
-"""Compute one cell: pass plain arrays to a stage, check what it returns, store it.
+"""Compute one cell: pass plain arrays to a stage, check the result, store it.
 
 In:  a ``Job`` and the results it reads.
 Out: its ``Result`` and a ``CellReport``; a failure is a report, not an exception.
@@ -87,7 +87,7 @@ def finite(array: Array) -> bool:
 
 
 def undefined(job: Job, arrays: Mapping[str, Array]) -> dict[str, float]:
-    """Return NaN for each float array with undefined values; raise if these were not declared."""
+    """Return NaN for each float array with undefined values; raise an error if undefined values were not declared."""
     found = {}
     for variable, array in arrays.items():
         if type(array) is not np.ndarray and isinstance(array, BandArray):
@@ -114,8 +114,8 @@ def compute(
 ) -> tuple[Result, CellReport]:
     """Compute or load one cell. Exceptions of stages become a failed report.
 
-    ``began`` is the thread time at the end of the previous cell, because reading the clock costs 5 us. ``groups``: what
-    the cells of each stage have in common, in a batch that runs ``undisturbed`` as a whole.
+    ``began`` is the thread time at the end of the previous cell, because reading the clock costs 5 us. ``groups``: the
+    common properties of the cells of each stage, in a batch that runs ``undisturbed`` as a whole.
     """
     began = time.thread_time() if began is None else began
     for ref in job.needs:
@@ -176,8 +176,8 @@ def kept(
 
 
 def _looked_at(job: Job, arrays: CellArrays) -> tuple[CellArrays, float]:
-    """Return what a caller makes of light that it only looks at, and the seconds of its bands; else the arrays. An
-    error of one band is the cell's.
+    """Return the caller's reduction of light that it only looks at, and the seconds of its bands; otherwise the arrays.
+    An error in one band is an error of the cell.
     """
     if job.segment is None or not job.segment.seen or job.look is None:
         return arrays, 0.0
@@ -230,7 +230,9 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
 
 
 def _passed(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tuple[Result, CellArrays]:
-    """Return what a cell that is left out passes on; the stage is run only for optional outputs that are wanted."""
+    """Return the arrays and light that a left-out cell passes on; the stage is run only for optional outputs that are
+    wanted.
+    """
     result, arrays = passed_on(job, results)
     # The stage before may have declared undefined values, which this one must not pass on without declaring them too.
     doubtful = {name: array for name, array in arrays.items() if math.isnan(result.lowest.get(name, 0.0))}

@@ -107,7 +107,7 @@ class StageForm:
         return key
 
     def lasts(self, stage: Stage) -> bool:
-        """Return whether a stage was the last one requested and reads no files, so that its tables are the same."""
+        """Return whether a stage is the stage requested last and reads no files, so that its tables are the same."""
         known = self._prepared
         return "prepared" not in self.special or (known is not None and known[0] is stage)
 
@@ -116,7 +116,7 @@ _LAST: dict[str, StageForm] = {}
 
 
 def form_of(job: Job) -> StageForm:
-    """Return the form of a cell; that of the previous cell of the same stage if it fits."""
+    """Return the form of a cell; the form of the previous cell of the same stage is reused if it fits."""
     form: StageForm | None = job.form
     if form is None:
         form = _LAST.get(job.ref[0])

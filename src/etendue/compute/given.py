@@ -4,9 +4,9 @@ In:  a ``Job`` and the results it reads.
 Out: arguments by name.
 
 Properties that the ordinary cells of one stage in a batch share are determined for the first cell, so that every other
-cell takes little more time than its kernel. A cell is ordinary if its own distribution is ours and nothing about it is
-special: it is not mapped, left out, computed by band or waiting for a value, and it looks at no other stage. All others
-go the general way (``cell._made``), whose checks, messages and bits are the same.
+cell takes little more time than its kernel. A cell is ordinary if its stage belongs to this distribution and nothing
+about it is special: it is not mapped, left out, computed by band or waiting for a value, and it looks at no other
+stage. All other cells are computed by ``cell._made``, with the same checks, messages and bits.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def looked_through(job: Job, results: Mapping[CellRef, Result], ref: CellRef, va
     if job.stage.nan != "keep" and not math.isfinite(result.lowest.get(variable, 0.0)):
         raise PluginError(
             f"{variable} from {ref[0]!r} holds NaN or infinite values, which {job.ref[0]!r} refuses; "
-            "find the stage that produced them, or use one that declares nan = 'keep'"
+            "find the stage that produced them, or use a stage that declares nan = 'keep'"
         )
     if policy == "keep":
         return array
@@ -68,7 +68,7 @@ def looked_through(job: Job, results: Mapping[CellRef, Result], ref: CellRef, va
     if policy == "error" and result.lowest[variable] < 0:
         raise PluginError(
             f"{variable} from {ref[0]!r} holds negative values (smallest {result.lowest[variable]:.3g}), which "
-            f"{job.ref[0]!r} refuses; find the stage that produced them, or use one that keeps or clips them"
+            f"{job.ref[0]!r} refuses; find the stage that produced them, or use a stage that keeps or clips them"
         )
     return array
 
@@ -88,7 +88,7 @@ def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: 
 
 def clipped_figures(array: Array) -> tuple[int, Array, Array]:
     """Return the number of negative values, and per row the sum of these and of all magnitudes. Sums are per row, so
-    that those of a frame equal those of its strips.
+    that the sums of a frame equal the sums of its strips.
     """
     taken = -np.minimum(array, 0).sum(axis=-1, dtype=np.float64)
     return int(np.count_nonzero(array < 0)), taken, np.abs(array).sum(axis=-1, dtype=np.float64)
@@ -174,8 +174,8 @@ def is_ordinary(job: Job) -> bool:
 
 
 def common(groups: dict[str, Alike], job: Job) -> Alike | None:
-    """Return the common part of a cell and the other cells of its stage in ``groups``; None if it has to go the general
-    way.
+    """Return the common part of a cell and the other cells of its stage in ``groups``; None if ``cell._made`` must
+    compute it.
     """
     if not is_ordinary(job):
         return None

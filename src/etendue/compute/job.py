@@ -31,7 +31,7 @@ Found = tuple[tuple[str, CellRef, str], ...]
 
 @dataclass(eq=False)
 class Segment:
-    """For a transfer function: the preceding cell whose transform it continues from, or the stages between it and the
+    """For a transfer function: the preceding cell from whose transform it continues, or the stages between it and the
     segment's input.
     """
 
@@ -45,7 +45,7 @@ class Segment:
 
 @dataclass(eq=False)
 class Looking:
-    """For a stage that looks at others: the variables or transfer functions that it sees through each port."""
+    """For a stage that looks at other stages: the variables or transfer functions that it sees through each port."""
 
     ports: tuple[
         tuple[str, str, tuple[tuple[str, CellRef], ...]], ...
@@ -115,7 +115,8 @@ class Job:
     """One cell to compute, or to load because something else reads it.
 
     ``task``: compute, or load (stored already; only read back, or its transform rebuilt).
-    ``deliver``: the variables that other jobs or the caller need as arrays; ``give``: those of the caller.
+    ``deliver``: the variables that other jobs or the caller need as arrays; ``give``: the variables that the caller
+    needs.
     """
 
     ref: CellRef

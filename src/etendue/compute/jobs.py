@@ -1,7 +1,7 @@
 """Turn the cells of a plan into jobs. Runs in the process that owns the run.
 
-In:  a plan, the cells to compute, and where each is stored.
-Out: jobs for these cells and for the stored ones they read.
+In:  a plan, the cells to compute, and the place where each cell is stored.
+Out: jobs for these cells and for the stored cells that they read.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ BANDS, WHOLE = 1, 2  # how others continue from the transform of a cell: a few b
 class Jobs(Mapping[CellRef, Job]):
     """The jobs of a run, each created on demand and not kept: a sweep has many more cells than are under way.
 
-    Kept for each cell: the variables that other cells read, whether others continue from its transform, and whether it
-    has a job.
+    For each cell, only these are kept: the variables that other cells read, whether other cells continue from its
+    transform, and whether it has a job.
     """
 
     def __init__(
@@ -122,8 +122,9 @@ class Jobs(Mapping[CellRef, Job]):
             self._note_found(other)
 
     def _note_passed(self, ref: CellRef, cell: Cell, computed: bool, read: tuple[str, ...], transform: int) -> None:
-        """Record what a cell that is left out passes on from its input: arrays that other cells need, and the transform
-        of its segment."""
+        """Record the parts of its input that a left-out cell passes on: arrays that other cells need, and the transform
+        of its segment.
+        """
         node = self.nodes[ref[0]]
         wanted = self._wanted(cell, node, computed, read)
         if computed and any(node.writes[v].optional for v in wanted):  # only the stage itself computes these
@@ -164,8 +165,9 @@ class Jobs(Mapping[CellRef, Job]):
         return source
 
     def _note_inputs(self, cell: Cell, joined: bool, direct: Direct | None) -> None:
-        """Record the variables that a cell reads through its ports; ``joined``: it continues from the transform of the
-        stage before."""
+        """Record the variables that a cell reads through its ports; ``joined``: the cell continues from the transform
+        of the previous stage.
+        """
         for place, (_, source, variable) in enumerate(cell.inputs):
             if direct is not None and place == 0:
                 self._reads(*direct[0])
@@ -179,7 +181,9 @@ class Jobs(Mapping[CellRef, Job]):
         self.transforms[number] = max(self.transforms[number], how)
 
     def _seen(self, cell: Cell, node: Node) -> bool:
-        """Return whether the light of a cell is only looked at, band by band, and so is all that continues from it."""
+        """Return whether the light of a cell, and of all cells that continue from it, is only looked at, band
+        by band.
+        """
         number = self.number(cell.ref)
         looked = cell.ref in self.looks and cell.ref in self.todo and self.transforms[number] < WHOLE
         alone = not (self.read[number] or self.kept[node.name] or cell.mapped or cell.steps)
@@ -308,7 +312,7 @@ class Jobs(Mapping[CellRef, Job]):
         return tuple(dict.fromkeys([source for _, source, _ in cell.inputs]))
 
     def read_of(self, ref: CellRef, source: CellRef) -> frozenset[str] | None:
-        """Return which variables of a cell a job reads; None if that cell has no large array beside others."""
+        """Return the variables of a cell that a job reads; None if that cell has no large array among several."""
         if len(self.nodes[source[0]].writes) < 2 or not self._is_large(self.plan.cells[source]):
             return None
         return frozenset(variable for other, variable in self._made(ref, None).reads if other == source)
@@ -343,7 +347,8 @@ class Jobs(Mapping[CellRef, Job]):
 
     def _looking(self, cell: Cell) -> Looking:
         """Return the stages, cells and grids that a cell looks at; the object of the previous cell if it looks at the
-        same ones."""
+        same cells.
+        """
         known = self.looked.get(cell.node)
         if known is None or known[0] != cell.looks_at:
             known = self.looked[cell.node] = cell.looks_at, _looking(self.plan, self.nodes, cell)
@@ -382,7 +387,7 @@ def _found_of(cells: tuple[Cell, ...]) -> tuple[Found, ...]:
 
 
 def _looking(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Looking:
-    """Return what a cell looks at: stages for transfer functions, cells and grids for variables."""
+    """Return the objects that a cell looks at: stages for transfer functions, cells and grids for variables."""
     found: dict[str, Any] = {"ports": (), "grids": {}}
     looked = dict(cell.looks_at)
     for port, what, _ in nodes[cell.node].looks_at:

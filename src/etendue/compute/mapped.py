@@ -64,7 +64,7 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
 
 
 def _put(arrays: dict[str, Array], found: Any, slices: _Slices, at: tuple[int, ...]) -> None:
-    """Store another slice; raise an error if its variables, shapes or types differ from those of the first one."""
+    """Store another slice; raise an error if its variables, shapes or types differ from those of the first slice."""
     name = type(slices.core.stage).__name__
     if not isinstance(found, dict) or found.keys() != arrays.keys():
         raise PluginError(f"{name}.run gave other variables for slice {at} than for the first")
@@ -125,7 +125,7 @@ class _Slices:
         return found
 
     def alone(self, at: tuple[int, ...]) -> tuple[Job, dict[CellRef, Result]]:
-        """Return a slice as a job of its own, and its input."""
+        """Return a slice as a separate job, and its input."""
         own = replace(
             with_found(self.job, self.results, at), mapped=None, writes=self.core.writes, grids=self.core.grids
         )
@@ -159,7 +159,7 @@ class _Slices:
         return "".join(f"|{dim}={own[i]}" for dim, own, i in zip(self.dims, self.labels, at, strict=True)).encode()
 
     def whole(self, name: str, first: FloatArray) -> FloatArray:
-        """Return an array for all slices with the first one in its place."""
+        """Return an array for all slices with the first slice in its place."""
         if name not in self.led:
             return first
         array = np.empty((*self.sizes, *first.shape), first.dtype)

@@ -4,7 +4,7 @@ In:  an array returned by a stage.
 Out: the same values, contiguous, in memory to which no other code has a reference; read-only views of it for readers.
 
 In numpy, code that holds an array that owns its memory can make it writeable again; a view of a read-only array cannot
-be made writeable. So readers are given views. An array that a stage still references, or returns as a view, is copied:
+be made writeable. Readers therefore get views. An array that a stage still references, or returns as a view, is copied:
 it could change at any time.
 """
 
@@ -144,8 +144,8 @@ _QUIET.run(np.seterr, over="ignore", divide="ignore", invalid="ignore")
 def undisturbed(work: Callable[_Given, _Found], *given: _Given.args, **named: _Given.kwargs) -> _Found:
     """Return the result of ``work``; undo any change it makes to warnings and numpy error handling of the process.
 
-    Numpy itself gives no warnings, because non-finite results are detected and reported elsewhere. Its error handling
-    is kept in a context, of which every call gets a fresh copy.
+    Warnings of numpy are switched off, because non-finite results are detected and reported elsewhere. The error
+    handling of numpy is a context variable; every call gets a fresh copy of the context.
     """
     who, warned = WARNED.begin()
     try:
@@ -155,7 +155,7 @@ def undisturbed(work: Callable[_Given, _Found], *given: _Given.args, **named: _G
 
 
 def abandoned() -> None:
-    """Stop restoring process state: cells that nobody waits for are still running and may change it at any time."""
+    """Stop restoring process state: abandoned cells are still running and may change it at any time."""
     FOLDER.abandon()
     guests.abandon()
     WARNED.abandon()

@@ -22,7 +22,7 @@ def philox(seed_words: bytes) -> np.random.Generator:
     Parameters
     ----------
     seed_words : bytes
-        Of any length.
+        Any length.
 
     Returns
     -------
@@ -40,12 +40,12 @@ def renamed(generator: np.random.Generator, seed_words: bytes) -> np.random.Gene
     generator : numpy Generator over Philox
         Changed in place.
     seed_words : bytes
-        Of any length.
+        Any length.
 
     Returns
     -------
     numpy Generator
-        The same object; its draws are those of ``philox(seed_words)``, bit by bit.
+        The same object; its draws equal those of ``philox(seed_words)``, bit for bit.
 
     Notes
     -----
@@ -110,7 +110,7 @@ def tiled_uniform(seed_words: bytes, first_row: int, first_column: int, rows: in
     Returns
     -------
     (rows, columns) array of float64, dimensionless
-        Multiples of 2^-53 whatever the precision of a run: with 24 bits, the share below a threshold of 1e-6 would be
+        Multiples of 2^-53 in every precision of a run: with 24 bits, the share below a threshold of 1e-6 would be
         1.3 % too large, and below 1e-8 six times too large.
     """
     at = seed_words, first_row, first_column, rows, columns

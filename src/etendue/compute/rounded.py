@@ -3,8 +3,8 @@
 In:  a ``Job`` with steps, powers of two; the checked arrays of its cell, or some rows of them.
 Out: the same arrays as multiples of their steps.
 
-It happens once, before an array is read, stored or given to the caller, so that all of these have the same bits. The
-transform inside a segment is not touched. A value already rounded stays as it is.
+Rounding takes place once, before an array is read, stored or given to the caller, so that all of these have the same
+bits. The transform inside a segment is not touched. Values that are already rounded do not change.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def handed_on(job: Job, arrays: CellArrays) -> CellArrays:
 
 
 def rounded(array: Array, step: float) -> Array:
-    """Return the nearest multiples of a power of two, of two equally near ones the even multiple; undefined and
-    infinite values stay, and so do values that have no digits below the step. No value becomes -0.
+    """Return the nearest multiples of a power of two, ties go to the even multiple; undefined and infinite values, and
+    values without digits below the step, do not change. No value becomes -0.
     """
     array = np.ascontiguousarray(array)
     found = np.empty_like(array)

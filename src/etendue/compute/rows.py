@@ -1,11 +1,11 @@
-"""Decide which cells of large frames can be computed in strips, and how many rows a strip has.
+"""Decide which cells of large frames can be computed in strips, and the number of rows of a strip.
 
 In:  a plan.
 Out: for a cell, its frame and the rows around a row that it needs.
 
 A cell is computed in strips if its frame is large and its stage needs no more than a few rows around a row (``Haloed``,
-or ``elementwise``). Neighbouring cells of this kind on one frame are computed together, so that arrays which only they
-read never exist as a whole.
+or ``elementwise``). Neighbouring cells of this kind on one frame are computed together, so that arrays that only these
+cells read never exist as a whole.
 """
 
 from __future__ import annotations

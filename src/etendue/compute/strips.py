@@ -207,7 +207,7 @@ class _Member:
                     self.negative[port] = _Negative()
 
     def _ask(self, results: Results) -> None:
-        """Get the other arguments of ``run`` for the whole frame; those along y are cut to rows later."""
+        """Get the other arguments of ``run`` for the whole frame; arguments along y are cut to rows later."""
         self.known = beside(self.job, results)
         self.along = {name for name in self.known if name.removeprefix("out_") in ("y", "y_um")}
 

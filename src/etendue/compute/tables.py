@@ -105,7 +105,7 @@ class Cache:
 
     @contextmanager
     def run(self) -> Iterator[None]:
-        """Enclose a run; afterwards, entries that none of the last runs has used are dropped."""
+        """Enclose a run; afterwards, entries that were not used in the last runs are dropped."""
         try:
             yield
         finally:
@@ -142,7 +142,7 @@ class Cache:
 
 
 def _size(value: Any, depth: int = 6) -> int:
-    """Return the bytes of the arrays in a value, including those in containers and fields of objects."""
+    """Return the bytes of the arrays in a value, including arrays in containers and in fields of objects."""
     known = getattr(value, "nbytes", None)
     if known is not None:
         return int(known)
@@ -162,8 +162,8 @@ class PatternRandom:
     """Random numbers by absolute position, for pixels, rows and columns: the same in every cell, frame, window and
     precision.
 
-    A pattern is named by its owner, how it is drawn, and its own name: stages that ask for the same pattern get the
-    same one. ``frame``: pixels of the whole frame, if the grid holds only some of its rows.
+    A pattern is named by its owner, how it is drawn, and its own name: stages that request a pattern of the same name
+    get the same values. ``frame``: pixels of the whole frame, if the grid holds only some of its rows.
     """
 
     def __init__(self, serial: bytes, grid: Grid, precision: str, frame: int = 0) -> None:
@@ -173,7 +173,7 @@ class PatternRandom:
         self.pixels, self.rows, self.columns = (top, left, rows, columns), (top, 0, rows, 1), (0, left, 1, columns)
 
     def apart(self) -> PatternRandom:
-        """Return copies from now on, for a stage that must not share arrays with others."""
+        """Return copies from now on, for a stage that must not share arrays with other stages."""
         self.own = True
         return self
 
@@ -226,7 +226,7 @@ class PatternRandom:
     def _kept(
         self, what: tuple[str | float, ...], window: Window, dtype: np.dtype[Any], make: Callable[[], FloatArray]
     ) -> FloatArray:
-        """Return a cached read-only array; computed anew for strips of very large frames, see ``LARGEST_PATTERN``."""
+        """Return a cached read-only array; computed again for strips of very large frames, see ``LARGEST_PATTERN``."""
 
         def read_only() -> FloatArray:
             array = make()
@@ -245,7 +245,9 @@ def _span(line: Line) -> tuple[int, int]:
 
 
 def key_of_prepared(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid]) -> tuple[Key, bool]:
-    """Return the key of a stage's prepared tables, and whether it stays valid; a key that depends on files does not."""
+    """Return the key of a stage's prepared tables, and whether it stays valid; a key that depends on files does not
+    stay valid.
+    """
     state = state_of(stage)
     return Key(("prepare", state, tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))), not state[1]
 
@@ -253,7 +255,9 @@ def key_of_prepared(stage: Stage, input_grids: Mapping[str, Grid], grids: Mappin
 def prepared_of(
     stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid], key: Key | None = None
 ) -> Any:
-    """Return ``stage.prepare``, computed once per (parameters, coordinates) and process; ``key``: if known already."""
+    """Return ``stage.prepare``, computed once per (parameters, coordinates) and process; ``key``: the key, if already
+    known.
+    """
     if type(stage).prepare is Stage.prepare:
         return None
     own: Stage = stage

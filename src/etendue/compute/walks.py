@@ -1,7 +1,7 @@
 """Decide which cells of large frames are computed together, strip by strip.
 
 In:  the jobs of a run.
-Out: the same jobs, with ``walk`` set where a job belongs to one.
+Out: the same jobs, with ``walk`` set for jobs that belong to a walk.
 
 A walk is a set of connected cells of one frame whose stages need no more than a few rows around a row (``Haloed``, or
 ``elementwise``). It ends before a stage that needs the whole frame, and where a sweep forks. Walks must not depend on
@@ -32,7 +32,7 @@ def with_walks(
     can: Callable[[CellRef], Walker | None],
     place: Callable[[CellRef, str], Array | bool | None] | None = None,
 ) -> dict[CellRef, Job]:
-    """Set the ``walk`` of the jobs that belong to one. ``can``: the frame and halo of a cell for which a few rows
+    """Set ``walk`` for the jobs that belong to a walk. ``can``: the frame and halo of a cell for which a few rows
     suffice. ``place``: the caller's array for a variable that no cell reads.
     """
     walkers = _walkers(jobs, can)
@@ -69,7 +69,8 @@ def _together(
     walkers: Mapping[CellRef, Walker],
     readers: Mapping[tuple[CellRef, str], set[CellRef]],
 ) -> list[list[CellRef]]:
-    """Group cells into walks: cells of one depth that continue from each other's strips.
+    """Group cells into walks. The cells of a walk have the same depth, and each reads strips of another cell of the
+    walk.
 
     A cell that reads a whole array from a walk is one level deeper than the walk, so that no two walks wait for each
     other.

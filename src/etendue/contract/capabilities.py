@@ -1,7 +1,8 @@
 """Capabilities of stages in addition to ``run``, as typed base classes, tested with ``issubclass``.
 
 In:  a class of stages.
-Out: whether it is a source, a transfer function, computed by band, may be left out, looks at other stages.
+Out: whether the class is a source or a transfer function, is computed by band, may be left out, or looks at other
+     stages.
 
 Any stage may read ``"*.transfer [1]"``: the port gets the transfer functions of all stages before it, see ``Probe``.
 """
@@ -81,7 +82,7 @@ class Summed(Transfer):
     def segment_error(
         self, before: tuple[Transfer, ...], facts: Any, grid: Mapping[str, Grid], precision: str
     ) -> tuple[float | None, str]:
-        """Return its error, and the basis, after the stages that are joined before it."""
+        """Return the error of the sum and its basis, after the stages that are joined before it."""
         return self.error(facts, grid, precision)
 
     def terms(self) -> int:
@@ -95,9 +96,9 @@ class Summed(Transfer):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ChannelTransfer(Stage):
-    """A stage after the sum over bands that moves charge from pixel to pixel, whatever their filters are. It is linear
-    and, over the pixels of a channel, shift-invariant on average. Stages that look at transfer functions see it
-    combined with that of the pixel.
+    """A stage after the sum over bands that moves charge between pixels under any filters. It is linear and, over the
+    pixels of a channel, shift-invariant on average. Stages that look at transfer functions see it combined with the
+    transfer function of the pixel.
     """
 
     @abstractmethod
@@ -107,7 +108,7 @@ class ChannelTransfer(Stage):
         ``light``: (band,), of a white surface, in any scale."""
 
     def moves_charge(self) -> bool:
-        """Return whether it moves charge with these parameters."""
+        """Return whether the stage moves charge with these parameters."""
         return True
 
 
@@ -124,7 +125,9 @@ class Banded(Stage):
         return {}
 
     def mixture(self, prepared: Any) -> tuple[Array, Array] | None:
-        """Return, for a source, planes (k, y, x) and weights (band, k) that add up to its light; None: it has none."""
+        """Return, for a source, planes (k, y, x) and weights (band, k) that add up to its light; None if the source has
+        none.
+        """
         return None
 
 
@@ -158,25 +161,28 @@ class Bounded(Stage):
 
     @abstractmethod
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        """Return the error of leaving it out, relative to full scale, and the reason; None if it is unknown."""
+        """Return the error if the stage is left out, relative to full scale, and the reason; None if the error is
+        unknown.
+        """
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Sampled(Stage):
     """A stage that draws random numbers or rounds, and can compute its mean output.
 
-    Errors of a pipeline are found by comparing means: an error d before rounding to steps of q becomes sqrt(d q) after
-    it, and two draws differ by their noise.
+    Errors of a pipeline are measured by comparing means: an error d before rounding to steps of q becomes sqrt(d q)
+    after it, and two draws differ by their noise.
     """
 
     @abstractmethod
     def mean(self, *given: Any, **named: Any) -> Mapping[str, Array]:
-        """Return what ``run`` returns on average, before rounding: the same variables, as floats. It may have the same
-        arguments as ``run``, except random numbers."""
+        """Return the mean of the results of ``run``, before rounding: the same variables, as floats. It may have the
+        same arguments as ``run``, except random numbers.
+        """
 
 
 class Noisy(Stage):
-    """A stage that adds noise to the signal at a position, and states how much.
+    """A stage that adds noise to the signal at a position, and states its variance.
 
     ``by_line``: whole rows or columns share the noise. ``inherent``: the noise follows from the level alone, as in
     counting, so that it is known without a datasheet. Rounding is noise too, with a variance of a twelfth of its step
@@ -217,9 +223,9 @@ class Probe(Stage):
 
     For each such port ``run`` gets a list of (stage name, property or array of that stage). That is the transfer
     function up to and including the stage (``etendue.compute.joined.otf.Otf``), or the array itself; with
-    ``with_grids`` the list has (stage name, array, grid). Nothing reads from a probe. It may write the dim ``stage``,
-    with an entry for every stage it looks at, in order; ``run`` receives their names as ``stage``. Stages seen only
-    through the ports in ``beside`` have no entry, and a ``ChannelTransfer`` shares the pixel's.
+    ``with_grids`` the list has (stage name, array, grid). No stage reads from a probe. It may write the dim ``stage``,
+    with an entry for every stage that it looks at, in order; ``run`` receives their names as ``stage``. Stages seen
+    only through the ports in ``beside`` have no entry, and a ``ChannelTransfer`` shares the pixel's.
     """
 
     with_grids: ClassVar[bool] = False
@@ -232,7 +238,7 @@ class Viewed(Stage):
 
     @abstractmethod
     def viewing_white(self) -> Array | None:
-        """Return XYZ of that white, or None if it is the display's."""
+        """Return XYZ of this white; None if it is the white of the display."""
 
 
 CAPABILITIES = {
@@ -252,7 +258,9 @@ CAPABILITIES = {
 
 
 def no_coordinates(kind: type[Stage]) -> str:
-    """Return the correct form of ``creates``, '' if it is correct; a list of names or numbers becomes Labels."""
+    """Return a text with the correct form of ``creates``; '' if the form is correct; a list of names or numbers becomes
+    Labels.
+    """
     creates: Any = kind.creates
     given = creates.items() if isinstance(creates, Mapping) else ()
     wrong = [(dim, one) for dim, one in given if not isinstance(one, Line | Bands | Labels)]
@@ -269,8 +277,8 @@ METHODS = ("run", "grid", "carry", "growth", "error", "prepare", "warn", "warn_a
 
 
 def check_class(kind: type[Stage]) -> None:
-    """Check the attributes and methods of a class apart from its ports; raise ``TypeError`` if one has a form that the
-    engine does not read.
+    """Check the attributes and methods of a class except its ports; raise ``TypeError`` if one has a form that the
+    engine does not accept.
     """
     _check_words(kind)
     _check_methods(kind)
@@ -288,7 +296,9 @@ def check_class(kind: type[Stage]) -> None:
 
 
 def _check_words(kind: type[Stage]) -> None:
-    """Check how a stage treats undefined and negative values, what it keeps, and its libraries and dims."""
+    """Check the declarations of a stage about undefined and negative values, preserved properties, libraries
+    and dims.
+    """
     name, gain = kind.__name__, kind.gain
     if gain is not None and not (_is_number(gain) and 0 <= gain < math.inf):
         raise TypeError(f"{name}.gain is {gain!r}; allowed: None and finite numbers of at least 0")
@@ -351,7 +361,9 @@ def halo_of(stage: Stage) -> int | None:
 
 
 def is_seen_as_transfer(kind: type[Stage]) -> bool:
-    """Return whether a look at transfer functions sees it: as one of them, or combined with the pixel before it."""
+    """Return whether stages that look at transfer functions see a stage: by itself, or combined with the pixel before
+    it.
+    """
     return issubclass(kind, Transfer | ChannelTransfer)
 
 
@@ -373,17 +385,17 @@ def bands_of(kind: type[Stage]) -> str:
 
 
 def is_random(kind: type[Stage]) -> bool:
-    """Return whether a stage gets random numbers: new ones in every cell, or fixed patterns."""
+    """Return whether a stage gets random numbers: new numbers in every cell, or fixed patterns."""
     return "rng" in arguments_of(kind) or bool(patterns_of(kind))
 
 
 def draws_anew(kind: type[Stage]) -> bool:
-    """Return whether its random numbers depend on the seed; those of fixed patterns do not."""
+    """Return whether the random numbers of a stage depend on the seed; fixed patterns do not."""
     return "rng" in arguments_of(kind)
 
 
 def decides(stage: Stage) -> bool:
-    """Return whether a small change of a stage's input may change its output much, by nature."""
+    """Return whether a small change of a stage's input may cause a large change of its output, by design."""
     said = type(stage).decides
     return said if isinstance(said, bool) else any(getattr(stage, name) in values for name, values in said.items())
 
@@ -400,7 +412,7 @@ def has_no_mean(kind: type[Stage]) -> bool:
 
 @per_kind
 def mean_arguments_of(kind: type[Sampled]) -> tuple[str, ...]:
-    """Return the names that ``mean`` asks for. Random numbers are refused, because a mean draws none."""
+    """Return the argument names of ``mean``. Random numbers are refused, because a mean draws none."""
     names = names_asked(kind, "mean")
     drawn = [name for name in names if name == "rng" or identity_of(name)]
     if drawn:

@@ -1,4 +1,4 @@
-"""Stages that sample something continuous say how they can sample it more finely.
+"""Stages that sample something continuous, and the parameters with which they sample it more finely.
 
 In:  a stage.
 Out: its discretisations, and the parameters that refine one of them; values of parameters that a pipeline leaves open.
@@ -31,13 +31,14 @@ class Discretised(Stage):
 
     @abstractmethod
     def discretisations(self) -> Mapping[str, str]:
-        """Return its discretisations (bins, spacing, margin) by name, each with the reason why it cannot be refined,
-        such as 'that of the file', or '' if it can.
+        """Return the discretisations of the stage (bins, spacing, margin) by name, each with the reason why it cannot
+        be refined, such as 'fixed by the file', or '' if it can be refined.
         """
 
     @abstractmethod
     def refined(self, name: str, factor: int) -> Mapping[str, Any]:
-        """Return the values of parameters that refine a discretisation: ``factor`` times as fine, or as large a margin.
+        """Return the values of parameters that refine a discretisation: ``factor`` times as fine, or a margin
+        ``factor`` times as large.
 
         A negative factor coarsens. An empty mapping means that no further step is possible.
         """
@@ -46,8 +47,8 @@ class Discretised(Stage):
     def chosen(cls, name: str, values: Mapping[str, Any], shared: Mapping[str, tuple[Any, ...]]) -> Any:
         """Return the value of a parameter that is left open, in its unit, by a rule that its documentation states.
 
-        ``values`` are those of its other parameters, without those that are not known; ``shared``: by name of a shared
-        quantity all values that it has in the pipeline.
+        ``values``: the known values of the other parameters; ``shared``: all values of each shared quantity in the
+        pipeline, by name.
         """
         raise TypeError(f"{cls.__name__} has automatic parameters and must define chosen")
 

@@ -1,6 +1,6 @@
 """Stages written on labelled arrays: ``run`` gets an ``xarray.Dataset`` and returns one.
 
-In:  a class of stages whose ``run(self, data, ...)`` works on a Dataset of what ``reads`` declares.
+In:  a class of stages whose ``run(self, data, ...)`` works on a Dataset of the variables declared in ``reads``.
 Out: the same class with a ``run`` on plain arrays, which adds coordinates and attributes, and checks the result against
      the declaration.
 """
@@ -30,8 +30,9 @@ def labelled(kind: _Kind) -> _Kind:
 
     ``run(self, data)`` reads ``data["signal"]`` with the coordinates of its dims: centres of bands, ``y``, ``x`` (with
     ``y_um``, ``x_um`` on the image plane), and the attributes of the vocabulary. Coordinates of dims that only
-    ``writes`` declares are in ``data`` too. It returns a Dataset (or a mapping of arrays) of what ``writes`` declares,
-    with dims in any order. Apart from ``data`` it may ask for ``prepared``, ``rng``, fixed patterns and ``asked``.
+    ``writes`` declares are in ``data`` too. It returns a Dataset (or a mapping of arrays) of the variables declared in
+    ``writes``, with dims in any order. In addition to ``data`` it may have the arguments ``prepared``, ``rng``, fixed
+    patterns and ``asked``.
 
     Raises
     ------
@@ -71,7 +72,7 @@ def labelled(kind: _Kind) -> _Kind:
 def _dataset(
     arrays: Mapping[str, tuple[Declaration, Array]], dims: Iterable[str], given: Mapping[str, Array]
 ) -> xr.Dataset:
-    """Return what is read, with labels, and the coordinates of what is to be written."""
+    """Return the input variables with labels, and the coordinates of the output variables."""
     import xarray as xr
 
     coordinates: dict[str, Any] = {}
@@ -97,7 +98,7 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
     Raises
     ------
     PluginError
-        If something is missing, or has other dims, another unit or other coordinates than declared.
+        If a variable is missing, or has other dims, another unit or other coordinates than declared.
     """
     import numpy as np
     import xarray as xr
@@ -134,7 +135,8 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
         for own in declared.dims:
             if own in array.coords and own in data.coords and not array.coords[own].equals(data.coords[own]):
                 raise PluginError(
-                    f"{name} returned {declared.variable} at another {own} than it read; a stage that changes the grid "
+                    f"{name} returned {declared.variable} with other values of {own} than in its input; a stage "
+                    "that changes the grid "
                     f"must define grid()"
                 )
         arrays[declared.variable] = array.transpose(*declared.dims).to_numpy()

@@ -1,7 +1,7 @@
-"""What is installed, as JSON: stages with all that they declare, the roles, and the quantities that stages share.
+"""Installed items as JSON: stages with their declarations, roles, and the quantities that stages share.
 
 In:  the registry.
-Out: documents; what cannot be read gives the reason.
+Out: documents; for an item that cannot be read, the reason.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from etendue.types.documents import Document
 
 
 def role_documents() -> dict[str, str]:
-    """Return what distributions say of every role, in the order in which roles are declared."""
+    """Return the description of every role, in the order of their declarations."""
     found = discovery.installed()
     return {name: str(said.value) if (said := found.first("roles", name)) else "" for name in found.names("roles")}
 
 
 def stage_document(registry: Registry, name: str) -> Document:
-    """Return one stage as JSON; a broken plugin gives the reason."""
+    """Return one stage as JSON; for a broken plugin, return the reason."""
     installed = registry.installed(name)
     document: Document = {"name": name, "distribution": installed.distribution, "version": installed.version}
     try:
@@ -60,8 +60,8 @@ def stage_document(registry: Registry, name: str) -> Document:
 
 
 def quantity_document(name: str, registry: Registry | None = None) -> Document:
-    """Return one shared quantity as JSON; with a registry, also the stages that take it. One that cannot be read gives
-    the reason.
+    """Return one shared quantity as JSON; with a registry, also the stages that take it. For a quantity that cannot be
+    read, return the reason.
     """
     brought = discovery.installed().all("quantities", name)
     found: Document = {"name": name, "distribution": brought[0].distribution, "version": brought[0].version}

@@ -1,4 +1,4 @@
-"""Ports between packages that do not import each other: where results go, and who is notified.
+"""Ports between packages that do not import each other: the destination of results, and the objects to notify.
 
 ``run`` computes and passes results to a ``Target`` of the run's ``Keeper``; ``archive`` implements both, on disk and in
 memory; ``present`` draws a ``Sheet``; ``session`` joins them.
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class WrittenChunk:
-    """One stored chunk: its slot in a shard, and where its bytes were written."""
+    """One stored chunk: its slot in a shard, and the place of its bytes."""
 
     path: str  # of the shard, relative to the archive
     slot: int  # number of the chunk in the shard
@@ -34,7 +34,7 @@ class WrittenChunk:
 
 
 class Target(Protocol):
-    """Where the variables of one cell are stored. Picklable, because it is sent with the work."""
+    """The destination of the variables of one cell. Picklable, because it is sent with the work."""
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[WrittenChunk, ...]: ...
 
@@ -43,7 +43,9 @@ class Target(Protocol):
     def read_band(self, variable: str, band: int) -> Array: ...
 
     def settle(self) -> None:
-        """Called after the last cell of a batch: all that was written must be in its files before it is reported."""
+        """Called after the last cell of a batch: everything written must be in its files before the batch is
+        reported.
+        """
 
 
 @dataclass(slots=True)  # never changed after creation; freezing it would cost more than creating it
@@ -77,8 +79,8 @@ class Progress(Protocol):
 
 @dataclass(frozen=True)
 class ContactSheet:
-    """Pictures of the shown cells: as a table of the archive (empty if that of an earlier run stays), and a function
-    that draws them into one PNG.
+    """Pictures of the shown cells: as a table of the archive (empty if the table of an earlier run is kept), and a
+    function that draws them into one PNG.
     """
 
     table: Document
@@ -92,7 +94,7 @@ Look = Callable[[Mapping[str, Any]], Seen]  # from the arrays of a cell to what 
 
 
 class Keeper(Protocol):
-    """The store of a run's results, with those of earlier runs. The owner of the run uses it as a context manager.
+    """The store of the results of a run and of earlier runs. The owner of the run uses it as a context manager.
 
     Attributes
     ----------
@@ -116,8 +118,8 @@ class Keeper(Protocol):
     def target(self, cell: Cell) -> Target | None: ...
 
     def place(self, ref: CellRef, variable: str) -> Any:
-        """Return an array that a variable made piece by piece can be written into directly; None: it is taken when
-        complete.
+        """Return an array into which a variable can be written piece by piece; None if the variable is to be passed
+        when complete.
         """
 
     def starting(self, refs: Iterable[CellRef]) -> None: ...
@@ -125,7 +127,7 @@ class Keeper(Protocol):
     def finished(
         self, reports: Sequence[CellReport], arrays: Mapping[CellRef, CellArrays]
     ) -> Mapping[CellRef, CellArrays]:
-        """Take the reports of cells, in any thread; return their arrays as the store holds them from now on."""
+        """Take the reports of cells, in any thread; return their arrays as held by the store from now on."""
 
     def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]: ...
 
@@ -134,23 +136,23 @@ class Keeper(Protocol):
     ) -> dict[CellRef, dict[str, Array]]: ...
 
     def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
-        """Return, at the end, the arrays of all cells that it has taken, and of ``others``, which it does not keep."""
+        """Return, at the end, the arrays of all received cells, and of ``others``, which the store does not keep."""
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool: ...
 
     def look_at(self, ref: CellRef, look: Look) -> Seen:
-        """Return the result of a look at a finished cell."""
+        """Return the caller's reduction of a finished cell."""
 
     def interrupted(self, tables: DocumentView, abandoned: bool) -> None: ...
 
     def close(
         self, tables: Document, sheet: ContactSheet | None, failed: bool
     ) -> tuple[xarray.DataTree | None, list[Path]]:
-        """End a run in order; return the tree of results if it is in memory, and the files of pictures."""
+        """End a run normally; return the tree of results if it is in memory, and the files of pictures."""
 
 
 class Passing:
-    """Base of stores that find no results of earlier runs and leave none to later ones."""
+    """Base of stores that find no results of earlier runs and leave none for later runs."""
 
     folder: Path | None = None
     mark: tuple[str, bytes] | None = None

@@ -1,6 +1,7 @@
 """Stages by name: known from the manifests of installed distributions, and loaded on first use.
 
-Names, suggestions and clashes need no stage module, and a stage that cannot be imported fails only what uses it.
+Names, suggestions and clashes need no stage module, and a stage that cannot be imported affects only pipelines that use
+it.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Registry:
         return isinstance(name, str) and self.found.first("stages", name) is not None
 
     def fitting(self, fits: Callable[[type[Stage]], bool]) -> Iterator[str]:
-        """Yield the loadable stages that satisfy a condition, those of this package first."""
+        """Yield the loadable stages that satisfy a condition, stages of this package first."""
         for name in sorted(self.names(), key=lambda name: (self.installed(name).distribution != OWN, name)):
             with contextlib.suppress(PluginError):
                 if fits(self.load(name)):
@@ -53,7 +54,7 @@ class Registry:
         )
 
     def installed(self, name: str) -> Brought:
-        """Return where a stage is defined, and by which distribution."""
+        """Return the place where a stage is defined, and its distribution."""
         return self.found.all("stages", name)[0]
 
     def load(self, name: str) -> type[Stage]:
@@ -62,7 +63,7 @@ class Registry:
         Raises
         ------
         PluginError
-            If two distributions offer it, its module cannot be imported or has no such class, or the class is not a
+            If two distributions provide it, its module cannot be imported or has no such class, or the class is not a
             valid stage.
         """
         with self._lock:

@@ -3,7 +3,7 @@
 In:  class attributes and methods of ``Stage``.
 Out: declarations, parameters and arguments of a class, each determined once.
 
-A stage class is a frozen, keyword-only dataclass deriving from ``Stage``. What it can do beyond ``run`` is stated by
+A stage class is a frozen, keyword-only dataclass deriving from ``Stage``. Capabilities beyond ``run`` are declared by
 the typed bases in ``capabilities``, never by the name of an attribute.
 """
 
@@ -49,36 +49,36 @@ class Stage:
     Required: ``reads`` and ``writes`` (port to ``"dims [unit]"``), ``run``, parameters (``param``, ``quantity``),
     ``role``.
 
-    ``run(self, <ports>, <coordinates>, prepared, rng, asked) -> {variable: array}`` names what it needs, including
-    fixed patterns (``etendue_patterns``). A port whose argument has a default is optional. ``asked``: the optional
-    variables that are requested. A stage is mapped over dims that it does not declare.
+    ``run(self, <ports>, <coordinates>, prepared, rng, asked) -> {variable: array}`` names the arguments it needs,
+    including fixed patterns (``etendue_patterns``). A port whose argument has a default is optional. ``asked``: the
+    optional variables that are requested. A stage is mapped over dims that it does not declare.
 
     Attributes
     ----------
     role : a name shared by stages that can replace each other (``"sharpening"``, ``"glare"``, ``"resolution"``). Stages
         that read and write the same variables are offered as replacements only within one role; with '', only the
         variables that it reads and writes are compared
-    creates : coordinates of dims that none of its inputs has, such as ``{"channel": RGB}``, if ``grid`` adds nothing
+    creates : coordinates of output dims that no input has, such as ``{"channel": RGB}``, if ``grid`` adds nothing
     gain : the largest factor by which an error can grow from input to output, both relative to full scale, for every
-        allowed parameter value; None: unknown, so error bounds end here
+        allowed parameter value; None: unknown, so no error bound is given after this stage
     nan, negative : treatment of such input: ``error`` (default), ``keep``, or ``clip`` (negative only)
     libraries : distributions whose version can change the result
     nanoseconds : time per value written, used until it has been measured
     working : memory used while computing, apart from input and output, as a multiple of the larger of the two in floats
         of the run
-    pointwise : it multiplies light by factors that vary slowly over the frame, and does not move light. Transfer
+    pointwise : the stage multiplies light by factors that vary slowly over the frame, and does not move light. Transfer
         functions before and after it may therefore be multiplied as if it were absent
-    elementwise : every value depends only on values at its own position, so ``run`` may get many frames at once
+    elementwise : every value depends only on values at its own position, so ``run`` may receive many frames at once
     once : physics that should occur once along a path (``"diffraction"``, ``"fall-off"``); the plan notes a second
         stage with the same
-    decides : it rounds, counts or chooses by nature, so a small change of its input may change its output much; or
-        {parameter: values with which it does so}. For any other stage the conformance kit reports jumps
-    handed : left and right, or up and down, differ by nature, as for a picture that is moved or sheared. For any other
+    decides : the stage rounds, counts or chooses, so that a small change of its input may change its output strongly;
+    or {parameter: values with which it does so}. For any other stage the conformance kit reports jumps handed : the
+    stage treats left and right, or up and down, differently, as for a picture that is moved or sheared. For any other
         stage the kit requires the mirrored result for mirrored input
     keeps : properties of its values that the conformance kit tests: ``"order"`` (no value falls if the input rises),
         ``"sum"`` (the sum over the frame stays the same)
     unseen : by metric that it writes, the roles of stages that affect the subject of the metric but cannot be included
-        in it. Tables, plots and reports name such stages of a pipeline beside the metric
+    in the metric. Tables, plots and reports name such stages of a pipeline beside the metric
     """
 
     reads: ClassVar[Mapping[str, str]] = {}
@@ -106,7 +106,7 @@ class Stage:
         return False
 
     def grid(self, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
-        """Return {variable: Grid} where the grid changes, from {port: Grid}."""
+        """Return {variable: Grid} for variables whose grid changes, from {port: Grid}."""
         return {}
 
     def prepare(self, coordinates: Mapping[str, Array]) -> Any:
@@ -119,8 +119,8 @@ class Stage:
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
         """Return the largest ratio of a change of its output, relative to full scale, to the change of its input,
-        relative to the largest value there; from {port: Facts}. Clipping and gains make it larger than 1. ``inf``:
-        there is no bound.
+        relative to the largest value of the input; from {port: Facts}. Clipping and gains make it larger than 1.
+        ``inf``: there is no bound.
         """
         return 1.0
 
@@ -141,8 +141,8 @@ class Stage:
         return []
 
     def assumes(self) -> Mapping[str, Hashable]:
-        """Return its assumptions, by topic, that other stages may share; the plan notes an earlier stage with another
-        value for the same topic.
+        """Return the assumptions of the stage by topic; the plan has a note if an earlier stage has another value for
+        the same topic.
         """
         return {}
 
@@ -151,14 +151,14 @@ WORDS = frozenset(name for name in vars(Stage) if not name.startswith("_"))
 
 
 def looks(declaration: Declaration) -> str:
-    """Return what a port looks at in all earlier stages: ``transfer``, ``datasheet`` or a variable; '' if it reads one
-    array.
+    """Return the property of all earlier stages that a port reads: ``transfer``, ``datasheet`` or a variable; '' if it
+    reads one array.
     """
     return declaration.variable.removeprefix("*.") if declaration.variable.startswith("*.") else ""
 
 
 def looks_at_stages(what: str) -> bool:
-    """Return whether a port looks at the stages themselves, not at what they write."""
+    """Return whether a port looks at the stages themselves, not at their outputs."""
     return what in ("transfer", "datasheet")
 
 
@@ -184,8 +184,8 @@ def parameters_of(kind: type[Stage]) -> Mapping[str, tuple[Parameter, Any, Any]]
     Raises
     ------
     TypeError
-        If a parameter has the name of an attribute of ``Stage``, such as ``gain``: its value would replace what the
-        class states.
+        If a parameter has the name of an attribute of ``Stage``, such as ``gain``: its value would replace the
+        declaration of the class.
     """
     taken = sorted(WORDS & {field.name for field in dataclasses.fields(kind)})
     if taken:
@@ -205,13 +205,13 @@ def quantities_of(kind: type[Stage]) -> Mapping[str, Parameter]:
 
 @per_kind
 def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
-    """Return the names that ``run`` asks for.
+    """Return the argument names of ``run``.
 
     Raises
     ------
     TypeError
-        If it has ``*args`` or ``**kwargs``, since an undeclared argument cannot be given; or if it asks for fixed
-        patterns but not for the quantity that identifies their owner.
+        If it has ``*args`` or ``**kwargs``, since an undeclared argument cannot be given; or if it takes fixed patterns
+        but not the quantity that identifies their owner.
     """
     names = () if kind.run is None else names_asked(kind, "run")
     patterns = _patterns_among(kind, names)
@@ -228,8 +228,8 @@ def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
 
 
 def identity_of(name: str) -> str:
-    """Return the quantity that identifies the owner of the patterns that an argument of this name draws; '' if it is no
-    pattern generator.
+    """Return the quantity that identifies the owner of the patterns that an argument of this name draws; '' if the
+    argument is not a pattern generator.
     """
     brought = discovery.installed().first("patterns", name)
     return str(brought.value) if brought is not None else ""
@@ -242,12 +242,14 @@ def _patterns_among(kind: type[Stage], names: tuple[str, ...]) -> dict[str, str]
 
 @per_kind
 def patterns_of(kind: type[Stage]) -> Mapping[str, str]:
-    """Return the pattern generators that ``run`` asks for, each with the quantity that identifies the owner."""
+    """Return the pattern generators among the arguments of ``run``, each with the quantity that identifies
+    the owner.
+    """
     return _patterns_among(kind, arguments_of(kind))
 
 
 def names_asked(kind: type[Stage], method: str) -> tuple[str, ...]:
-    """Return the names that a method asks for, among those that ``run`` may get."""
+    """Return the argument names of a method that are among the possible arguments of ``run``."""
     names = []
     for parameter in list(inspect.signature(getattr(kind, method)).parameters.values())[1:]:
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
@@ -263,7 +265,7 @@ def names_asked(kind: type[Stage], method: str) -> tuple[str, ...]:
 
 def _is_coordinate(name: str, dims: frozenset[str]) -> bool:
     """Return whether an argument is a coordinate of a dim that the stage uses or a distribution declares, as read or as
-    written (``out_``): its positions, those on the image plane (``_um``), or the edges of a dim of bands."""
+    written (``out_``): its positions, its positions on the image plane (``_um``), or the edges of a dim of bands."""
     own = name.removeprefix("out_")
     if own in COORDINATES or own in dims or own.removesuffix("_um") in dims:
         return True
@@ -281,7 +283,7 @@ def optional_ports(kind: type[Stage]) -> frozenset[str]:
 
 
 def files_of(stage: Stage) -> dict[str, str]:
-    """Return the paths of the files that parameters stand for."""
+    """Return the paths of the files that parameters name."""
     values = {name: (parameter, getattr(stage, name)) for name, (parameter, _, _) in parameters_of(type(stage)).items()}
     paths = {
         name: file_behind(value, parameter) for name, (parameter, value) in values.items() if isinstance(value, str)
@@ -295,8 +297,8 @@ def file_behind(value: str, parameter: Parameter) -> str:
 
 
 def file_state(path: str) -> tuple[int, int]:
-    """Return time and size of a file, or of all files of a folder; if they change, results cached for the path are
-    invalid.
+    """Return modification time and size of a file, or of all files of a folder; if they change, results cached for the
+    path are invalid.
     """
     try:
         found = os.stat(path)

@@ -1,7 +1,7 @@
 """Wording and order in plots and pages, as distributions declare them: orders of preference, subjects, words, units.
 
 In:  the name of a place, a subject, a word, a unit.
-Out: what is declared of it; by default, words that fit any graph of stages.
+Out: its declaration; by default, words that fit any graph of stages.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ WORDS = {
 @dataclass(frozen=True)
 class Subject:
     """A subject of metrics. ``said``: the name of its first metric in a sentence; ``short``: the name at the head of a
-    column, '' for its own. ``opens``: whether one of its metrics is expanded on a page, and may be plotted against
-    another's.
+    column, '' for the subject's own name. ``opens``: whether one of its metrics is expanded on a page, and may be
+    plotted against a metric of another subject.
     """
 
     said: str = ""
@@ -63,7 +63,7 @@ _Form = TypeVar("_Form", Subject, Unit)
 
 @cache
 def first(place: str) -> tuple[str, ...]:
-    """Return the names to prefer where there is a choice, in order, according to all distributions."""
+    """Return the names that all distributions prefer for a choice, in order."""
     found: dict[str, None] = {}
     for brought in discovery.installed().all("first", place):
         if isinstance(brought.value, list | tuple):
@@ -73,8 +73,8 @@ def first(place: str) -> tuple[str, ...]:
 
 @cache
 def words(of: frozenset[str] = frozenset()) -> Mapping[str, str]:
-    """Return the words used in sentences. With names of distributions, for example of those whose stages a graph has,
-    only the words of these.
+    """Return the words used in sentences. If names of distributions are given (such as those whose stages are in a
+    graph), only their words are used.
     """
     every, found = discovery.installed(), dict(WORDS)
     for name in every.names("words"):
@@ -85,7 +85,7 @@ def words(of: frozenset[str] = frozenset()) -> Mapping[str, str]:
 
 @cache
 def spelling() -> Mapping[str, str]:
-    """Return how parts of names are spelled out; an entry that begins with ``_`` is for the end of a name."""
+    """Return how parts of names are spelled out; an entry that begins with ``_`` applies to the end of a name."""
     every = discovery.installed()
     return {name: str(own.value) for name in every.names("spelling") if (own := every.first("spelling", name))}
 
@@ -98,7 +98,7 @@ def subjects() -> Mapping[str, Subject]:
 
 @cache
 def units() -> Mapping[str, Unit]:
-    """Return what is declared of units."""
+    """Return the declarations of units."""
     return _all(Unit, "scales")
 
 

@@ -1,1 +1,1 @@
-"""Evaluations of one pipeline at many values: what was computed and planned before is read from memory."""
+"""Evaluations of one pipeline at many values: results and plans of earlier evaluations are read from memory."""

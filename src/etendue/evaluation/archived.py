@@ -48,7 +48,7 @@ class ArchivedResults:
     Raises
     ------
     ArchiveError
-        There is no archive, or its cells were computed on another platform, so that bits may differ.
+        There is no archive, or its cells were computed on another platform and may have other bits.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -56,14 +56,14 @@ class ArchivedResults:
         record = latest_record(folder, self.stored.manifest)
         if record is None or record["platform"] != dict(platform_record()):
             raise ArchiveError(
-                f"{folder} was computed on another platform, so bits may differ; a session reads only results of this "
-                f"one. Leave out archive="
+                f"{folder} was computed on another platform, so bits may differ; a session reads only results "
+                "of this platform. Omit archive="
             )
         # What is left out has the key of its input, which may be there too.
         self.names = {one.key: name for name, one in self.stored.finished.items() if one.status == "done"}
 
     def of(self, key: str) -> tuple[CellReport, ArchivedArrays] | None:
-        """Return the report of a cell and its arrays; None if the archive has none of this key."""
+        """Return the report of a cell and its arrays; None if the archive has no cell with this key."""
         name = self.names.get(key)
         if name is None:
             return None

@@ -18,7 +18,7 @@ from etendue.types.documents import Document
 
 
 def overrides_of(parameters: Mapping[str, Any], want: str | Iterable[str] | None = None) -> Document:
-    """Return the overrides that keyword arguments mean; ``want``: variable or variables to compute."""
+    """Return the overrides given by keyword arguments; ``want``: variable or variables to compute."""
     overrides: Document = {}
     for name, value in parameters.items():
         key = name.replace("__", ".")
@@ -36,7 +36,7 @@ def overrides_of(parameters: Mapping[str, Any], want: str | Iterable[str] | None
 
 
 def raise_failed(plan: Plan, failed: list[CellReport]) -> None:
-    """Raise an error that names the first of some failed cells."""
+    """Raise an error that names the first failed cell."""
     if failed:
         first = failed[0]
         ref = (first.stage, first.index)

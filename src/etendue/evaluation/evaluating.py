@@ -1,7 +1,7 @@
-"""Compute some variables of some cells of a plan; results that are in memory already are not computed again.
+"""Compute some variables of some cells of a plan; results that are already in memory are not computed again.
 
-In:  a plan, what is wanted, the results of earlier evaluations.
-Out: the arrays and reports of the wanted cells; the results now hold what later evaluations may read.
+In:  a plan, the wanted variables, the results of earlier evaluations.
+Out: the arrays and reports of the wanted cells; new results are added for later evaluations.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SHORT = 0.25  # estimated seconds of cells below which threads take longer than 
 
 @dataclass
 class Evaluated:
-    """The wanted cells: their arrays, and the reports of when they were computed. ``computed``: the cells of now."""
+    """The wanted cells: their arrays, and their reports. ``computed``: the cells computed in this evaluation."""
 
     arrays: dict[CellRef, dict[str, Array]] = field(default_factory=dict)
     reports: dict[CellRef, CellReport] = field(default_factory=dict)
@@ -89,14 +89,14 @@ def evaluate(plan: Plan, wanted: Wanted, results: Results, options: Options | No
 
 
 def _held(cell: Cell, results: Results) -> Entry | None:
-    """Return what is kept of a cell. Of one that is left out nothing is: it has the key of its input."""
+    """Return the variables of a cell to keep; none for a left-out cell, which has the key of its input."""
     return None if cell.left_out is not None or not cell.key else results.seen(cell.key)
 
 
 def _left_to_do(
     plan: Plan, wanted: Wanted, held: Mapping[CellRef, Entry]
 ) -> tuple[Set[CellRef], Set[CellRef], Mapping[CellRef, Job]]:
-    """Return the cells that are taken from memory, those to compute, and the jobs of both."""
+    """Return the cells to read from memory, the cells to compute, and the jobs of both."""
     roots = set(wanted)
     known = {ref for ref, entry in held.items() if wanted.get(ref, frozenset()) <= entry.arrays.keys()}
     while True:

@@ -1,4 +1,4 @@
-"""Plans of earlier evaluations, so that the next one plans only what changed.
+"""Plans of earlier evaluations, so that the next evaluation plans only changed cells.
 
 In:  a pipeline as written, with the values of an evaluation.
 Out: its plan, as ``make_plan`` makes it.
@@ -28,12 +28,12 @@ class _Kept:
 
     @property
     def holds(self) -> bool:
-        """Whether all files are as they were."""
+        """Whether all files are unchanged."""
         return all(file_state(path) == state for path, state in self.files)
 
 
 class Plans:
-    """Earlier plans: the first and the last of every form."""
+    """Earlier plans: the first and the last plan of every form."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

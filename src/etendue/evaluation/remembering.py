@@ -40,7 +40,7 @@ class Memory:
     plans: Plans
 
     def clear(self, most: int | None = None) -> None:
-        """Forget everything; ``most``: the bound from now on, 0 to keep nothing."""
+        """Forget everything; ``most``: the new bound in bytes, 0 to keep nothing."""
         self.results.clear(most)
         self.plans.clear()
 
@@ -49,7 +49,7 @@ MEMORY = Memory(Results(IN_A_LOOP), Plans())
 
 
 class RememberingKeeper(MemoryKeeper):
-    """Keeps the results of a run in memory, with those of earlier evaluations."""
+    """Keeps the results of a run in memory, together with results of earlier evaluations."""
 
     def __init__(self, results: Results, options: Options) -> None:
         super().__init__(options.pictures)
@@ -79,8 +79,8 @@ class RememberingKeeper(MemoryKeeper):
         return {} if figures_only else {ref: self.found.arrays.get(ref, {}) for ref in refs}
 
     def look_at(self, ref: CellRef, look: Look) -> Seen:
-        """Return what a look gives, from memory if an equal one at an equal cell is there: a small picture of light in
-        many bands takes longer than the stages that a loop changes.
+        """Return the caller's reduction of a cell, from memory if the same reduction of an equal cell is stored: a
+        small picture of light in many bands takes longer than the stages that a loop changes.
         """
         cell, report = self.plan.cells[ref], self.found.reports[ref]
         if not cell.key:
@@ -97,12 +97,12 @@ class RememberingKeeper(MemoryKeeper):
 
 
 def remembered(plan: Plan, results: Results, options: Options) -> Outcome:
-    """Return the outcome of a run in memory. One that is too large to be kept runs as if there were no memory.
+    """Return the outcome of a run in memory. A run that is too large to be kept uses no memory of earlier results.
 
     Raises
     ------
     EtendueError
-        If cells failed; the message names the first.
+        If cells failed; the message names the first failed cell.
     """
     if 2 * bytes_of(plan) > results.most:
         outcome = execute(plan, None, options)
@@ -115,7 +115,7 @@ def remembered(plan: Plan, results: Results, options: Options) -> Outcome:
 
 
 def bytes_of(plan: Plan) -> int:
-    """Return the bytes of all kept variables of a plan, at most."""
+    """Return an upper bound on the bytes of all kept variables of a plan."""
     width = 4 if plan.precision == "float32" else 8
     kept = {node.name: [name for name in node.writes if (node.name, name) in plan.kept] for node in plan.nodes}
     return width * sum(cell.grids[name].count for cell in plan.cells.values() for name in kept[cell.node])

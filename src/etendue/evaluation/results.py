@@ -1,7 +1,8 @@
-"""Results of cells in memory, by their keys: the least recently used go when a bound in bytes is reached.
+"""Results of cells in memory, by their keys: the least recently used results are dropped when a bound in bytes is
+reached.
 
 In:  arrays of computed cells and their reports.
-Out: the same, for any later cell of equal key. Equal keys mean equal bits.
+Out: the same arrays and reports for any later cell with an equal key. Equal keys mean equal bits.
 """
 
 from __future__ import annotations
@@ -35,9 +36,8 @@ class Results:
 
     Attributes
     ----------
-    most : its bound in bytes
-    bytes : of all that it holds
-    behind : an archive, whose results are read where memory has none
+    most : its bound in bytes bytes : of all that it holds behind : an archive, whose results are read where memory has
+    none
     """
 
     def __init__(self, most: int, behind: ArchivedResults | None = None) -> None:
@@ -67,7 +67,7 @@ class Results:
         self.put(key, report, arrays)
 
     def put(self, key: str, report: CellReport, arrays: Mapping[str, Any]) -> None:
-        """Keep arrays of a cell in addition to those that are kept already."""
+        """Keep arrays of a cell in addition to arrays that are already kept."""
         own = {name: _alone(array) for name, array in arrays.items()}
         with self._lock:
             before = self._entries.pop(key, None)
@@ -82,7 +82,7 @@ class Results:
             self.bytes += size
 
     def clear(self, most: int | None = None) -> None:
-        """Drop everything; ``most``: the bound from now on."""
+        """Drop everything; ``most``: the new bound in bytes."""
         with self._lock:
             self._entries.clear()
             self.bytes = 0
@@ -90,7 +90,7 @@ class Results:
 
 
 def _alone(array: Array) -> Array:
-    """Return an array that nobody can change and that holds no more memory than its own."""
+    """Return a read-only array that references no more memory than its own."""
     whole = array.base
     alone = whole is None or (isinstance(whole, np.ndarray) and whole.nbytes <= array.nbytes)
     if array.flags.writeable or not alone:

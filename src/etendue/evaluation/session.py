@@ -1,4 +1,5 @@
-"""A pipeline that is evaluated many times, each time at other values: an evaluation computes only what changed.
+"""A pipeline that is evaluated many times, each time at other values: an evaluation computes only cells that a change
+affects.
 
 In:  a pipeline as written, a bound in bytes.
 Out: trees and records of metrics, with the bits of a run.
@@ -49,9 +50,9 @@ class Session:
     Parameters
     ----------
     pipeline : as read or written; a file that changes later is not read again
-    bytes : bound on the results that are kept; the least recently used go first
-    leave_out : whether stages that the scene does not need may be left out
-    archive : folder of an archive whose results are read where they fit; nothing is written to it
+    bytes : bound on the kept results, bytes; the least recently used results are dropped first
+    leave_out : whether stages may be left out if they have no effect on the scene
+    archive : folder of an archive whose results are reused if their keys match; nothing is written to it
 
     Examples
     --------
@@ -80,15 +81,15 @@ class Session:
         Raises
         ------
         RequestError
-            With every fault, as a run.
+            The request is invalid; the message lists every fault, as for a run.
         EtendueError
             If cells failed; the message names the first.
         """
         return remembered(self.plan(want, values), self.results, Options(pictures=False)).tree
 
     def metrics(self, names: str | Iterable[str], **values: Any) -> dict[str, Any]:
-        """Return variables at other values: by name a number, or a read-only array of all of them. Axes of a sweep
-        come first, in their order.
+        """Return variables at other values: for each name a number, or a read-only array with all values of the
+        variable. Axes of a sweep come first, in their order.
 
         Raises
         ------
@@ -113,7 +114,7 @@ class Session:
         """Evaluate one row of settings after the other. The next settings are requested only after the previous row has
         been yielded, so that a generator can choose them from its results.
 
-        A row that the stages refuse, or at which a cell fails, is given out with the reason.
+        A row that the stages refuse, or at which a cell fails, is yielded with the reason.
         """
         names = [names] if isinstance(names, str) else list(names)
         for number, own in enumerate(settings):
@@ -125,13 +126,13 @@ class Session:
             yield Row(number, dict(own), found, failed)
 
     def plan(self, want: str | Iterable[str] | None, values: Mapping[str, Any]) -> Plan:
-        """Return what an evaluation would run, whether it is in memory or not."""
+        """Return the plan of an evaluation, also for cells that are in memory."""
         overrides: DocumentView = overrides_of(values, want)
         return self.plans.plan(overridden(self.pipeline, overrides) if overrides else self.pipeline, self.leave_out)
 
     @property
     def bytes(self) -> int:
-        """Bytes of the results that are kept now."""
+        """Size of the results kept at present, bytes."""
         return self.results.bytes
 
     def clear(self) -> None:
@@ -145,7 +146,7 @@ class Session:
 
 
 def _joined(plan: Plan, one: StageVariable, arrays: Mapping[Any, Mapping[str, Array]]) -> Any:
-    """Return a variable of all cells of its stage: a number if it is one."""
+    """Return a variable of all cells of its stage as an array, or as a number if it has one value."""
     stage, variable = one
     own = [arrays[cell.ref][variable] for cell in plan.of(stage)]
     if len(own) == 1:

@@ -1,4 +1,4 @@
-"""Who made a pipeline's results, and how others may use them: the table ``[about]`` of a pipeline file.
+"""Authors and licence of a pipeline's results: the table ``[about]`` of a pipeline file.
 
 In:  the table as written.
 Out: ``About``; nothing in it changes a result.
@@ -48,7 +48,7 @@ class About:
 
 
 def read_about(table: object, faults: list[Fault]) -> About:
-    """Read the table of a pipeline; add what is wrong with it to ``faults``."""
+    """Read the table of a pipeline; add its faults to ``faults``."""
     if not isinstance(table, Mapping):
         faults.append(Fault("about", f"expected a table, got {as_written(table)}"))
         return About()

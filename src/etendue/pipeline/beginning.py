@@ -1,4 +1,4 @@
-"""A commented pipeline to start from, made from a template that a distribution brings by ``etendue_templates``.
+"""A commented pipeline to start from, made from a template that a distribution provides by ``etendue_templates``.
 
 In:  a template, its name, a preset, the bytes that each choice under `keep` stores.
 Out: the text of the file.
@@ -18,8 +18,9 @@ from etendue.plugins import discovery
 
 @dataclass(frozen=True)
 class Template:
-    """``path``: the text, with NAME and PRESET to be replaced, and KEPT where the choices of `keep` go; ``keep``: what
-    each choice keeps; ``preset``: the default preset, '' if the text names none."""
+    """``path``: the text, with NAME and PRESET to be replaced, and KEPT in the place of the choices of `keep`;
+    ``keep``: a description of each choice; ``preset``: the default preset, '' if the text names none.
+    """
 
     path: Path
     preset: str = ""
@@ -27,12 +28,12 @@ class Template:
 
 
 def template(name: str = "") -> Template:
-    """Return the template of a name, or the first one.
+    """Return the template of a name, or the first template.
 
     Raises
     ------
     RequestError
-        If there is none of that name, or none at all.
+        If no template has this name, or there are no templates.
     """
     names = discovery.installed().names("templates")
     brought = discovery.installed().first("templates", name or (names[0] if names else ""))

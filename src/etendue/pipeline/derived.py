@@ -16,7 +16,7 @@ from etendue.types.documents import DocumentView
 
 
 def given(entry: StageEntry, values: DocumentView, but: Collection[str] = ()) -> StageEntry:
-    """Return a stage with these values added to its own, without those named in ``but``."""
+    """Return a stage with these values added to its own, without the values named in ``but``."""
     own = {name: value for name, value in entry.values.items() if name not in but}
     return replace(entry, values={**own, **values})
 
@@ -88,8 +88,8 @@ def free_name(name: str, taken: Collection[str]) -> str:
 def wanting(
     pipeline: PipelineFile, places: Iterable[tuple[str, str]] | None = None, kept: bool = False, exact: bool = False
 ) -> PipelineFile:
-    """Return the pipeline with the wanted variables ``(stage, variable)``; None: the default ones. All computed
-    variables are stored, or with ``kept`` only the wanted ones. ``exact``: in 64 bits.
+    """Return the pipeline with the wanted variables ``(stage, variable)``; None: the default variables. All computed
+    variables are stored or, with ``kept``, only the wanted variables. ``exact``: in 64 bits.
     """
     wanted = None if places is None else tuple(f"{stage}.{variable}" for stage, variable in places)
     precision = "float64" if exact else pipeline.precision
@@ -100,7 +100,7 @@ def at_value(pipeline: PipelineFile, key: str, value: object) -> PipelineFile:
     """Return the pipeline with one value of an axis written where it belongs: a shared quantity, a preset, a stage, its
     parameter.
 
-    A stage's own table belongs to its own implementation, and is dropped for others.
+    The table of a stage belongs to its implementation, and is dropped for other implementations.
     """
     stage, _, name = key.rpartition(".")
     if stage:

@@ -1,7 +1,7 @@
-"""A new distribution with one stage that begins as a copy of an installed one: it installs, passes the conformance laws
-and can be compared.
+"""A new distribution with one stage that begins as a copy of an installed stage: it can be installed, passes the
+conformance laws and can be compared.
 
-In:  the name of the stage, its role, the stage it begins as.
+In:  the name of the stage, its role, the stage that it copies.
 Out: the texts of its files. The arithmetic is inherited until the author replaces it.
 """
 
@@ -48,7 +48,7 @@ class Beginning:
 
 
 def beginning(registry: Registry, stage: str, role: str | None, like: str | None) -> Beginning:
-    """Check the arguments of ``etendue new-plugin`` and return what they ask for.
+    """Check the arguments of ``etendue new-plugin`` and return the requested files.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def files(one: Beginning) -> Mapping[str, str]:
 
 
 def _simplest() -> dict[str, str]:
-    """Return, for roles with several built-in stages, the one whose arithmetic is simplest."""
+    """Return, for roles with several built-in stages, the stage with the simplest arithmetic."""
     found = discovery.installed()
     return {
         role: str(brought.value) for role in found.names("beginnings") if (brought := found.first("beginnings", role))
@@ -214,7 +214,7 @@ from {public} import {one.kind.__name__}
 
 @dataclass(frozen=True, kw_only=True)
 class {one.name}({one.kind.__name__}):
-    """One sentence on what it does (who published it, where).
+    """One sentence that describes the method (authors and publication).
 
     It begins as ``{one.like}``: {first}
     """
@@ -222,14 +222,14 @@ class {one.name}({one.kind.__name__}):
     # Inherited parameters:
 {taken}
     # Add one of your own, with its unit and range (from etendue.api import param):
-    #     {_free(one.kind)}: float = param(1.0, at_least=0, at_most=10, doc="what it changes")
+    #     {_free(one.kind)}: float = param(1.0, at_least=0, at_most=10, doc="the effect of the parameter")
     # The stated error and gain are inherited too: state your own where your arithmetic differs, because the tests check
     # them.
 {_method(one)}'''
 
 
 def _free(kind: Any) -> str:
-    """Return a name for a parameter that the class does not have yet: reusing an inherited one would change its
+    """Return a name for a parameter that the class does not have yet: reusing an inherited name would change its
     meaning.
     """
     return next(
@@ -284,7 +284,7 @@ def _method(one: Beginning) -> str:
     what = (
         "the factor for the Fourier transform of the picture"
         if name == "transfer"
-        else "{variable: array} of all it writes"
+        else "{variable: array} of all outputs"
     )
     return f"""
     def {name}({asked}) -> Any:

@@ -1,4 +1,4 @@
-"""A pipeline file: shared quantities, stages, sweep, and wanted variables. Turns text into values and faults; no stage
+"""A pipeline file: shared quantities, stages, sweep, and wanted variables. Parses text into values and faults; no stage
 is imported here.
 
 In:  TOML text (or the same as a mapping), overrides from the command line.
@@ -94,7 +94,7 @@ class PipelineFile(PipelineSource):
 
     @property
     def digits_left(self) -> float:
-        """The tolerance to which the digits of results are rounded; 0: all stay."""
+        """The tolerance to which the digits of results are rounded; 0: all digits are kept."""
         return 0.0 if self.digits == DIGITS[0] else self.tolerance
 
     @property
@@ -190,7 +190,7 @@ def parse_pipeline(
     """Return the pipeline in a TOML text; ``file`` and ``folder`` are for messages and relative paths.
 
     Faults of form (unknown keys, two stages of one name) are kept in ``faults``, so that the planner can report them
-    together with all others.
+    together with all other faults.
     """
     fault = dotted_fault(text)
     if fault:
@@ -236,7 +236,7 @@ def refuse_large(document: DocumentView, file: str = "", lines: Mapping[str, int
 
 
 def _not_toml(text: str, message: str) -> Fault:
-    """Return the fault with what the TOML parser's message omits: the line, and the usual reasons."""
+    """Return the fault, with the line and the usual reasons, which the message of the TOML parser omits."""
     match = re.search(r" \(at line (\d+), column \d+\)$", message)
     if not match:
         return Fault("", f"not valid TOML: {message}")
@@ -339,7 +339,7 @@ def from_document(document: DocumentView, file: str = "", folder: Path = Path(".
 
 
 def _meant(key: str, table: Table) -> str:
-    """Return a hint at what an unknown key may have been meant for."""
+    """Return a hint at the key that an unknown key may have been meant for."""
     if key in tables():
         return f"; this file already has its quantities under [{table.name}]"
     if key in quantities.names():
@@ -373,7 +373,7 @@ def _presets(
 
 
 def _stages(value: object, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bool]:
-    """Return the stages that could be read, and whether these are all."""
+    """Return the stages that could be read, and whether all stages could be read."""
     if not isinstance(value, list) or not value:
         faults.append(Fault("stages", "expected at least one [[stages]] table with a key 'use'"))
         return (), False

@@ -1,7 +1,7 @@
 """Read the entries of a document one by one, in the form that a pipeline needs.
 
 In:  a document.
-Out: plain values; for each entry of another form a fault, and the default instead.
+Out: plain values; for each entry of another form, a fault and the default value.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Words:
         value = self.document.get("name", default)
         if isinstance(value, str) and _plain(value):
             return value
-        ways = f"at most {LONGEST} characters, no slash, no control characters, no dot in front"
+        ways = f"at most {LONGEST} characters, no slash, no control characters, no leading dot"
         self.faults.append(Fault("name", f"expected a plain name, got {as_written(value)}; {ways}"))
         return default
 
@@ -70,7 +70,7 @@ class Words:
         return value if isinstance(value, bool) else self.refused(key, value, "true or false", default)
 
     def choice(self, key: str, among: tuple[str, ...]) -> str:
-        """Return one of some words; the first unless another is given."""
+        """Return one of some words; by default the first."""
         value = self.text(key, among[0])
         if value not in among:
             self.faults.append(Fault(key, f"{value!r} is not a {key}{nearest(value, among)}; must be {_listed(among)}"))

@@ -1,7 +1,7 @@
-"""Write folders that appear whole or not at all.
+"""Write folders that appear completely or not at all.
 
 In:  texts by path.
-Out: files; nothing that exists is overwritten.
+Out: files; no existing file is overwritten.
 """
 
 from __future__ import annotations

@@ -48,8 +48,8 @@ def axis_name(key: str, document: DocumentView) -> str:
 
 
 def by_one_name(overrides: DocumentView, document: DocumentView) -> Document:
-    """Return the overrides under the names by which an archive records them; of two with one meaning the last
-    counts.
+    """Return the overrides under the names by which an archive records them; of two overrides with the same meaning,
+    the last applies.
     """
     found: Document = {}
     for key, value in overrides.items():
@@ -137,8 +137,8 @@ def apply_overrides(document: Document, overrides: DocumentView, file: str = "")
 
 
 def _factor_in(document: DocumentView, tail: str) -> tuple[Document | None, str]:
-    """Return the table of a factor of the design, and which word of it ``factors.NAME.WORD`` sets; None if there is no
-    such table.
+    """Return the table of a factor of the design, and the key in it that ``factors.NAME.WORD`` sets; None if there is
+    no such table.
     """
     design = document["design"]
     name, dot, word = tail.removeprefix("factors.").rpartition(".")
@@ -165,7 +165,7 @@ def _only_here(document: Document, head: str, key: str) -> None:
 
 
 def _meant(document: DocumentView, head: str, tail: str) -> str:
-    """Return a hint at what an unknown name may have been meant for."""
+    """Return a hint at the name that an unknown name may have been meant for."""
     if not tail:
         return nearest(head, [*TOP, *_quantities(document)])
     named = _stages(document)
@@ -176,7 +176,9 @@ def _meant(document: DocumentView, head: str, tail: str) -> str:
 
 
 def _quantities(document: DocumentView) -> tuple[str, ...]:
-    """Return the keys that the table of shared quantities may have: declared ones, and those the document gives."""
+    """Return the keys that the table of shared quantities may have: declared quantities, and quantities in the
+    document.
+    """
     table = table_in(document)
     given = document.get(table.name)
     return (*table.words(), *quantities.names(), *(given if isinstance(given, dict) else ()))

@@ -1,4 +1,4 @@
-"""Presets: values of many shared quantities under one name, brought by distributions, each with its source.
+"""Presets: values of many shared quantities under one name, provided by distributions, each with its source.
 
 In:  a table and the value of its preset key.
 Out: a ``Preset``: values as they would be in the table; the pipeline's own values override them.
@@ -39,11 +39,11 @@ class Sourced:
 
     @property
     def stands_in(self) -> bool:
-        """Whether it has no citable source and is only a usual value."""
+        """Return whether the value is a stand-in: a usual value without a citable source."""
         return self.source.startswith(TYPICAL)
 
     def words(self) -> dict[str, str]:
-        """Return its description."""
+        """Return the description of the source."""
         return {"source": self.source, "licence": self.licence, "note": self.note}
 
 
@@ -80,7 +80,8 @@ def preset(name: str, table: Table | None = None) -> Preset:
     Raises
     ------
     RequestError
-        If the name is unknown (with the closest one), two distributions bring it, or its file cannot be read.
+        If the name is unknown (the message gives the closest name), two distributions provide it, or its file cannot be
+        read.
     """
     found = discovery.installed()
     table = table or next((one for one in tables().values() if one.presets), None)
@@ -114,7 +115,7 @@ def preset_at(name: str, table: Table | None, folder: Path) -> Preset:
     if not is_file(name):
         if table is None or not table.find:
             return preset(name, table)
-        found = discovery.loaded(table.find, f"what finds a {table.preset}")(name)
+        found = discovery.loaded(table.find, f"the function that finds a {table.preset}")(name)
         return _of_file(str(found), Path(found), name, table)
     table = table or next((one for one in tables().values() if one.presets), None)
     if table is None or not (table.presets or table.find) or (folder.name == "runs" and not COPY.fullmatch(name)):
@@ -142,7 +143,7 @@ def _of_file(said: str, path: Path, name: str, table: Table) -> Preset:
 
 
 def _beside(value: Any, said: str, path: Path) -> Any:
-    """Return a value of a preset; a file named by its content lies next to the preset's own."""
+    """Return a value of a preset; a file named by its content is in the folder of the preset's file."""
     if not isinstance(value, str) or not BESIDE.fullmatch(value):
         return value
     return f"../inputs/{value}" if COPY.fullmatch(said) else str(path.parent / value)

@@ -2,7 +2,7 @@
 plugins.
 
 In:  the registry, shared quantities.
-Out: a schema of draft 7. It cannot check what depends on values of other keys (names of stages in a sweep, units,
+Out: a schema of draft 7. It cannot check keys that depend on values of other keys (names of stages in a sweep, units,
      files); the planner does.
 """
 
@@ -45,7 +45,7 @@ ZIPPED = {
     "properties": {"values": {"type": "array", "minItems": 1}, "dim": {"type": "string"}},
     "additionalProperties": False,
     "required": ["values", "dim"],
-    "description": "values that change together with those of every other axis of the same dim",
+    "description": "values that change together with the values of every other axis of the same dim",
 }
 _NUMBER = {"type": ["number", "string"]}
 FACTOR = {
@@ -125,7 +125,7 @@ def schema(registry: Registry) -> Document:
             "stand_ins": {
                 "type": "boolean",
                 "default": True,
-                "description": "whether presets may have typical values where no source gives one",
+                "description": "whether presets may contain stand-ins: typical values, used if no source gives a value",
             },
             "precision": {"enum": ["auto", "float32", "float64"], "default": "auto"},
             "wanted": {"anyOf": [NAMES, {"type": "string"}], "description": "variables to compute"},
@@ -138,7 +138,8 @@ def schema(registry: Registry) -> Document:
                 "type": "object",
                 "properties": {"digits": {"enum": list(DIGITS), "default": DIGITS[0]}},
                 "additionalProperties": False,
-                "description": "how results are kept; digits: exact, or rounded to what the tolerance leaves",
+                "description": "storage of results; digits: exact, or rounded to the digits that are "
+                "significant at the tolerance",
             },
             "requires": {"anyOf": [NAMES, {"type": "string"}], "description": "distributions whose stages are used"},
             "most_cells": {"type": "integer", "minimum": 1},

@@ -1,7 +1,7 @@
 """Stand-ins: typical values that presets use if no source gives a value. Every display of a result names them.
 
 In:  a pipeline, and the shared quantities that its stages use.
-Out: by preset, the quantities with such a value that nothing in the pipeline overrides by another.
+Out: for each preset, the quantities with a typical value that the pipeline does not override.
 """
 
 from __future__ import annotations

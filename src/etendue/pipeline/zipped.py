@@ -37,7 +37,7 @@ def is_axis(value: DocumentView) -> bool:
 
 
 def taken_apart(sweep: DocumentView, faults: list[Fault]) -> tuple[Document, dict[str, Zip]]:
-    """Return the sweep with values alone, and the axes that share a dim."""
+    """Return the sweep with plain lists of values, and the axes that share a dim."""
     found, zipped = dict(sweep), dict[str, Zip]()
     for key, value in sweep.items():
         if isinstance(value, Mapping) and "dim" in value:
@@ -54,7 +54,9 @@ def taken_apart(sweep: DocumentView, faults: list[Fault]) -> tuple[Document, dic
 
 
 def _one(place: str, value: DocumentView, faults: list[Fault]) -> tuple[Any, Zip | None]:
-    """Return the values of an axis, as the sweep would have them without a dim, and the index of each row's value."""
+    """Return the values of an axis, as the sweep would have them without a dim, and the index of the value in
+    each row.
+    """
     dim, rest = value["dim"], {name: one for name, one in value.items() if name != "dim"}
     if not isinstance(dim, str) or not dim.isidentifier():
         faults.append(Fault(place, f"dim: expected a name of letters, digits and _, got {as_written(dim)}"))

@@ -58,8 +58,6 @@ def met_twice(nodes: Iterable[Node]) -> list[str]:
         once = dict.fromkeys(what for one in node.alternatives for what in one.kind.once)
         for what in once:
             if what in met:
-                notes.append(
-                    f"{node.name}: {what} counts twice: {met[what]!r} already models it; leave one of them out"
-                )
+                notes.append(f"{node.name}: {what} counts twice: {met[what]!r} already models it; remove one of them")
         before[node.name] = met | dict.fromkeys(once, node.name)
     return notes

@@ -86,7 +86,7 @@ def knobs_cost(stage: Stage) -> float:
 
 
 def _cost(parameter: Parameter, value: bool | float) -> float:
-    """Return the cost of a setting; for a value between two settings, that of the finer one."""
+    """Return the cost of a setting; for a value between two settings, the cost of the finer setting."""
     if value in parameter.settings:
         return parameter.costs[parameter.settings.index(value)]
     # counts may end in 0, which stands for all
@@ -99,7 +99,7 @@ def _cost(parameter: Parameter, value: bool | float) -> float:
 
 
 class Rates:
-    """Measured over estimated seconds by stage and size, as earlier runs on this machine left them in the cache."""
+    """Ratio of measured to estimated seconds by stage and size, from earlier runs on this machine (cached)."""
 
     @cached_property
     def known(self) -> dict[str, dict[str, float]]:
@@ -181,7 +181,7 @@ def with_writing(node: Node, cells: Iterable[Cell], precision: str, stored: int,
 
 
 def remember(plan: Plan, reports: Mapping[CellRef, Any], written: tuple[int, float]) -> None:
-    """Cache the seconds of the stages of a run, from some cells of each, and the (bytes, seconds) of writing."""
+    """Cache the seconds of the stages of a run, from some cells of each stage, and the (bytes, seconds) of writing."""
     found: dict[str, tuple[Node, list[tuple[Cell, float]]]] = {}
     for node in plan.nodes:
         cells = plan.of(node.name)

@@ -12,7 +12,7 @@ from etendue.plan.model import Cell, Plan
 
 
 def drawn_of(plan: Plan, cell: Cell, name: str) -> Drawn | None:
-    """Return how to draw a variable; None if it is no image, or is not shown."""
+    """Return how to draw a variable; None if it is not a picture, or is not shown."""
     known, dims = variable(name), plan.node(cell.node).writes[name].dims
     if not known.shown or dims[-2:] != ("y", "x"):
         return None
@@ -25,7 +25,9 @@ def drawn_of(plan: Plan, cell: Cell, name: str) -> Drawn | None:
 
 
 def _quantity(plan: Plan, cell: Cell, name: str) -> Any:
-    """Return the value of a shared quantity for a cell; None if it is swept along an axis that does not reach it."""
+    """Return the value of a shared quantity for a cell; None if it is swept along an axis that does not affect the
+    cell.
+    """
     axes = plan.node(cell.node).axes
     own = [plan.axis(dim) for dim in axes]
     others = [axis for axis in plan.axes if axis.dim not in axes]

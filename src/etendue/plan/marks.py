@@ -31,7 +31,7 @@ def not_in_it(plan: Plan, node: Node, variable: str) -> tuple[str, ...]:
 
 
 def _silent(kind: type[Stage], measured: set[str]) -> bool:
-    """Return whether a stage adds random noise to what the measured stages write without stating how much."""
+    """Return whether a stage adds random noise to the outputs of the measured stages without stating its size."""
     told = issubclass(kind, Datasheet) or (issubclass(kind, Noisy) and kind.inherent)
     return bool(measured & set(kind.writes)) and is_random(kind) and not told
 

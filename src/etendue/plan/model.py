@@ -1,6 +1,6 @@
 """The plan: frozen values that state what is computed. No arrays.
 
-A ``Node`` is a stage of the pipeline with the axes that reach it. A ``Cell`` is one stage at one combination of these
+A ``Node`` is a stage of the pipeline with the axes that affect it. A ``Cell`` is one stage at one combination of these
 axes. A ``CellRef`` names a cell by its node and its position on each of the node's axes.
 """
 
@@ -61,7 +61,7 @@ class Axis:
         return self.gives[name][position] if name in self.gives else self.values[position]
 
     def column(self, factor: int) -> tuple[Any, ...]:
-        """Return the value of one of its factors at every position."""
+        """Return the value of one factor of the axis at every position."""
         return tuple([self.factors[factor].values[row[factor]] for row in self.rows])
 
 
@@ -136,7 +136,8 @@ class Node:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Why a cell is not computed, and the error bound of leaving it out, relative to the full scale of its variable.
+    """The reason why a cell is left out, and the error bound of this omission, relative to the full scale of its
+    variable.
 
     ``apart``: the bound of the worst band, relative to the full scale of that band. It applies to later stages that use
     single bands; it is 0 if it is not larger.
@@ -210,7 +211,7 @@ class Cell:
 
     @property
     def steps(self) -> Mapping[str, float]:
-        """By variable, the step to whose multiples it is rounded."""
+        """By variable, the step to whose multiples the variable is rounded."""
         return {n: 2.0**own for n, own in self.digits.items() if own is not None} if self.digits else NO_STEPS
 
     @property
@@ -222,7 +223,7 @@ class Cell:
 
 
 def scene_of(cells: Mapping[CellRef, Cell], cell: Cell) -> Cell:
-    """Return the source cell that the chain of first inputs of a cell starts from."""
+    """Return the source cell at which the chain of first inputs of a cell starts."""
     while cell.inputs:
         cell = cells[cell.inputs[0][1]]
     return cell
@@ -275,7 +276,9 @@ def _changes_white(kind: type[Stage]) -> bool:
 
 
 def chains(names: Sequence[str], nodes: Mapping[str, Node]) -> list[list[int]]:
-    """Return, for each of some transfer nodes in order, the numbers of those that its light passes, its own last."""
+    """Return, for each of some transfer nodes in order, the numbers of the nodes through which its light passes; its
+    own number is last.
+    """
     found: list[list[int]] = []
     for number, name in enumerate(names):
         before: set[str] = set()
@@ -291,7 +294,8 @@ class Numbers:
     """Numbers cells from 0 in the order of the plan, so that data by cell can be stored in arrays with a few bytes per
     cell.
 
-    The cells of a node are consecutive, the last axis fastest. So a number follows from strides; no table is needed.
+    The cells of a node are consecutive, the last axis varies fastest. A number therefore follows from strides, without
+    a table.
     """
 
     def __init__(self, nodes: Iterable[Node], sizes: Mapping[str, int]) -> None:
@@ -375,7 +379,7 @@ class Plan:
         return self.kept - self.same_as.keys()
 
     def stored(self, ref: CellRef, variable: str) -> CellRef:
-        """Return the cell that has the values of a kept variable: the cell itself, or one before it."""
+        """Return the cell that has the values of a kept variable: the cell itself, or an earlier cell."""
         holder = self.same_as.get((ref[0], variable))
         return ref if holder is None else of_cell(self.cells, ref, variable, holder)
 

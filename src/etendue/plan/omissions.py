@@ -42,8 +42,8 @@ def left_out(
 
 
 def _without(node: Node, cells: Sequence[Cell], precision: str, stored: Collection[str], rates: Rates | None) -> float:
-    """Return the seconds that it would take to compute some left-out cells and to write those of their variables that
-    have no array.
+    """Return the seconds that it would take to compute some left-out cells and to write their variables that have no
+    array.
     """
     whole = [replace(cell, left_out=None) for cell in cells]
     if rates is None:

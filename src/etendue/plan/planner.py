@@ -1,4 +1,5 @@
-"""Turn a pipeline into a plan: check it, describe its cells, decide how each is computed. No array is made here.
+"""Turn a pipeline into a plan: check it, describe its cells, and decide how each cell is computed. No array is made
+here.
 
 plan = make_plan(read_pipeline(path), installed_stages())
 """
@@ -64,12 +65,13 @@ def make_plan(
     computed
         Names of stages that are not left out in any cell.
     versions
-        Library versions to put into the keys instead of the installed ones; gives the keys of an earlier environment.
+        Library versions to put into the keys instead of the installed versions; this gives the keys of an earlier
+        environment.
 
     Raises
     ------
     RequestError
-        With every fault of the file, or with every stage whose grid is impossible.
+        The file is invalid or a grid is impossible; the message lists every fault.
     """
     choice = Choice(
         pipeline.tolerance,
@@ -85,8 +87,8 @@ def make_plan(
 
 
 def plan_again(pipeline: PipelineFile, registry: Registry, leave_out_allowed: bool, earlier: Sequence[Plan]) -> Plan:
-    """Return the plan that ``make_plan`` makes. Cells that cannot differ from those of an earlier plan are taken from
-    it, so that only changes are planned again.
+    """Return the plan that ``make_plan`` makes. Cells that cannot differ from the cells of an earlier plan are taken
+    from it, so that only changes are planned again.
     """
     leave_out_allowed = leave_out_allowed and pipeline.leave_out
     norm = pipeline.norm
@@ -98,7 +100,7 @@ def plan_again(pipeline: PipelineFile, registry: Registry, leave_out_allowed: bo
 @NOT_COLLECTING
 @asked_of_stages()
 def plan_as(pipeline: PipelineFile, registry: Registry, choice: Choice, told: Told = lambda done, total: None) -> Plan:
-    """Return the plan of a pipeline, decided as asked."""
+    """Return the plan of a pipeline, with the requested kind of decisions."""
     # Order: the graph before cells (a file with faults must not be expanded), cells before warnings (most warnings need
     # the facts of a cell).
     # Swapped stages come before automatic values, because these are chosen by the stages that are finally used.
@@ -205,7 +207,9 @@ def _grown(cells: Mapping[CellRef, Cell], tolerance: float) -> list[str]:
 
 
 def _rewritten_in_vain(nodes: Sequence[Node]) -> list[str]:
-    """Return a warning for every stage that changes a variable after its only reader: it is likely misplaced."""
+    """Return a warning for every stage that changes a variable after its only reader: the stage is probably
+    misplaced.
+    """
     written = {(node.name, variable): declared.dims for node in nodes for variable, declared in node.writes.items()}
     readers: dict[tuple[str, str], list[tuple[int, Node]]] = {}  # readers of each (stage, variable), with their numbers
     for number, node in enumerate(nodes):
@@ -221,8 +225,8 @@ def _rewritten_in_vain(nodes: Sequence[Node]) -> list[str]:
             before = [reader for at, reader in readers[source, variable] if at < number]
             if before and (node.name, variable) not in readers and not any(variable in r.writes for r in before):
                 notes.append(
-                    f"{node.name}: nothing reads its {variable}; {before[0].name} comes earlier and reads "
-                    f"that of {source}; move {node.name} up"
+                    f"{node.name}: nothing reads its {variable}; {before[0].name} comes earlier and reads the "
+                    f"{variable} of {source}; move {node.name} up"
                 )
     return notes
 

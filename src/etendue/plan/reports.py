@@ -29,7 +29,7 @@ class Reports(Mapping[CellRef, CellReport]):
     Attributes
     ----------
     status, seconds, size : by number of a cell (``plan.numbers``)
-    rest : only for the cells that have a value in it other than ``NOTHING``
+    rest : only for the cells that report a value other than ``NOTHING``
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -51,12 +51,12 @@ class Reports(Mapping[CellRef, CellReport]):
                 self.rest.pop(number, None)
 
     def reuse(self, refs: Iterable[CellRef]) -> None:
-        """Mark cells as reused: they were finished before."""
+        """Mark cells as reused: an earlier run finished them."""
         for ref in refs:
             self.status[self.number(ref)] = REUSED
 
     def of(self, plan: Plan, cells: Mapping[CellRef, CellRef]) -> Reports:
-        """Return the reports of the cells of another plan; ``cells`` maps them to the cells of this one."""
+        """Return the reports of the cells of another plan; ``cells`` maps them to the cells of this plan."""
         if plan.axes == self.plan.axes:
             return self
         found = Reports(plan)
@@ -102,7 +102,7 @@ class Reports(Mapping[CellRef, CellReport]):
         return range(len(self.status)) if stage is None else self.plan.numbers.range(stage)
 
     def count(self, *statuses: int, stage: str | None = None) -> int:
-        """Return how many cells have one of these statuses."""
+        """Return the number of cells with one of these statuses."""
         own = self.numbers(stage)
         return sum(self.status.count(status, own.start, own.stop) for status in statuses)
 
@@ -122,12 +122,14 @@ class Reports(Mapping[CellRef, CellReport]):
         return sum(self.size[own.start : own.stop])
 
     def counted(self, stage: str) -> list[float]:
-        """Return the counts of values raised to a floor or above saturation, for each cell of a stage that has any."""
+        """Return the counts of values raised to a floor or above saturation, for each cell of a stage with
+        such counts.
+        """
         own = self.numbers(stage)
         return [rest[2] for number, rest in self.rest.items() if number in own and rest[2] > 0]
 
     def most_clipped(self) -> CellReport | None:
-        """Return the report of the cell with the most negative light clipped; None if none was."""
+        """Return the report of the cell with the most negative light clipped; None if no light was clipped."""
         worst = max(self.rest, key=lambda number: self.rest[number][1], default=None)
         if worst is None or not self.rest[worst][1] > 0:
             return None

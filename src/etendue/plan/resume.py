@@ -1,6 +1,6 @@
 """Find the cells of a plan that remain to be computed, given the content of an archive.
 
-In:  a plan, the axis values that an archive has, the finished cells.
+In:  a plan, the axis values in an archive, the finished cells.
 Out: the plan over all those values, and the cells to compute (``Work``).
 """
 
@@ -52,7 +52,8 @@ PLANNED = 5_000
 def with_stored_values(
     plan: Plan, stored: Mapping[str, Mapping[str, list[AxisValue]]], sweeps: Sequence[DocumentView] = ()
 ) -> Plan:
-    """Return the plan extended to the axis values of an archive's earlier runs, so that valid results there stay.
+    """Return the plan extended to the axis values of an archive's earlier runs, so that valid results at these values
+    are kept.
 
     ``sweeps`` of earlier runs, as written in their files, give the meaning of the label of a swapped stage.
     """
@@ -80,7 +81,8 @@ def _possible(
 ) -> list[AxisValue]:
     """Return the values over which a plan exists, found by bisection: a few invalid values cost few plans.
 
-    The work is limited, so that a journal naming millions of values cannot stall a run; values not reached are dropped.
+    The work is limited, so that a journal naming millions of values cannot stall a run; values that are not examined
+    are dropped.
     """
     known = sum(len(own) for axes in stored.values() for own in axes.values())
     found, left, work = list[AxisValue](), [values], 0
@@ -119,7 +121,7 @@ def _over(
 
 
 def _rows(axis: Axis, extra: Sequence[AxisValue], stored: Mapping[str, Mapping[str, list[AxisValue]]]) -> list[int]:
-    """Return the rows of a design in stored order, then those that are new."""
+    """Return the rows of a design in stored order, then the new rows."""
     there = [row for axes in stored.values() for row in axes.get(axis.dim, ()) if isinstance(row, int)]
     wanted = {*axis.values, *extra}
     return list(dict.fromkeys([*(row for row in there if row in wanted), *axis.values]))
@@ -131,7 +133,7 @@ def is_of_names(key: str) -> bool:
 
 
 def _table(key: str, label: AxisValue, sweeps: Sequence[DocumentView]) -> Any:
-    """Return the definition of a label of a swapped stage in the newest sweep that has it."""
+    """Return the definition of a label of a swapped stage from the newest sweep that contains it."""
     for sweep in sweeps:
         values = sweep.get(key)
         for one in values if isinstance(values, list) else ():
@@ -145,7 +147,7 @@ def _table(key: str, label: AxisValue, sweeps: Sequence[DocumentView]) -> Any:
 
 
 def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = None) -> set[CellRef]:
-    """Return the cells to compute: requested ones that are unfinished, and finished ones whose result was not stored
+    """Return the cells to compute: requested cells that are unfinished, and finished cells whose result was not stored
     and is read by a cell to compute.
     """
     todo = {ref for ref in (plan.cells if requested is None else requested) if ref not in finished}
@@ -174,7 +176,7 @@ def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = 
 
 
 def _need_segment(plan: Plan, source: CellRef, todo: set[CellRef]) -> None:
-    """Add the cells needed to compute a transform again: those up to the input of its segment, unless that is
+    """Add the cells needed to compute a transform again: all cells up to the input of its segment, unless this input is
     stored.
     """
     segment_input = plan.cells[source].segment_input

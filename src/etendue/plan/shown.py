@@ -54,8 +54,8 @@ def is_headline(name: str, declaration: Declaration) -> bool:
 
 
 def answers(plan: Plan) -> tuple[StageVariable, ...]:
-    """Return the variables whose values a run reports: the wanted ones, and metrics that are computed on the way to
-    them.
+    """Return the variables whose values a run reports: the wanted variables, and metrics that are computed on the way
+    to them.
     """
     computed = (node for node in plan.nodes if node.name not in plan.seen_only)
     found = [(node.name, v) for node in computed for v, declared in node.writes.items() if is_headline(v, declared)]

@@ -102,7 +102,7 @@ RUN = object()  # passed as ``unknown``: here an answer that depends on a value 
 
 
 def _asked(stage: Stage, method: str, *given: Any, unknown: Any = RUN) -> Any:
-    """Return the result of a method; ``unknown`` if it depends on a value that only a run finds."""
+    """Return the result of a method; ``unknown`` if it depends on a value that only a run determines."""
     with foreign(_name(stage, method)):
         try:
             return getattr(stage, method)(*given)
@@ -123,7 +123,7 @@ def described(stage: Stage) -> tuple[Facts, Mapping[str, Grid]]:
 
 
 def grids_of(stage: Stage, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
-    """Return the grids that ``grid`` states for what a stage writes; empty if the stage has no such method."""
+    """Return the grids that ``grid`` states for the outputs of a stage; empty if the stage has no such method."""
     if type(stage).grid is Stage.grid:
         return {}
     return _grids(stage, "grid", _asked(stage, "grid", dict(inputs)))
@@ -136,8 +136,8 @@ def carried(stage: Stage, facts: Mapping[str, Facts], grids: Mapping[str, Grid])
 
 
 def growth_of(stage: Stage, facts: Mapping[str, Facts]) -> float:
-    """Return the factor by which an error of an input may grow in a stage; 1 if it depends on a value that only a run
-    finds.
+    """Return the factor by which an error of an input may grow in a stage; 1 if the factor depends on a value that only
+    a run determines.
     """
     if type(stage).growth is Stage.growth:
         return 1.0

@@ -2,7 +2,7 @@
 variant takes a fraction of the time of a new plan.
 
 In:  a plan.
-Out: a plan for runs that store nothing: its cells have no keys, or those of the whole plan.
+Out: a plan for runs that store nothing: its cells have no keys, or the keys of the whole plan.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ def variant(
 
     Parameters
     ----------
-    values : by stage and parameter, in the parameter's unit; they replace those of the file and of axes of one value
-    exact : leave nothing out, approximate nothing, and compute in 64 bits; otherwise decide as ``plan`` does
+    values : by stage and parameter, in the parameter's unit; they replace values of the file and of axes with a single
+    value exact : leave nothing out, approximate nothing, and compute in 64 bits; otherwise decide as ``plan`` does
 
     Raises
     ------
@@ -119,8 +119,8 @@ def _chosen(node: Node, at: Mapping[str, int]) -> Node:
 
 
 def _at_origin(cell: Cell) -> Cell:
-    """Return a cell at the first position of all its axes, and of those of the cells it reads: a cell reads no two
-    positions of one stage.
+    """Return a cell at the first position of all its axes, and at the first position of the axes of the cells it reads;
+    a cell never reads two positions of one stage.
     """
     before = cell.segment_input
     return _copy(

@@ -1,10 +1,10 @@
-"""What installed distributions provide, by name: stages, variables, shared quantities, roles, and vocabularies of their
-own.
+"""The contributions of installed distributions, by name: stages, variables, shared quantities, roles, and further
+vocabularies.
 
 In:  entry points of the group ``etendue``, one manifest module per distribution, called through pluggy's hooks
      (``hookspecs``).
 Out: the value under a name and the distribution that provides it. A broken manifest provides nothing, and the reason is
-     given where one of its names is missed.
+     given where one of its names is not found.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _Form = TypeVar("_Form")
 
 @dataclass(frozen=True)
 class Brought:
-    """What a distribution provides under a name."""
+    """The value that a distribution provides under a name."""
 
     value: Any
     distribution: str
@@ -122,8 +122,8 @@ class Discovery:
         )
 
     def missed(self, what: str, name: str) -> str:
-        """Return '; ...' with possible reasons why no distribution provides a name: broken manifests, or ones in the
-        form of earlier versions.
+        """Return '; ...' with possible reasons why no distribution provides a name: broken manifests, or manifests in
+        the form of earlier versions.
         """
         former = [point for point in self._former if point.name == name] if what == "stages" else []
         said = [_former_text(point) for point in former[:1]] or [
@@ -153,7 +153,7 @@ class Discovery:
             yield self._answers[key]
 
     def _module(self, point: EntryPoint, origin: str, key: tuple[str, str, str]) -> ModuleType | None:
-        """Return the registered manifest; None if it is being imported and its own code is asking for a name."""
+        """Return the registered manifest; None if it is being imported and its own code looks up a name."""
         broken = (*key[:2], "")
         if broken in self._broken:
             raise PluginError(self._broken[broken])
@@ -234,7 +234,7 @@ def loaded(place: str, what: str) -> Any:
     Raises
     ------
     PluginError
-        It cannot be imported.
+        The object cannot be imported.
     """
     from importlib.metadata import EntryPoint
 
@@ -252,7 +252,7 @@ def installed() -> Discovery:
 
 
 def own_packages() -> frozenset[str]:
-    """Return the packages of this distribution: the engine, and those of its manifests."""
+    """Return the packages of this distribution: the engine, and the packages of its manifests."""
     return installed().own_packages
 
 
@@ -274,8 +274,10 @@ def made_of(form: type[_Form], what: str, brought: Brought) -> _Form:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """``word``: what one of its names is called; ``endings``: those of its files, if its names stand for tables;
-    ``library``: a value that stands for a table of a library instead of a path."""
+    """A vocabulary that distributions can extend. ``word``: the noun for what its names denote, used in messages;
+    ``endings``: file name extensions, if its names denote tables in files; ``library``: the value that denotes a table
+    of a library instead of a path.
+    """
 
     word: str
     endings: tuple[str, ...] = ()
@@ -284,7 +286,7 @@ class Vocabulary:
 
 @cache
 def table_vocabularies() -> dict[str, Vocabulary]:
-    """Return the vocabularies whose names stand for tables in files."""
+    """Return the vocabularies whose names denote tables in files."""
     found = installed()
     every = {name: brought for name in found.names("vocabularies") if (brought := found.first("vocabularies", name))}
     made = {name: made_of(Vocabulary, f"the vocabulary {name!r}", brought) for name, brought in every.items()}
@@ -302,7 +304,7 @@ def table_file(name: str) -> str:
     Raises
     ------
     ValueError
-        Two distributions provide it, or one does without the file.
+        Two distributions provide the name, or its file is missing.
     """
     if is_table_file(name):
         return name

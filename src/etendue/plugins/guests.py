@@ -1,5 +1,4 @@
-"""Isolation of foreign code running in this process: it can end nothing but itself, and its changes to the process are
-undone.
+"""Isolation of foreign code running in this process: it can end only itself, and its changes to the process are undone.
 
 In:  the name of the code.
 Out: umask, recursion limit and floating-point mode are restored; a child that foreign code has forked ends if it
@@ -63,7 +62,7 @@ def called(kind: type) -> str:
 
 
 class Guest:
-    """Use as a context manager around foreign code called ``name``; may be nested and used in several threads."""
+    """A context manager for running foreign code called ``name``; may be nested and used in several threads."""
 
     __slots__ = ("found", "name", "ordinary", "process", "who")
 
@@ -161,8 +160,8 @@ def _say(line: str) -> None:
 
 
 def _exit_of_guests(process: int, real: Any, status: int) -> None:
-    """Replace ``os._exit`` while foreign code runs. A forked child ends; so does a process that is not ours, when its
-    own code calls it.
+    """Replace ``os._exit`` while foreign code runs. A forked child ends; a process that does not belong to etendue also
+    ends, if its own code calls ``os._exit``.
     """
     if os.getpid() == process and (_here.count or _ours()):
         if interrupts.ending():  # the process is ending with the exit code of the command

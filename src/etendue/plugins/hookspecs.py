@@ -1,4 +1,5 @@
-"""What a distribution may provide: one hook per vocabulary, in a small manifest module named by one entry point.
+"""The hooks that a distribution may implement: one hook per vocabulary, in a small manifest module named by one entry
+point.
 
     [project.entry-points.etendue]
     my-film = "my_film.manifest"
@@ -49,7 +50,7 @@ def etendue_quantities() -> Mapping[str, DocumentView]:
 
 @hookspec
 def etendue_roles() -> Mapping[str, str]:
-    """Roles: what their stages do, in one sentence; stages of one role are alternatives to each other.
+    """Roles, each with one sentence about the purpose of its stages; stages of one role are alternatives to each other.
 
     {"halation": "light that comes back from behind the sensitive layer"}
     """
@@ -92,10 +93,11 @@ def etendue_patterns() -> Mapping[str, str]:
 
 @hookspec
 def etendue_commands() -> Mapping[str, DocumentView]:
-    """Commands of the program ``etendue``: location of the click command, usage, and what it does
+    """Commands of the program ``etendue``: location of the click command, usage, and a description
     (``cli.commands.Command``).
 
-    {"halation": {"place": "my_film.cli:halation", "usage": "FILE", "doc": "how far light comes back from the base"}}
+    {"halation": {"place": "my_film.cli:halation", "usage": "FILE", "doc": "distance from which the base returns
+    light"}}
     """
 
 
@@ -118,9 +120,9 @@ def etendue_shares() -> Mapping[str, str]:
 
 @hookspec
 def etendue_seen() -> Mapping[str, str]:
-    """How arrays become colours. For a dim before y and x, a function of (drawn, edges, names) that returns the (3, n)
-    matrix from its n planes to linear sRGB, or None to show the first three unchanged; for ``pattern``, a function of
-    its text that returns rows and colours by letter.
+    """Conversion of arrays to colours. For a dim before y and x, a function of (drawn, edges, names) that returns the
+    (3, n) matrix from its n planes to linear sRGB, or None to show the first three unchanged; for ``pattern``, a
+    function of its text that returns rows and colours by letter.
 
     {"layer": "my_film.seen:of_layers"}
     """
@@ -128,7 +130,7 @@ def etendue_seen() -> Mapping[str, str]:
 
 @hookspec
 def etendue_tables() -> Mapping[str, DocumentView]:
-    """The name of the table of shared quantities in a pipeline file, and how sets of values are named in it
+    """The name of the table of shared quantities in a pipeline file, and the key that names sets of values in it
     (``contract.values.tables.Table``).
 
     {"film": {"preset": "stock", "presets": "stocks"}}: ``[film] stock = "NAME"``, provided by ``etendue_stocks()``;
@@ -147,7 +149,7 @@ def etendue_templates() -> Mapping[str, DocumentView]:
 
 @hookspec
 def etendue_beginnings() -> Mapping[str, str]:
-    """By role, the stage from which ``etendue new-plugin`` starts: the one whose arithmetic is easiest to read.
+    """By role, the stage from which ``etendue new-plugin`` starts: the stage whose arithmetic is easiest to read.
 
     {"halation": "halation_gaussian"}
     """
@@ -177,9 +179,9 @@ def etendue_plots() -> Mapping[str, DocumentView]:
 
 @hookspec
 def etendue_sections() -> Mapping[str, DocumentView]:
-    """Sections of a page: location of ``function(tree)``, and the title. It gets what ``etendue.open_archive`` returns,
-    and returns a list of ``{"paragraph": text}``, ``{"table": {"head": [...], "rows": [[...], ...]}}`` and
-    ``{"picture": bytes of a PNG, "alt": text}``; an empty list if it has nothing to show.
+    """Sections of a page: location of ``function(tree)``, and the title. It receives the tree from
+    ``etendue.open_archive`` and returns a list of ``{"paragraph": text}``, ``{"table": {"head": [...], "rows": [[...],
+    ...]}}`` and ``{"picture": bytes of a PNG, "alt": text}``; an empty list if it has nothing to show.
 
     {"rain": {"place": "my_weather.page:rain", "title": "How much it rained"}}
     """
@@ -197,7 +199,7 @@ def etendue_first() -> Mapping[str, Sequence[str]]:
 
 @hookspec
 def etendue_words() -> Mapping[str, str]:
-    """Names of things in sentences of plots and pages (``contract.wording.WORDS``).
+    """Words used in sentences of plots and pages (``contract.wording.WORDS``).
 
     {"cell": "forecast", "whole": "model"}
     """
@@ -205,7 +207,7 @@ def etendue_words() -> Mapping[str, str]:
 
 @hookspec
 def etendue_spelling() -> Mapping[str, str]:
-    """How parts of names are written out on a page; a key that begins with ``_`` is the end of a name.
+    """Spelling of parts of names on a page; a key that begins with ``_`` matches the end of a name.
 
     {"rh": "relative humidity"}
     """
@@ -222,7 +224,7 @@ def etendue_subjects() -> Mapping[str, DocumentView]:
 
 @hookspec
 def etendue_examples() -> DocumentView:
-    """Test inputs for stages that look at others: under ``datasheet`` a role and values.
+    """Test inputs for stages that look at other stages: under ``datasheet`` a role and values.
 
     {"datasheet": {"role": "gauge", "figures": {"offset": 0.1}}}
     """

@@ -25,7 +25,7 @@ def shares_at() -> Callable[..., Document]:
     Raises
     ------
     RequestError
-        No distribution provides one.
+        No distribution provides an attribution.
     """
     found = discovery.installed()
     for name in found.names("shares"):

@@ -1,11 +1,11 @@
-"""Cache what was made of all installed code, for as long as no file of that code changes.
+"""Cache documents that depend on all installed code, as long as no file of that code changes.
 
-In:  a kind, and a JSON document that was made of what distributions provide.
+In:  a kind, and a JSON document computed from the contributions of distributions.
 Out: the document in a later process, which imports none of that code; None if anything has changed.
 
 An entry names the modules that were loaded when it was made, and the packages of the manifests. It holds one digest of
-the state of their files, of all other files in these packages, of what else on the path has the name of such a module,
-and of which distributions are there, with their entry points. A file that has changed within the last seconds may
+the state of their files, of all other files in these packages, of other files on the path with the name of such a
+module, and of the list of distributions with their entry points. A file that has changed within the last seconds may
 change again without its time stamp showing it: nothing is cached then.
 """
 
@@ -33,7 +33,7 @@ _State = tuple[int, int, int, int]
 
 
 def recall(kind: str) -> Any:
-    """Return the document kept last, if nothing has changed since; else None."""
+    """Return the document stored last, if nothing has changed since; else None."""
     data = cache.read(KIND, _key(kind)) or b""
     if data[:SUM].decode("ascii", "replace") != _digest(data[SUM:]):
         return None
@@ -42,7 +42,7 @@ def recall(kind: str) -> Any:
 
 
 def keep(kind: str, document: Any, packages: Iterable[str]) -> None:
-    """Keep a document that was made of the modules loaded by now, and of what is in some packages."""
+    """Store a document that depends on the modules loaded so far and on the content of some packages."""
     loaded = {name: module for name, module in list(sys.modules.items()) if isinstance(module, ModuleType)}
     files = sorted({os.path.abspath(file) for module in loaded.values() if (file := vars(module).get("__file__"))})
     paths = [vars(loaded[name]).get("__path__", ()) for name in packages if name in loaded]
@@ -64,7 +64,9 @@ def _digest(data: bytes) -> str:
 
 
 def _sum(files: Iterable[str], folders: Iterable[str], tops: Iterable[str]) -> tuple[str, int]:
-    """Return the digest of the state of all that an entry depends on, and the time in ns of the latest change."""
+    """Return the digest of the state of everything on which an entry depends, and the time of the latest
+    change (ns).
+    """
     states = [(path, _state(path)) for path in (*files, *_below(folders), *_on_the_path(frozenset(tops)))]
     newest = max((max(state[:2]) for _, state in states if state), default=0)
     return _digest(repr(states).encode()), newest
@@ -79,7 +81,7 @@ def _state(path: str) -> _State | None:
 
 
 def _below(folders: Iterable[str]) -> Iterator[str]:
-    """Yield the files of some packages, except bytecode and hidden ones."""
+    """Yield the files of some packages, except bytecode and hidden files."""
     for folder in folders:
         for above, inside, names in os.walk(folder):
             inside[:] = sorted(name for name in inside if name != "__pycache__" and not name.startswith("."))
@@ -87,7 +89,9 @@ def _below(folders: Iterable[str]) -> Iterator[str]:
 
 
 def _on_the_path(tops: Collection[str]) -> Iterator[str]:
-    """Yield what on the path may be one of some modules, and the files that say what a distribution provides."""
+    """Yield the files on the path that may be one of some modules, and the files that list the contributions of a
+    distribution.
+    """
     for folder in sys.path:
         try:
             names = sorted(os.listdir(folder or "."))

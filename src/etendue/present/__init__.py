@@ -1,1 +1,1 @@
-"""Output for people: pictures, tables, plots, the page, the terminal."""
+"""Display of results: pictures, tables, plots, the page, the terminal."""

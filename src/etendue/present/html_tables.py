@@ -1,6 +1,6 @@
 """HTML tables for notebooks.
 
-In:  rows of numbers and texts from any source, and the columns that say how they are read.
+In:  rows of numbers and texts from any source, and the columns that define how they are shown.
 Out: HTML without scripts; texts are escaped.
 """
 
@@ -34,7 +34,9 @@ def table(
     colour: str = "",
     folded: bool = False,
 ) -> str:
-    """Return a table with its title above and notes below; with ``folded`` it opens on a click on the title."""
+    """Return a table with its title above and notes below; with ``folded`` the table is hidden until its title is
+    clicked.
+    """
     below = "".join(f"<div>{_safe(note)}</div>" for note in notes)
     own = f"{rows_of(columns, rows)}{below}"
     tint = f' style="color:{colour}"' if colour else ""

@@ -1,9 +1,9 @@
 """Partition the jobs into batches: tasks of useful size without cyclic dependencies.
 
 Each job is in exactly one batch. A job joins the batch of its newest input while that batch is small; otherwise it
-starts a new batch after that one, which its siblings join. Jobs whose newest inputs are in several batches share one
-batch after all of these. Every batch has a level, and a batch has a higher level than all batches from which it reads;
-cycles between batches are therefore impossible.
+starts a new batch after that batch, and its siblings join the new batch. Jobs whose newest inputs are in several
+batches share one batch after all of these. Every batch has a level, and a batch has a higher level than all batches
+from which it reads; cycles between batches are therefore impossible.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ class _Units:
         return tuple(dict.fromkeys(r for ref in self.together[unit] for r in self.needs_of(ref) if r not in own))
 
     def read(self, unit: int, ref: CellRef) -> Names:
-        """Return which variables of a cell a unit reads."""
+        """Return the variables of a cell that a unit reads."""
         if isinstance(self.jobs, Jobs):
             return self.jobs.read_of(self.first[unit], ref)
         return frozenset(v for one in self.members(unit) for r, v in self.jobs[one].reads if r == ref)
@@ -204,8 +204,8 @@ def _alone(
 
 
 def _delivered(job: Job, result: Result) -> CellArrays:
-    """Return what the owner of the run gets of a cell: arrays that it has places for are there, copied while they are
-    still in the processor's cache.
+    """Return the variables of a cell for the owner of the run. Arrays for which the owner has places are copied there
+    while they are still in the processor's cache.
     """
     given = {v: a for v, a in result.arrays.items() if job.give is None or v in job.give}
     for variable, place in job.places.items():
@@ -227,7 +227,9 @@ def _settle(jobs: tuple[Job, ...]) -> None:
 
 
 def let_go(job: Job, readers: Counter[CellRef], exports: Container[CellRef]) -> list[CellRef]:
-    """Return the cells that are no longer read after a job; ``readers``: how many jobs still read each cell."""
+    """Return the cells that are no longer read after a job; ``readers``: the number of jobs that still read
+    each cell.
+    """
     needs = job.needs
     for ref in needs:
         readers[ref] -= 1
@@ -245,8 +247,8 @@ def run_batch(
 ) -> BatchResult:
     """Run the jobs of one batch, dropping each array after its last reader.
 
-    ``doomed``: cells that are known to fail, and why; they are not tried. ``at`` is called with the number of every job
-    that starts.
+    ``doomed``: cells that are known to fail, with the reason; they are not tried. ``at`` is called with the number of
+    every job that starts.
     """
     results: dict[CellRef, Result] = {}
     for refs, source in zip(imports, before, strict=True):
@@ -297,7 +299,7 @@ def _in_order(
 def _ends(
     jobs: tuple[Job, ...], number: int, result: Result, exports: Mapping[CellRef, Names]
 ) -> Iterator[tuple[int, tuple[CellRef, str]]]:
-    """Yield the arrays of a job that end with a job of its batch, and that job."""
+    """Yield the arrays of a job that are read last by a job of the same batch, and that job."""
     if len(result.arrays) < 2 or not any(
         isinstance(a, np.ndarray) and a.nbytes >= LARGE for a in result.arrays.values()
     ):

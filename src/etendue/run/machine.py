@@ -2,7 +2,7 @@
 messages.
 
 In:  a plan, the place of its results, the number of workers.
-Out: nothing, or ``MachineError`` with the cell that holds most, and what to change.
+Out: nothing, or ``MachineError`` with the cell that needs most memory, and a remedy.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def _cell(plan: Plan, ref: CellRef) -> str:
 
 
 def _of_one(plan: Plan) -> int:
-    """Return the bytes stored of the largest cell."""
+    """Return the stored bytes of the largest cell."""
     return max(
         (
             cell_bytes(n, c, plan.precision, [v for v in n.writes if (n.name, v) in plan.with_arrays])
@@ -93,7 +93,9 @@ def _of_one(plan: Plan) -> int:
 
 
 def _way_out(plan: Plan, one: int, room: int) -> str:
-    """Return what makes a plan smaller; if a single cell does not fit, or nothing is swept, only smaller cells help."""
+    """Return a text that says how to make a plan smaller; if a single cell does not fit, or nothing is swept, only
+    smaller cells help.
+    """
     longest = max(plan.axes, key=lambda a: len(a.values), default=None)
     if longest is None or one > room:
         what = f"one cell takes {human_bytes(one)}" if one > room else "nothing is swept"

@@ -1,13 +1,13 @@
 """Memory management of a process that runs cells: make it reuse freed memory, and collect unreachable results, both in
 little time.
 
-A cell frees blocks of the sizes that the next one needs. glibc returns large blocks to the system at once, and touching
-fresh pages costs more than filling them: 10 us a page on a virtual machine, 2 ms for the three channels of a 256 x 256
-picture, where a stage may take 0.3 ms. Without glibc nothing is changed.
+A cell frees blocks of the sizes that the next cell needs. glibc returns large blocks to the system at once, and
+touching fresh pages costs more than filling them: 10 us a page on a virtual machine, 2 ms for the three channels of a
+256 x 256 picture, where a stage may take 0.3 ms. Without glibc nothing is changed.
 
 A ``DataTree`` is a reference cycle, which only Python's garbage collector frees. The collector counts objects: a tree
-has a few thousand, whether it holds one megabyte or a thousand. So bytes are counted here, and the collector is called
-when enough of them may be waiting.
+has a few thousand, whether it holds one megabyte or a thousand. Bytes are therefore counted here, and the collector is
+called when many bytes may be unreachable.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Trees:
             self.young.append((weakref.ref(tree), size))
 
     def collect(self) -> None:
-        """Call before a run: free uncollected trees if they hold too many bytes."""
+        """Free uncollected trees if they hold too many bytes. Call before a run."""
         if not (gc.isenabled() or NOT_COLLECTING.count):  # switched off by whoever calls
             return
         with self.lock:
@@ -134,7 +134,9 @@ def _returning() -> tuple[Callable[[], _Heap], Callable[[int], int]] | None:
 
 
 def return_freed_memory() -> None:
-    """Return freed memory to the system if there is much of it: before something large, which would come on top."""
+    """Return freed memory to the system if there is much of it; call before a large allocation, which would
+    add to it.
+    """
     known = _returning()
     if known is not None and known[0]().fordblks > LEAST_RETURNED:
         known[1](0)

@@ -19,7 +19,7 @@ BRINGS = "scipy.linalg"  # loads a library of its own; kernels import it on thei
 
 
 class OneThread(MetaPathFinder):
-    """Use as a context manager, in any number of threads. It watches imports, which may load more libraries."""
+    """A context manager, usable in any number of threads. It watches imports, which may load more libraries."""
 
     def __init__(self) -> None:
         self.lock, self.count = threading.RLock(), 0
@@ -104,7 +104,9 @@ class _Library(ctypes.Structure):
 
 
 def _counts() -> tuple[int, int] | None:
-    """Return how many libraries this process has loaded and unloaded so far, None where the system does not tell."""
+    """Return the numbers of libraries that this process has loaded and unloaded so far; None if the system does not
+    report them.
+    """
     if not sys.platform.startswith("linux"):
         return None
     found: list[tuple[int, int]] = []
@@ -126,8 +128,9 @@ def _counts() -> tuple[int, int] | None:
 
 def _give(library: Any, threads: int) -> None:
     """Set a library's number of threads. From 3.8 on, ``threadpoolctl`` obeys only the first thread of a process that
-    asked, and silently ignores all others: that thread is cleared before, for this call, and afterwards, for later
-    callers."""
+    calls it, and silently ignores all other threads. The recorded thread is therefore cleared before this call, and
+    again afterwards for later callers.
+    """
     clear = getattr(library, "clear_controlling_thread", None)
     for _ in range(8):  # another thread may ask in between
         if clear:

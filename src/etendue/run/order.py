@@ -1,4 +1,4 @@
-"""Order jobs so that everything runs soon after what it reads: little is held in memory and caches stay warm."""
+"""Order jobs so that each runs soon after its inputs: few results are held in memory and caches stay warm."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Needs:
         return first[1:] - first[:-1]
 
     def _readers(self) -> tuple[array[int], array[int]]:
-        """Return the readers of all numbers, concatenated, and where those of each number begin."""
+        """Return the readers of all numbers, concatenated, and the offset at which the readers of each number begin."""
         behind, first = array("i"), array("i", bytes(4 * (self.count + 1)))
         if self.needed:
             by = np.frombuffer(self.needed, np.int32)

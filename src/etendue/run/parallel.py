@@ -33,8 +33,8 @@ def graph_of(
     run: str = "",
     held_back: Mapping[int, Sequence[int]] = NOTHING,
 ) -> Document:
-    """Return the raw Dask graph, in which the key of a batch depends on the batches it imports from, and on those for
-    which it is held back.
+    """Return the raw Dask graph, in which the key of a batch depends on the batches it imports from, and on the batches
+    for which it is held back.
     """
     graph: Document = {}
     for batch in batches:
@@ -63,7 +63,7 @@ def run_threads(batches: list[Batch], deliver: Set[CellRef], before: Before, aft
 
 
 def run_processes(batches: list[Batch], deliver: Set[CellRef], before: Before, after: After, how: How) -> None:
-    """Run the graph on threads, each of which waits for a worker process of its own, which may die."""
+    """Run the graph on threads, each of which waits for its own worker process, which may die."""
     with Crew(how.workers, how.stop, how.cell_timeout) as crew:
         _threaded(batches, deliver, before, after, how, crew.run_batch)
 

@@ -3,9 +3,9 @@
 In:  a plan, the number of workers, whether results stay in memory.
 Out: ``Peak``: bytes, and the cell that holds most of them.
 
-The simulated jobs are those that would run for the largest cells of a plan and their neighbours on its axes. Cells that
-are left out need no memory, cells of a walk need that of strips, and light computed by band needs that of some bands.
-Stages state their working memory (``Stage.working``); that of transforms is computed here. Measured by
+The simulated jobs are the jobs for the largest cells of a plan and their neighbours on its axes. Cells that are left
+out need no memory, cells of a walk need memory for strips, and light computed by band needs memory for some bands.
+Stages state their working memory (``Stage.working``); the working memory of transforms is computed here. Measured by
 ``benchmarks/memory.py``.
 """
 
@@ -51,7 +51,7 @@ Piece = tuple[CellRef, str]  # a variable of a cell, or its transform
 
 @dataclass
 class Peak:
-    """Peak memory: in total, the cell that holds most, and what that cell holds alone."""
+    """Peak memory: the total (bytes), the cell that needs most, and the bytes that this cell needs alone."""
 
     bytes: int
     ref: CellRef | None = None
@@ -59,7 +59,7 @@ class Peak:
 
 
 def workers_of(scheduler: str, workers: int) -> int:
-    """Return how many cells are computed at once."""
+    """Return the number of cells computed at once."""
     return 1 if schedulers.scheduler(scheduler).single else workers or os.cpu_count() or 1
 
 
@@ -76,7 +76,7 @@ def peak_memory(plan: Plan, workers: int = 1, in_memory: bool = False, pictures:
 
 
 def kept_bytes(plan: Plan) -> int:
-    """Return the bytes of everything that is kept."""
+    """Return the bytes of all kept variables."""
     kept = {node.name: [v for v in node.writes if (node.name, v) in plan.with_arrays] for node in plan.nodes}
     return sum(
         count * cost.cell_bytes(node, cell, plan.precision, kept[node.name])
@@ -110,7 +110,9 @@ def _jobs(plan: Plan, workers: int, in_memory: bool, pictures: bool) -> Mapping[
 
 
 def _chosen(plan: Plan, most: int) -> dict[str, set[int]]:
-    """Return positions on every axis: those of the largest cells, plus neighbours while there are few combinations."""
+    """Return positions on every axis: the positions of the largest cells, plus neighbours while there are few
+    combinations.
+    """
     largest: dict[str, int] = {}
     sizes = []
     for node in plan.nodes:
@@ -137,7 +139,7 @@ def _chosen(plan: Plan, most: int) -> dict[str, set[int]]:
 
 
 def _one_by_one(job: Job) -> int:
-    """Return the number of slices in which a stage gets what it is mapped over (``run.mapped``)."""
+    """Return the number of slices into which the inputs of a mapped stage are divided (``run.mapped``)."""
     if job.mapped is None or (job.stage.elementwise and not (is_random(type(job.stage)) and not job.averages)):
         return 1
     return math.prod(coordinate.size for _, coordinate in job.mapped.dims)
@@ -194,7 +196,9 @@ class _Run:
         return best
 
     def now(self, held: Iterable[Mapping[Piece, float]], working: Iterable[_Batch]) -> float:
-        """Return the bytes held while some batches run and others have passed on their results; each array once."""
+        """Return the bytes held while some batches run and others have passed on their results; each array is counted
+        once.
+        """
         standing: dict[Piece, float] = {}
         for own in held:
             standing |= own
@@ -229,7 +233,7 @@ class _Run:
         return best
 
     def held(self, live: set[CellRef], given: set[Piece]) -> float:
-        """Return the bytes of some results, each array once."""
+        """Return the bytes of some results; each array is counted once."""
         found: dict[Piece, float] = {}
         for ref in live:
             found |= self.pieces[ref]
@@ -293,8 +297,8 @@ class _Run:
         return self.factor(job) * self.largest(job) + self.copied(job)
 
     def copied(self, job: Job) -> float:
-        """Return the bytes of copies made for foreign stages (``run.ownership.handed``), of ports and of what they look
-        at.
+        """Return the bytes of copies made for foreign stages (``run.ownership.handed``), of ports and of the arrays
+        they look at.
         """
         if not is_guest(type(job.stage)):
             return 0.0
@@ -317,7 +321,7 @@ class _Run:
         return job.stage.working + (2.0 if is_source(type(job.stage)) and self.size == 4 else 0.0)
 
     def whole_of_bands(self, job: Job) -> float:
-        """Return the bytes of light by band that a stage asks for as a whole."""
+        """Return the bytes of light by band that a stage needs as a whole."""
         large = [
             self.size * g.count
             for port, ref, v in job.inputs
@@ -345,12 +349,12 @@ class _Run:
         return float(max((self.size * g["y"].size * g["x"].size for g in grids if "y" in g and "x" in g), default=0))
 
     def padded(self, job: Job) -> float:
-        """Return the bytes of a padded band, which is about that of its half transform."""
+        """Return the bytes of a padded band, which is about the size of its half transform."""
         grids = [g for g in job.input_grids.values() if "y" in g and "x" in g]
         return float(max((self.size * padded_size(g["y"].size) * padded_size(g["x"].size) for g in grids), default=0))
 
     def bands_made(self, job: Job) -> float:
-        """Return how many bands are held while one is computed, including those of earlier stages."""
+        """Return the number of bands held while one band is computed, including bands of earlier stages."""
         found = 1.0 + max(self.factor(job), WITHOUT_BANDS * 8 / self.size) + is_guest(type(job.stage))
         for _, ref, variable in job.inputs:
             if self._by_band(ref, variable) and not self.jobs[ref].store:
@@ -360,7 +364,7 @@ class _Run:
     # -- walks --------------------------------------------------------------------------------------------------------
 
     def walk(self, members: Sequence[Job]) -> float:
-        """Return the bytes of cells computed in strips: whole arrays that others need, and strips of all arrays
+        """Return the bytes of cells computed in strips: whole arrays that other cells need, and strips of all arrays in
         between.
 
         Memory freed by strips stays with the process (``run.memory``), also while their results are encoded.

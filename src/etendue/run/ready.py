@@ -1,8 +1,9 @@
-"""The order of batches: a chain of large arrays is read before the next one starts, so that few are held.
+"""The order of batches: a chain of large arrays is read before the next chain starts, so that few large arrays are
+held.
 
 In:  batches, and the number of workers.
-Out: for a run, which batches are held back until which others have ended; for the plan, a simulation: the next batch
-     that may begin, and the results that batches still wait for.
+Out: for a run, the batches that are held back until certain other batches have ended; for the plan, a simulation: the
+     next batch that may begin, and the results that batches still wait for.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ Kept = TypeVar("Kept")
 
 
 class Ready(Generic[Kept]):
-    """The batches that are left, in order, and the results that they wait for.
+    """The remaining batches, in order, and the results that they wait for.
 
-    A batch opens a chain if it hands on a large array and no array ends with it. At most half as many such batches as
-    workers run at once, at least one: what they open is continued before more is opened.
+    A batch opens a chain if it passes on a large array and is not the last reader of another. The number of such
+    batches that run at once is at most half the number of workers, and at least one: open chains are continued before
+    new chains are opened.
     """
 
     def __init__(self, batches: Iterable[Batch], workers: int) -> None:
@@ -42,7 +44,7 @@ class Ready(Generic[Kept]):
         heapq.heapify(self.heap)
 
     def next(self) -> Batch | None:
-        """Return the next batch that may begin; None if there is none yet."""
+        """Return the next batch that may begin; None if no batch may begin yet."""
         later, found = [], None
         while self.heap and found is None:
             one = heapq.heappop(self.heap)
@@ -59,8 +61,8 @@ class Ready(Generic[Kept]):
         return found
 
     def held_back(self) -> dict[int, list[int]]:
-        """Return, for each batch that opens a chain, the batches that have to end before it may begin: all that read
-        large arrays of the chains before it; with many workers, of those some chains before it.
+        """Return, for each batch that opens a chain, the batches that have to end before it may begin: all batches that
+        read large arrays of preceding chains, except the chains that may be open at the same time.
         """
         opening = self.openings()
         others, found, left = frozenset(opening), dict[int, list[int]](), set[int]()
@@ -81,7 +83,7 @@ class Ready(Generic[Kept]):
         ]
 
     def _chain(self, opening: int, others: Set[int]) -> set[int]:
-        """Return the batches that read large arrays of a chain: what other batches open is not part of it."""
+        """Return the batches that read large arrays of a chain: arrays that other batches open are not part of it."""
         found, left = set[int](), [opening]
         while left:
             for number in self.readers[left.pop()]:
@@ -101,7 +103,7 @@ class Ready(Generic[Kept]):
         return any(self.large[ref[0]] for ref in batch.exports)
 
     def ended(self, batch: Batch, result: Kept) -> None:
-        """Drop what only this batch still had to read, and keep what others will."""
+        """Drop results that only this batch still had to read, and keep results that other batches will read."""
         self.opening.discard(batch.number)
         for source in batch.inputs:
             self.left[source] -= 1

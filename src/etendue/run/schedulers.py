@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class How:
-    """How batches are run: the last argument of every ``place``, after ``batches, deliver, before, after``.
+    """Options for running batches: the last argument of every ``place``, after ``batches, deliver, before, after``.
 
     ``platform`` returns the properties on which bits depend, and ``mark`` is a file that all workers must see. A
     cluster refuses workers for which these differ.
@@ -41,7 +41,7 @@ class Scheduler:
 
     ``here``: cells are computed in the owner's process, where a cell cannot be stopped. ``far``: workers may be on
     other machines and see only shared folders. ``single``: one cell at a time. ``typed``: the text in the help, if it
-    is more than the name.
+    differs from the name.
     """
 
     place: str

@@ -1,4 +1,4 @@
-"""Run the work in a thread of its own, so that the main thread can handle signals without interrupting a write.
+"""Run the work in a separate thread, so that the main thread can handle signals without interrupting a write.
 
 In:  the work, as a function that checks a ``Stop`` before every batch.
 Out: returns when the work has ended; raises ``Interrupted`` if it was stopped.
@@ -32,7 +32,7 @@ class Stopped(Exception):
 
 
 class Stop:
-    """Tells whether the run has been asked to stop."""
+    """The request to stop a run."""
 
     def __init__(self) -> None:
         self._asked = threading.Event()
@@ -98,7 +98,7 @@ def run_batches(
 
 def run_briefly(batches: list[Batch], deliver: Set[CellRef], after: Callable[[Batch, BatchResult], None]) -> None:
     """Run batches that take less time than a signal may wait, one after the other in this thread: starting another
-    takes as long as many cells.
+    thread takes as long as many cells.
     """
     with _as_a_run():
         scheduler("serial").run()(batches, deliver, lambda batch: None, after, How("serial", 1, Stop()))

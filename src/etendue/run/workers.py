@@ -103,7 +103,7 @@ def serve(pipe: Connection) -> None:
 
 
 class Died(Exception):
-    """A worker has died: at which job of the batch (-1: before the first), and how."""
+    """A worker has died: the job of the batch at which it died (-1: before the first), and the cause."""
 
     def __init__(self, at: int, how: str, from_outside: bool) -> None:
         super().__init__(how)
@@ -263,7 +263,7 @@ def _all(places: queue.LifoQueue[Worker | None]) -> list[Worker | None]:
 
 
 def unfit(jobs: tuple[Job, ...]) -> Mapping[CellRef, str]:
-    """Return the jobs whose stage cannot be sent to another process, and why."""
+    """Return the jobs whose stage cannot be sent to another process, with the reason."""
     try:
         cloudpickle.dumps([job.stage for job in jobs])
         return {}

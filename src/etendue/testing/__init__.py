@@ -1,4 +1,4 @@
-"""The conformance kit: tests every stage, ours or a plugin's, against its own declaration.
+"""The conformance kit: tests every stage, built-in or from a plugin, against its own declaration.
 
 The whole test file of a plugin (``tests/test_conformance.py``)::
 
@@ -14,10 +14,10 @@ The whole test file of a plugin (``tests/test_conformance.py``)::
 
 From the declaration alone the kit makes grids, arrays, coordinates and random generators, and computes cells with the
 engine's own ``compute.cell.compute``: a stage is tested by the code that runs it. Each test method is one law; a broken
-law names the stage, the values and what to change. ``check_stage`` runs all laws of one instance without pytest and
-returns ``Finding`` values. A source is tested on the grid it describes: give it a small one. ``grids`` replaces the
-grid of a port whose dims the kit cannot guess, ``coordinates`` the entries of one dim in frames of any size.
-``coordinates_of`` returns the coordinates of grids as ``prepare`` and ``run`` get them.
+law names the stage, the values and a remedy. ``check_stage`` runs all laws of one instance without pytest and returns
+``Finding`` values. A source is tested on the grid it describes: give it a small one. ``grids`` replaces the grid of a
+port whose dims the kit cannot guess, ``coordinates`` the entries of one dim in frames of any size. ``coordinates_of``
+returns the coordinates of grids as ``prepare`` and ``run`` get them.
 
 In:  an instance of a stage.
 Out: nothing, or a description of each law that the stage breaks.

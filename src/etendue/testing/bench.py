@@ -1,7 +1,7 @@
 """The test bench of a stage: grids, arrays, coordinates and random generators made from its declaration alone.
 
 In:  an instance of a stage.
-Out: ``Trial`` values: what the engine's own ``compute.cell.compute`` made of one cell.
+Out: ``Trial`` values: the results of the engine's own ``compute.cell.compute`` for one cell.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class BenchTrial:
 
     @property
     def undefined(self) -> bool:
-        """Whether it returned NaN or infinity without declaring it."""
+        """Whether the stage returned NaN or infinity without declaring it."""
         return not self.done and " wrote " in self.last_line and "NaN or infinite" in self.last_line
 
     @property
@@ -135,7 +135,7 @@ class Bench:
 
     @cached_property
     def steady(self) -> bool:
-        """Whether the result is independent of the seed: no random argument, or one without effect."""
+        """Whether the result is independent of the seed: no random argument, or a random argument without effect."""
         if not is_random(self.kind):
             return True
         first, second = (self.run(self.arrays("ordinary"), seed=seed) for seed in (b"one", b"two"))
@@ -271,7 +271,7 @@ class Bench:
         return np.clip(np.rint(values), 0, np.iinfo(declaration.dtype).max) if whole else values
 
     def seen(self, port: str, precision: str, frame: Frame) -> Any:
-        """Return what a probe looks at through a port: the same value everywhere."""
+        """Return the array that a probe sees through a port: the same value everywhere."""
         declaration = reads_of(self.kind)[port]
         shape = self.seen_grid(port, frame).shape(self._seen_dims(declaration))
         whole = declaration.dtype != "float"

@@ -5,10 +5,10 @@ In:  a class of stages.
 Out: ``Case`` values: a name, and the instance or the text with which it was refused.
 
 Ordinary values are the defaults, or the ``example`` of a parameter that has no default or an expensive one. Ends are
-those that the plan allows (``at_least``, ``held``, ...): just inside if open, extreme numbers if there is no end, zero
-and infinity if allowed. Integers without a near upper end, and knobs, change cost rather than physics: they are only
-taken to their cheap end. Interior points are a Sobol sequence, logarithmic over decades, the same in every run. Mixed
-instances have many parameters beside their ordinary values at once.
+the ends of the ranges that the plan allows (``at_least``, ``held``, ...): just inside if open, extreme numbers if there
+is no end, zero and infinity if allowed. Integers without a near upper end, and knobs, change cost rather than physics:
+they are only taken to their cheap end. Interior points are a Sobol sequence, logarithmic over decades, the same in
+every run. Mixed instances have many parameters beside their ordinary values at once.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Case:
 
 
 class Untried(ValueError):
-    """A stage cannot be created for testing; the text says what is missing."""
+    """A stage cannot be created for testing; the text names the missing value."""
 
 
 def cases(kind: type[Stage], points: int = POINTS) -> Iterator[Case]:

@@ -1,4 +1,4 @@
-"""The measurements of the laws: bounds, gains, facts and parameter ranges compared with what a stage did.
+"""The measurements of the laws: bounds, gains, facts and parameter ranges compared with the behaviour of a stage.
 
 In:  a ``Bench`` and its results.
 Out: nothing, or ``LawBroken``.

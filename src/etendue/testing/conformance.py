@@ -1,7 +1,7 @@
 """The laws that every stage must satisfy: one test method each.
 
 In:  an instance of a stage.
-Out: nothing, or a broken law that names the stage, the values and what to change.
+Out: nothing, or a broken law that names the stage, the values and a remedy.
 """
 
 from __future__ import annotations
@@ -65,7 +65,8 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, Pla
     stage : the instance to test (set it in a fixture if it needs files)
     grids : grids by port, for dims that the kit cannot guess
     scales : full scale by port, in its unit
-    coordinates : by dim, if a stage reads a size of its own: {"polariser": Labels((0.0, 45.0, 90.0, 135.0))}
+    coordinates : coordinates by dim, if a stage needs a particular size: {"polariser": Labels((0.0, 45.0, 90.0,
+    135.0))}
     """
 
     stage: Stage
@@ -328,7 +329,7 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, Pla
                     hold(same, f"{bench.name} gives different values of {variable} by band than for all bands together")
 
     def test_carried_facts_are_true_of_what_is_written(self) -> None:
-        """Range, uniformity and contrast of the first variable; for a source, those that ``describe`` states."""
+        """Range, uniformity and contrast of the first variable; for a source, the facts that ``describe`` states."""
         bench = self.bench
         main = next(iter(bench.writes))
         if is_source(bench.kind):

@@ -1,7 +1,7 @@
 """Digits lost by a stage: compare single, double and long double precision at every level of its input.
 
 In:  a ``Bench``.
-Out: nothing, or ``LawBroken`` that says where digits are lost.
+Out: nothing, or ``LawBroken`` with the place where digits are lost.
 
 This needs a machine whose long double has more digits than double; elsewhere double precision is its own reference.
 """
@@ -82,8 +82,8 @@ def digits_kept(bench: Bench) -> None:
 
 
 def double_inside(bench: Bench, port: str) -> None:
-    """Test that double precision is kept: a step up and a step down cancel except for curvature, unless something is
-    rounded to 32 bits.
+    """Test that double precision is kept: a step up and a step down cancel except for curvature, unless an intermediate
+    value is rounded to 32 bits.
     """
     inputs = bench.arrays("ordinary")
     base = bench.run(inputs)

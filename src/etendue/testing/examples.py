@@ -1,7 +1,7 @@
 """Examples with which stages are tested besides arrays: coordinates of dims, numbers of a datasheet, transfer
 functions.
 
-In:  dims, and what distributions declare of them.
+In:  dims, and their declarations by distributions.
 Out: the declared example of each, or a plain default.
 """
 
@@ -29,7 +29,7 @@ class GaussianTransfer(Transfer):
 
 
 class BlurAndSum(Summed):
-    """The same, ending in a sum over bands."""
+    """A Gaussian transfer function that ends in a sum over bands."""
 
     def transfer(self, fy: Array, fx: Array, band: Array, prepared: Array) -> Array:
         return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(band)
@@ -58,7 +58,7 @@ def edges_of(dim: str) -> tuple[float, ...]:
 
 
 def edges() -> tuple[float, ...]:
-    """Return these edges for the dim that has bins."""
+    """Return the edges for the dim that has bins."""
     return next((edges_of(dim) for dim in dims.declared_dims() if dims.dim(dim).bins), EDGES)
 
 

@@ -1,7 +1,7 @@
-"""Trials that are kept, so that laws that ask for the same one share it.
+"""Cached trials, so that laws that need the same trial share it.
 
-In:  what a trial follows from: the stage by value, its inputs by their digests, grids, precision, seed.
-Out: the trial, computed once inside ``keeping``; laws about state compute theirs again inside ``anew``.
+In:  everything that determines a trial: the stage by value, its inputs by their digests, grids, precision, seed.
+Out: the trial, computed once inside ``keeping``; laws about state compute their trials again inside ``anew``.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def keeping() -> Iterator[None]:
 
 @contextmanager
 def anew() -> Iterator[None]:
-    """Compute every trial inside, also one that was kept."""
+    """Compute every trial inside, even if it was kept."""
     before = _now.set(None)
     try:
         yield

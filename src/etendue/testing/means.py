@@ -19,7 +19,7 @@ from etendue.types.arrays import Array
 
 
 def mean_of(bench: Bench, inputs: Arrays, frame: Frame = FRAME) -> dict[str, Array]:
-    """Return what ``mean`` returns when the engine calls it, with every input as floats."""
+    """Return the result of ``mean`` when the engine calls it, with every input as floats."""
     job = dataclasses.replace(bench.job(frame=frame), expected=True)
     floats = {port: np.asarray(array, dtype=np.float64) for port, array in inputs.items()}
     results: dict[CellRef, Result] = {}
@@ -38,10 +38,10 @@ def events(values: Array) -> bool:
 
 
 def missed(values: Array, p: float) -> float:
-    """Return by how much the mean over many places may be off, at a probability ``p``, because events are rare.
+    """Return the possible deviation of the mean over many places, at a probability ``p``, because events are rare.
 
-    A kind of them with ln(1/p) events expected may not have occurred at all, or that much less often than its standard
-    error says; each event counts at most what a place has, or what the largest event has changed.
+    A kind of event with an expected number of ln(1/p) may not have occurred at all, or less often than its standard
+    error suggests. Each event contributes at most the value of a place, or the change by the largest event.
     """
     if not events(values):
         return 0.0

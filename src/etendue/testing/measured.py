@@ -1,4 +1,4 @@
-"""The measurements of a law: an error with its bound, and the condition number of what was solved.
+"""The measurements of a law: an error with its bound, and the condition number of the solved problem.
 
 In:  numbers of a law, as it finds them.
 Out: the worst of them inside ``measuring``, or ``LawBroken``.
@@ -63,7 +63,7 @@ def told(error: float, bound: float) -> None:
 
 
 def untried(what: str) -> None:
-    """Record which part of a law is skipped for this instance, and why."""
+    """Record the part of a law that is skipped for this instance, and the reason."""
     if (found := _now.get()) is not None:
         found.untried = what
 

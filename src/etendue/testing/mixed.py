@@ -3,10 +3,10 @@
 In:  a class of stages and its ordinary values.
 Out: values that it accepts together.
 
-Many numbers are ordinarily 0, and then hide what the others do: an off-axis aberration without a field, a phase without
-an amplitude, the decay of a tail without light. Numbers are moved beside their ordinary values, to some small number
-from 0; in every second instance to the inside of a range with two ends instead. Choices, settings of knobs and other
-texts are varied in turn. A parameter keeps its ordinary value if the stage refuses the changed one.
+Many numbers are ordinarily 0, and then hide the effect of other parameters: an off-axis aberration without a field, a
+phase without an amplitude, the decay of a tail without light. Numbers are moved beside their ordinary values, to some
+small number from 0; in every second instance to the inside of a range with two ends instead. Choices, settings of knobs
+and other texts are varied in turn. A parameter keeps its ordinary value if the stage refuses the changed one.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Accepts = Callable[[type[Stage], Mapping[str, Any]], bool]
 
 
 def mixed(kind: type[Stage], base: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """Return values of one instance: all that were wanted, or as many as the stage accepts."""
+    """Return values of one instance: all wanted values, or as many as the stage accepts."""
     wanted = {
         name: found
         for place, (name, (parameter, form, _)) in enumerate(parameters_of(kind).items())
@@ -76,7 +76,7 @@ def computes(kind: type[Stage], values: Mapping[str, Any]) -> bool:
 
 
 def candidates(parameter: Parameter, form: Any, now: Any, number: int, place: int) -> list[Any]:
-    """Return the requested values of a parameter, the best one first; none if the parameter stays unchanged."""
+    """Return the requested values of a parameter, the best value first; empty if the parameter is not changed."""
     if parameter.settings and parameter.fidelity:
         return beside_setting(parameter, now, number)
     if parameter.fidelity:
@@ -106,7 +106,7 @@ def numeric_candidates(parameter: Parameter, form: Any, now: Any, number: int, p
 
 
 def beside_setting(parameter: Parameter, now: Any, number: int) -> list[Any]:
-    """Return the next cheaper setting of a knob, or the next finer one."""
+    """Return the next cheaper or the next finer setting of a knob."""
     place = next((n for n, value in enumerate(parameter.settings) if value == now), None)
     if place is None:
         return []

@@ -1,4 +1,4 @@
-"""The seed of the laws' own draws, which is the same in every run unless another is asked for.
+"""The seed of the laws' own draws, which is the same in every run unless another seed is given.
 
 In:  a whole number.
 Out: the seeds of a law's draws inside ``seeded``.

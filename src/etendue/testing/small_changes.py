@@ -32,7 +32,7 @@ UNITS = (2.0**-20, 2.0**20)
 
 
 def jumps(bench: Bench) -> bool:
-    """Return whether a stage decides or rounds by nature: it writes integers, or declares it."""
+    """Return whether a stage decides or rounds by design: it writes integers, or declares ``decides``."""
     return decides(bench.stage) or any(d.dtype != "float" for d in bench.writes.values())
 
 
@@ -54,7 +54,7 @@ def input_changes(bench: Bench) -> None:
 
 
 def parameter_changes(bench: Bench, names: tuple[str, ...] | None = None) -> None:
-    """Move every numeric parameter by an ulp, and by 1e-6, within what is allowed."""
+    """Move every numeric parameter by an ulp, and by 1e-6, within its allowed range."""
     if not bench.steady:
         return
     inputs = bench.arrays("ordinary")
@@ -111,7 +111,7 @@ def compare(bench: Bench, base: BenchTrial, moved: dict[str, BenchTrial], what: 
                 JUMP + rounding,
                 f"{bench.name}: {variable} jumps by {apart['1e-6']:.2g} of its largest value when {what} moves by "
                 f"1e-6; "
-                "declare decides = True if that is its nature",
+                "declare decides = True if the stage rounds, counts or chooses",
             )
         if "an ulp" in apart:
             within(
@@ -119,7 +119,7 @@ def compare(bench: Bench, base: BenchTrial, moved: dict[str, BenchTrial], what: 
                 SHARE * min(apart.get("1e-6", 0.0), JUMP) + rounding,
                 f"{bench.name}: {variable} jumps by {apart['an ulp']:.2g} of its largest value when {what} moves by "
                 f"its last bit: "
-                "digits are lost, or a decision is made there",
+                "digits are lost, or the stage makes a decision at this value",
             )
 
 

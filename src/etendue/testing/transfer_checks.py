@@ -1,4 +1,5 @@
-"""Checks of a transfer function: mean, symmetry, height, and that a single band equals that band among others.
+"""Checks of a transfer function: mean, symmetry, height, and that the value at a single band does not depend on the
+other bands.
 
 In:  a ``Bench`` whose stage has ``transfer``.
 Out: nothing, or ``LawBroken``.
@@ -111,4 +112,4 @@ def check_mixture(bench: Bench, light: Array) -> None:
     if mixture is not None:
         planes, weights = mixture
         apart = np.abs(np.tensordot(weights, planes, 1) - light).max() / (np.abs(light).max() or 1.0)
-        within(apart, 1e-6, f"{bench.name}.mixture differs by {apart:.2g} of the largest value from what run writes")
+        within(apart, 1e-6, f"{bench.name}.mixture differs by {apart:.2g} of the largest value from the output of run")

@@ -1,1 +1,1 @@
-"""Transfer functions: products, sampled planes, and bounds on how much they change the light of a source."""
+"""Transfer functions: products, sampled planes, and bounds on their effect on the light of a source."""

@@ -2,8 +2,8 @@
 
 In:  half transforms of cell means, transfer functions at any frequency (cycles/um), positions and widths of windows.
 Out: (channel, y, x) values of the windows, summed over bands.
-Sources: as ``cells``. The light is adjacent boxes: its transform is that of its means, repeated without end, times
-sinc.
+Sources: as ``cells``. The light is adjacent boxes: its transform is the transform of its means, repeated without end,
+times sinc.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def evaluated(
 
     Parameters
     ----------
-    otfs, reaches : of every band
+    otfs, reaches : transfer function and reach of every band
     weights : (channel, band) array
     transforms : (band, y.size, x.size // 2 + 1) complex array
         Half transforms of cell means.
@@ -53,7 +53,7 @@ def evaluated(
 
     Notes
     -----
-    Every frequency up to the end of a band's transfer function is evaluated, whatever the size of a cell; light that is
+    Every frequency up to the end of a band's transfer function is evaluated, for any cell size; light that is
     not blurred at all (``rest``) comes from exact areas. Error: as ``folded``.
     """
     kind = transforms.real.dtype
@@ -160,7 +160,8 @@ def _waves(k: Array, axis: PeriodicAxis, centres: FloatArray, width: float) -> A
 
 
 def box_of(otf: Transfer, pitch: float) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """Return width and position (um) along y and x of the window with this transfer function; None if it is not one.
+    """Return width and position (um) along y and x of the window with this transfer function; None if it is not the
+    transfer function of a window.
 
     Parameters
     ----------

@@ -5,11 +5,11 @@ In:  transfer functions H at any frequency (cycles/um), periodic axes of cells (
 Out: tables that multiply the transform of cell means, and pixel values at any separable set of positions.
 Sources: the discrete Fourier transform; Poisson's summation formula.
 
-In `cells` the light is constant within each cell. After a blur h its mean over cell i is the sum of c_j times the share
-of cell j's light that falls on cell i, (box * h * box)(x_i - x_j)/D^2. That share is not negative where h is not, and
-all shares of a cell sum to one. Its transfer function on the cells is the sum over all aliases m of H(f + m/D) sinc^2(D
-f + m), along both axes: frequencies that the grid cannot resolve are folded back and never cut off. A pixel value is
-the same sum with sinc(D f + m) A(f + m/D) instead: the cell's sinc once, the pixel's window A once.
+In the light model `cells` the light is constant within each cell. After a blur h its mean over cell i is the sum of c_j
+times the share of cell j's light that falls on cell i, (box * h * box)(x_i - x_j)/D^2. That share is not negative where
+h is not, and all shares of a cell sum to one. Its transfer function on the cells is the sum over all aliases m of H(f +
+m/D) sinc^2(D f + m), along both axes: frequencies that the grid cannot resolve are folded back and never cut off. A
+pixel value is the same sum with sinc(D f + m) A(f + m/D) instead: the cell's sinc once, the pixel's window A once.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def reach_of(otf: Transfer, step: float) -> Reach:
     -------
     Reach
         If it has no end within 64 aliases (diffusion alone, nothing at all), ``rest`` is its value 32 aliases out, and
-        16 aliases are kept; see ``folded`` for how little that matters.
+        16 aliases are kept; see ``folded`` for the resulting error.
     """
     limit, narrowing = 4.0 / step, False
     while True:

@@ -1,7 +1,7 @@
 """The content of a scene's light by frequency, computed before planning with one transform per band.
 
 In:  a source and the grid of its output.
-Out: a ``Content``, with every number rounded up to three digits, lower bounds down.
+Out: a ``Content``, with every number rounded up to three digits, and lower bounds rounded down.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The effect of a blur on light whose content is known: sums over rings of radial frequency.
 
 In:  transfer stages, edges of bands, the ``Content`` of their input.
-Out: bounds on the change from leaving them out, rms over the frame and at the pixel that changes most; the content
-     after them.
+Out: bounds on the change if they are left out, as rms over the frame and at the pixel with the largest change; the
+     content after them.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ DIRECTIONS = 8  # over a half turn, in which a non-radial transfer function is e
 
 
 def change(stage: Transfer, content: Content, grid: Grid) -> peaks.Change:
-    """Return a bound on the change from leaving this stage out, in the norm of the content, relative to the largest
+    """Return a bound on the change if this stage is left out, in the norm of the content, relative to the largest
     value after the stage.
 
     Parameters
     ----------
     stage : Transfer
     content : Content
-        Of its input.
+        Content of the input of the stage.
     grid : Grid
-        Of its input, with bands.
+        Grid of the input, with bands.
     """
     changed, _, least = _rings(stage, grid.bands().edges, content.edges)
     return peaks.relative(changed, least, content, grid)

@@ -1,7 +1,7 @@
-"""The content of light that is a mixture of a few planes: quantities that all bands need are computed once per plane.
+"""The content of light that is a mixture of a few planes: quantities needed for all bands are computed once per plane.
 
 In:  planes (k, y, x) and their weights (band, k); the light of a band is the sum of weight times plane.
-Out: by band the numbers that ``contents`` takes from single planes.
+Out: for each band, the numbers that ``contents`` computes from single planes.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ TOGETHER = 1 << 14  # values of a band that are mixed at a time: all bands of th
 def looked_at(
     planes: FloatArray, weights: FloatArray, steps: tuple[float, float], edges: FloatArray, widths: FloatArray
 ) -> list[Any] | None:
-    """Return (low, mean, high, power, amplitude, peaks) of every band, as for its own plane; None if a value is not
-    finite.
+    """Return (low, mean, high, power, amplitude, peaks) of every band, as if computed from its own plane; None if a
+    value is not finite.
     """
     full = float(np.abs(planes).max()) or 1.0
     if not (math.isfinite(full) and np.isfinite(weights).all()):
@@ -55,7 +55,7 @@ def _ends(mixed: FloatArray, planes: FloatArray) -> tuple[Array, Array]:
 
 
 def _peaks(mixed: FloatArray, planes: FloatArray) -> Array:
-    """Return the largest value of every band of blurred planes, lower by the error of their transforms."""
+    """Return the largest value of every band of blurred planes, reduced by the error of their transforms."""
     low, high = _ends(mixed, planes)
     return high - rings.ROUNDING * np.maximum(np.abs(low), np.abs(high))
 
@@ -93,7 +93,9 @@ def _ring_sums(
 def _by_ring(
     size_y: int, size_x: int, step_y: float, step_x: float, edges: tuple[float, ...]
 ) -> tuple[NDArray[np.int32], tuple[int, ...], FloatArray]:
-    """Return the values of a half transform ordered by ring, where each ring begins, and how often each one counts."""
+    """Return the values of a half transform ordered by ring, the start of each ring, and the number of times that each
+    value counts.
+    """
     rows = sampling.frequencies(size_y, step_y, half=False)
     columns = sampling.frequencies(size_x, step_x, half=True)
     ring = rings.rings_of(np.hypot(rows[:, None], columns), np.array(edges)).ravel()

@@ -12,9 +12,10 @@ There are two lower bounds of the largest value, and the larger one is used:
 - from the power of the remaining detail: E[x^2] <= max(x) E[x] for x >= 0.
 - from the largest values of the scene after Gaussian blurs of octave widths, which were computed once. A wide blur is a
   narrow blur followed by another blur, and a mean with positive weights never exceeds the largest value. Therefore the
-  largest value after a wide blur is a lower bound of that after every narrower one. After a blur, a transfer function H
-  changes a point by at most the sum of amplitude x |1 - H| x transmission of the blur. This sum is small if the blur is
-  wider than that of H, so one of the wide blurs bounds the largest value after H and a narrow blur.
+  largest value after a wide blur is a lower bound of the largest value after every narrower blur. After a blur, a
+  transfer function H changes a point by at most the sum of amplitude x |1 - H| x transmission of the blur. This sum is
+  small if the blur is wider than the blur of H, so one of the wide blurs bounds the largest value after H and a narrow
+  blur.
 
 Sources: Parseval's theorem; the triangle inequality; Gaussian widths add in squares.
 """
@@ -66,7 +67,7 @@ def arrays_of(content: Content) -> ContentArrays:
 
 
 def padding(grid: Grid) -> float:
-    """Return the area of the padded plane over that of the frame. The power in a content is an upper bound that is too
+    """Return the area of the padded plane over that of the frame. The power in a content is an upper bound; it is too
     large by this factor.
     """
     sizes = [grid.line(dim).size for dim in ("y", "x")]
@@ -113,7 +114,7 @@ def largest_behind(content: Content, changed: Array, left: Array, widths: FloatA
     Parameters
     ----------
     content : Content
-        Of the light before the transfer function.
+        Content of the light before the transfer function.
     changed, left : (band or 1, ring) arrays
         The largest |1 - H| and the smallest |H| in every ring.
     widths : (width,) array, um
@@ -148,14 +149,14 @@ def relative(factors: Array, left: Array, content: Content, grid: Grid) -> Chang
         The largest |1 - H| and the smallest |H| in every ring.
     content : Content
     grid : Grid
-        Of the light.
+        Grid of the light.
 
     Returns
     -------
     Change
-        For 'max', of the sample that changes most. For 'rms', over the samples of the frame and over the pixels that
-        sample it later. If light lies in few spots, the rms over the pixels may exceed that over the frame; the excess
-        is fitted, and never exceeds the bound of the largest change.
+        For 'max', the change of the sample that changes most. For 'rms', the change over the samples of the frame and
+        over the pixels that sample it later. If light lies in few spots, the rms over the pixels may exceed the rms
+        over the frame; the excess is fitted, and never exceeds the bound of the largest change.
     """
     edges, factors = arrays_of(content).edges, np.asarray(factors)
     # rms widths of later Gaussian blurs, um: none, and from the finest ring to the coarsest, an octave apart
@@ -197,7 +198,7 @@ def largest_of_sums(weights: FloatArray, left: Array, content: Content, grid: Gr
 
 def relative_sums(lost: Array, full: FloatArray, content: Content, grid: Grid) -> float:
     """Return a bound on the loss from weighted sums over the bands, relative to the largest value of a sum; the sum
-    with the largest bound counts.
+    with the largest bound is used.
 
     Parameters
     ----------

@@ -114,13 +114,13 @@ def behind_filters(bands: Array, shares: Array, moved: Sequence[Array] = (), sti
     Parameters
     ----------
     bands : (band, ...) array
-        Of the stages before the filters, 1 at frequency 0.
+        Transfer functions of the stages before the filters, 1 at frequency 0.
     shares : (channel, band) array
-        Of a white surface, in any scale.
+        Light of a white surface in each channel, in any scale.
     moved : sequence of (channel, channel, ...) arrays
-        Of consecutive stages, see `between`.
+        Transfer of charge by consecutive stages, see `between`.
     still : sequence of (channel, channel) arrays
-        The same at frequency 0.
+        The same transfer at frequency 0.
 
     Returns
     -------

@@ -46,7 +46,7 @@ def area_weights(n_in: int, n_out: int) -> npt.NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class _Pieces:
-    """`area_weights` without its zeros: each output sample as pieces that lie in one input sample each, in order.
+    """`area_weights` without its zeros: each output sample is given as pieces, in order, each inside one input sample.
 
     Output samples with fewer pieces than others are padded with their last input sample at a share of 0.
     """

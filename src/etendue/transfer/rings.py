@@ -38,7 +38,7 @@ def ring_edges(size_y: int, size_x: int, step_y: float, step_x: float) -> FloatA
 
     Returns
     -------
-    (n + 1,) array, rising
+    (n + 1,) array, ascending
     """
     corner = 0.5 * math.hypot(1 / step_y, 1 / step_x)
     lowest = 1 / max(sampling.padded_size(size_y) * step_y, sampling.padded_size(size_x) * step_x)
@@ -60,9 +60,9 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
     Returns
     -------
     power, amplitude : (n,) arrays
-        Of the padded plane that a segment uses, times the ratio of padded to framed area. They are upper bounds: the
-        mean square of the plane minus its mean is at most the sum of ``power``, and no value differs from the mean by
-        more than the sum of ``amplitude``.
+        Values of the padded plane that a segment uses, times the ratio of padded to framed area. They are upper bounds:
+        the mean square of the plane minus its mean is at most the sum of ``power``, and no value differs from the mean
+        by more than the sum of ``amplitude``.
     """
     ny, nx = plane.shape
     half = sampling.transform(np.ascontiguousarray(plane))
@@ -82,8 +82,8 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
 
 
 def counted(columns: int, total: int) -> FloatArray:
-    """Return how often each column of a half transform counts: once at frequency 0 and at the highest of an even
-    number, else twice.
+    """Return the number of times that each column of a half transform counts: once at frequency 0 and at the highest of
+    an even number, else twice.
     """
     twice = np.full(columns, 2.0)
     twice[0] = 1.0

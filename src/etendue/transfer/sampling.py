@@ -114,13 +114,13 @@ def groups(shape: tuple[int, ...]) -> Iterator[slice]:
 
 
 def kept_terms(size: int, share: float) -> int:
-    """Return how many terms from 0 on lie within a share of the Nyquist frequency of a padded axis."""
+    """Return the number of terms, from 0 on, within a share of the Nyquist frequency of a padded axis."""
     return min(int(share * (padded_size(size) // 2)), padded_size(size) // 2)
 
 
 def low_terms(half_transform: ComplexArray, shape: tuple[int, int]) -> ComplexArray:
     """Return the terms of a half transform from 0 to Ky and -Ky to -1 along y and from 0 to Kx along x,
-    (..., 2 Ky + 1, Kx + 1); or all of it.
+    (..., 2 Ky + 1, Kx + 1); or the whole half transform.
     """
     rows, columns = shape
     if half_transform.shape[-2:] == shape:
@@ -131,7 +131,8 @@ def low_terms(half_transform: ComplexArray, shape: tuple[int, int]) -> ComplexAr
 
 def frequencies(size: int, step: float, half: bool, share: float = 1.0) -> FloatArray:
     """Return the spatial frequencies of a padded axis, cycles/um: all of them, or the half kept by a real transform; or
-    those of ``low_terms`` within a share of the Nyquist frequency."""
+    the frequencies of ``low_terms`` within a share of the Nyquist frequency.
+    """
     total = padded_size(size)
     if share < 1:
         terms = np.arange(kept_terms(size, share) + 1)
@@ -165,7 +166,7 @@ def whole_steps(
 def _waves(positions: FloatArray, total: int, half: bool, terms: int) -> ComplexArray:
     """Return exp(2 pi i k u / N) by position and frequency index; the Nyquist term is a cosine (real interpolation).
 
-    ``terms``: number of terms of the transform along this axis; if fewer than all, those of ``low_terms``.
+    ``terms``: number of terms of the transform along this axis; if fewer than all, the terms of ``low_terms``.
     """
     if terms < (total // 2 + 1 if half else total):
         k = np.arange(terms) if half else np.concatenate([np.arange(terms // 2 + 1), -np.arange(terms // 2, 0, -1)])
@@ -205,7 +206,7 @@ def evaluate(
     Parameters
     ----------
     half_transform : (..., Ny, Nx//2 + 1) complex array
-        Of planes whose frame has ``ny`` x ``nx`` samples; or its ``low_terms``.
+        Half transform of planes whose frame has ``ny`` x ``nx`` samples; or its ``low_terms``.
     y, x : (start, step, size)
         Output positions in samples of the input grid (0 is its first sample).
 

@@ -1,4 +1,5 @@
-"""Compare an archive's metadata with recomputed metadata, as wholes except for a list of what cannot be recomputed.
+"""Compare an archive's metadata with recomputed metadata, completely, except for a list of contents that cannot be
+recomputed.
 
 In:  an archive, and its plan computed again (``trust.remade``).
 Out: ``Difference``: file, place in it, its value, and the expected value. Everything that is not in ``NOT_CHECKED`` is
@@ -225,7 +226,9 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
                 TypeError,
                 ValueError,
             ) as error:  # fields of another form
-                yield Deviation(file, "axes, options", f"{type(error).__name__}: {error}", "what a run records")
+                yield Deviation(
+                    file, "axes, options", f"{type(error).__name__}: {error}", "the content of a record of a run"
+                )
                 continue
         yield from _of_record(file, run, made[own], known, elsewhere)
     for name in sorted(stored.journal.records.keys() - {f"runs/{path.name}" for path in record_paths(folder)}):
@@ -235,7 +238,7 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
 
 
 def _of_axes(stored: Stored, again: Again, known: Mapping[str, set[str]]) -> Iterator[Deviation]:
-    """Compare the axis values in the journal with ``known``, the values that runs have asked for."""
+    """Compare the axis values in the journal with ``known``, the values that runs have requested."""
     keys = {axis.dim: axis.key for axis in again.plan.positioned}
     for dim, values in (pair for axes in stored.journal.axes.values() for pair in axes.items()):
         for value in sorted(set(map(str, values)) - known.get(keys.get(dim, dim), set())):
@@ -251,15 +254,15 @@ def _of_record(
     for key, values in asked.items():
         there = set(map(str, run.record["axes"].get(key, ())))
         for value in sorted(there - values - known.get(key, set())):
-            yield Deviation(file, f"axes.{key}", value, "a value that this run or an earlier one has asked for")
+            yield Deviation(file, f"axes.{key}", value, "a value that this run or an earlier run has requested")
         for value in sorted(values - there):
             yield Deviation(file, f"axes.{key}", "", value)
         known.setdefault(key, set()).update(there)
 
 
 def _with_the_code_of_then(says: DocumentView, made: DocumentView) -> tuple[DocumentView, bool]:
-    """Return the recomputed record, with the recorded code fields in place of its own if the code has changed since,
-    and a flag that says whether it has.
+    """Return the recomputed record, with the recorded code fields instead of the present ones if the code has changed
+    since, and a flag for this case.
     """
     nodes, other = dict(made["nodes"]), False
     for name, then in says["nodes"].items():

@@ -1,7 +1,7 @@
-"""Compare two documents or arrays of an archive as wholes, except for a list of what cannot be recomputed.
+"""Compare two documents or arrays of an archive completely, except for a list of contents that cannot be recomputed.
 
-In:  what an archive says, and what is recomputed.
-Out: a ``Difference`` for each place where they disagree; what is not compared, and why.
+In:  archived and recomputed documents or arrays.
+Out: a ``Difference`` for each place where they disagree; contents that are not compared, with the reasons.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ELSEWHERE = 1e-6  # relative tolerance of numbers in metadata on another platfor
 
 @dataclass(frozen=True)
 class NotChecked:
-    """Something that is not compared, and why; ``pattern`` matches file and place as ``FILE#WHERE``."""
+    """A content that is not compared, and the reason; ``pattern`` matches file and place as ``FILE#WHERE``."""
 
     what: str
     why: str
@@ -37,8 +37,8 @@ class NotChecked:
 NOT_CHECKED = (
     NotChecked(
         "seconds",
-        "another run takes different times; ledger and journal are compared with each other, those in the summary are "
-        "of the last run only",
+        "another run takes different times; the times in ledger and journal are compared with each other, and "
+        "the summary contains only the times of the last run",
         rf"{DATA}/summary/seconds/c/.*",
     ),
     NotChecked(
@@ -48,7 +48,7 @@ NOT_CHECKED = (
     ),
     NotChecked(
         "recorded versions, platform and code",
-        "differences from what is installed here are listed, not judged",
+        "differences from the installed versions are listed, but do not count as errors",
         r"runs/\d+\.json#(platform|libraries|distributions)\b.*"
         rf"|(runs/\d+\.json#nodes|{DATA}/zarr\.json#consolidated_metadata\.metadata|{DATA})\b.*[./#]distributions?\b.*"
         r"|ro-crate-metadata\.json#.*\b(softwareVersion|version)",
@@ -65,15 +65,15 @@ NOT_CHECKED = (
     NotChecked("what was reused or accepted", "tables take the state of cells of an earlier platform from the journal"),
     NotChecked(
         "contact_sheet.png, CITATION.cff, measured.json",
-        "derived from what is compared; to measure again: run --measure",
+        "derived from compared data; run --measure measures the errors again",
     ),
     NotChecked("foreign files", "files and groups that no run has written, strays/"),
 )
 
 
 def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, into: bool) -> list[NotChecked]:
-    """Return the list of contents that are not compared, with further ones that cannot be compared in this archive, and
-    their number.
+    """Return the list of contents that are not compared, with further contents that cannot be compared in this archive,
+    and their number.
     """
     found = list(NOT_CHECKED)
     entries, gone = stored.journal.entries, stored.journal.outdated
@@ -86,7 +86,7 @@ def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, int
         found.append(
             NotChecked(
                 f"{len(lacking)} cells that the archive does not hold",
-                f"{lacking[0]} ...: not asked for, interrupted, failed, or removed",
+                f"{lacking[0]} ...: not requested, interrupted, failed, or removed",
             )
         )
     known = set(again.names.values())

@@ -53,7 +53,7 @@ from etendue.types.documents import Document, DocumentView
 
 @dataclass(frozen=True)
 class Again:
-    """A recomputed plan: ``names`` and ``keys`` of its cells, and by name the reports of those that were computed."""
+    """A recomputed plan: ``names`` and ``keys`` of its cells, and, by name, the reports of computed cells."""
 
     plan: Plan
     names: Mapping[CellRef, str]
@@ -63,8 +63,8 @@ class Again:
 
 
 def store_files(stored: Stored, again: Again, ended: bool) -> dict[str, bytes]:
-    """Return every file of the store except chunks of cells, by path below it; ``ended``: including what a run writes
-    when it ends in order.
+    """Return every file of the store except chunks of cells, by path below it; ``ended``: including the files that a
+    run writes when it ends normally.
     """
     plan, journal = again.plan, stored.journal
     laid = Laid(plan, journal.axes, journal.blocks, journal.said)
@@ -96,7 +96,7 @@ def _put_table(tree: Tree, name: str, table: DocumentView) -> None:
 
 
 def reports_of(stored: Stored, again: Again, laid: Laid) -> Reports:
-    """Return what the tables say about every cell: the recomputed result, with the archived seconds and bytes.
+    """Return the reports of all cells as in the tables: the recomputed result, with the archived seconds and bytes.
 
     The tables give an unfinished cell the state from the last run. The last run may not have requested the cell, so
     both states are valid.
@@ -158,7 +158,7 @@ def array_of(data: bytes | None, dtype: str, shape: tuple[int, ...]) -> Any:
     Raises
     ------
     ArchiveError
-        The bytes do not hold such an array.
+        The bytes do not contain such an array.
     """
     if data is None and 0 not in shape:
         raise ArchiveError("its chunk is missing")
@@ -177,15 +177,15 @@ def array_of(data: bytes | None, dtype: str, shape: tuple[int, ...]) -> Any:
 def record_again(
     run: Recorded, earlier: Sequence[Recorded] = (), most_cells: int | None = None
 ) -> tuple[Document, dict[str, set[Any]]]:
-    """Return the record of a run, rebuilt from its resolved pipeline and its axis values; and by axis the values that
-    the run itself asked for.
+    """Return the record of a run, rebuilt from its resolved pipeline and its axis values; and, by axis, the values that
+    the run itself requested.
 
-    ``earlier``: the earlier runs, newest first, whose records define the tables that names on an axis stand for.
+    ``earlier``: the earlier runs, newest first, whose records define the tables for names on an axis.
 
     Raises
     ------
     ArchiveError, RequestError
-        An input is lost, or its pipeline is refused here.
+        An input is lost, or the pipeline is refused by this installation.
     """
     asked = make_plan(run.pipeline(most_cells), installed_stages())
     resolved, record = resolve_pipeline(asked), run.record
@@ -249,7 +249,7 @@ def _words(text: str) -> Document:
 
 
 def _placed(value: Any, other: Any) -> Any:
-    """Replace names of files by those in the resolved pipeline."""
+    """Replace names of files by the names in the resolved pipeline."""
     if isinstance(value, str) and isinstance(other, str) and other.startswith("../inputs/"):
         return other
     if isinstance(value, str) and isinstance(other, dict) and other.get("label") == value:

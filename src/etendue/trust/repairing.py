@@ -1,6 +1,6 @@
 """Repair a damaged archive from its own content; only damaged cells are recomputed.
 
-In:  the folder of an archive; places where its inputs may be found, if they are lost too.
+In:  the folder of an archive; places where its inputs may be found, if they are also lost.
 Out: the damage found, the repairs made, and the damage that remains.
 """
 
@@ -30,7 +30,7 @@ class Repaired:
 
     Attributes
     ----------
-    done : what was restored without computing, in words
+    done : texts that describe what was restored without computing
     computed, failed : cells
     """
 
@@ -55,7 +55,7 @@ def repair(
     ArchiveError
         The folder is not an archive, its pipeline is unknown, or a needed input is missing.
     ArchiveInUse, MachineError
-        A run is writing to it; memory or disk does not suffice.
+        A run is writing to the archive, or memory or disk does not suffice.
     """
     found = verify(folder, told)
     if found.whole:
@@ -73,7 +73,7 @@ def repair(
 
 
 def document(found: Repaired) -> Document:
-    """Return the document that ``--json`` prints: the archive as it is now, and what was done."""
+    """Return the document that ``--json`` prints: the present state of the archive, and the steps of the repair."""
     return {
         **of_verified(found.after),
         "repaired": of_verified(found.before)["damages"],

@@ -6,8 +6,8 @@ Out: a ``Reproduction``: for each stage the number of cells with the same bits, 
      verdict on it; other contents that were not reproduced (``trust.checked``), damaged files, and the list of what was
      not checked.
 
-On the same platform (processor features, numpy, scipy, Python) every bit must agree. On another one a cell may differ
-by the errors that its stage and the stages before it state: their sum, relative to full scale, rms.
+On the same platform (processor features, numpy, scipy, Python) every bit must agree. On another platform a cell may
+differ by the errors that its stage and the stages before it state: their sum, relative to full scale, rms.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def reproduce(
     Raises
     ------
     RequestError
-        A stage is not installed, or the recorded pipeline is refused here; every reason is given.
+        A stage is not installed, or this installation refuses the recorded pipeline; every reason is given.
     ArchiveError
         The folder is not an archive, or its record or an input is damaged or missing.
     ArchiveInUse
@@ -88,7 +88,7 @@ def reproduce(
         again, damaged, found.seconds = _computed(stored, again, asked, options, told, not platform)
     else:
         if into.resolve() == folder.resolve():
-            raise ArchiveError(f"--into {into}: that is the archive itself; choose another folder")
+            raise ArchiveError(f"--into {into}: this is the archive itself; choose another folder")
         outcome = execute(plan, into, options, told)
         found.seconds = outcome.seconds
         kept = {cell_name(plan, ref): one for ref, one in outcome.reports.items()}
@@ -97,12 +97,12 @@ def reproduce(
     found.cells += _judged(stored, again, asked, damaged, bool(platform))
     _compare_the_rest(found, stored, again, into is not None, most_cells)
     if is_running(folder) or _state(folder) != state:
-        raise ArchiveInUse(f"{folder}: a run has started writing to it meanwhile; reproduce it after the run has ended")
+        raise ArchiveInUse(f"{folder}: a run has started writing to it; reproduce it after the run has ended")
     return found
 
 
 def _asked(stored: Stored, again: Again) -> list[str]:
-    """Return the cells to recompute: finished and failed ones, except those that were stopped."""
+    """Return the cells to recompute: finished and failed cells, except cells that were stopped."""
     entries, outdated = stored.journal.entries, stored.journal.outdated
     ended = {name: one.event for name in again.names.values() if (one := entries.get(name)) and name not in outdated}
     stopped = _stopped(stored, again)
@@ -160,7 +160,7 @@ def _compare_the_rest(found: Reproduction, stored: Stored, again: Again, into: b
 
 
 def _of_code(found: Reproduction, stored: Stored, again: Again) -> Iterable[Deviation]:
-    """Yield contradictions about code: a stage whose keys are those of the present code cannot have other code."""
+    """Yield contradictions about code: a stage whose keys belong to the present code cannot have other code."""
     other = {row["stage"]: row for row in found.software if row["what"] == "code"}
     for ref, name in again.names.items():
         entry = stored.journal.entries.get(name)
@@ -241,7 +241,7 @@ def _held_against(
 
 
 def _plan_of(plan: Plan, stored: Stored) -> Plan:
-    """Return the plan over the axis values of all runs, which keeps what is stored."""
+    """Return the plan over the axis values of all runs, which keeps the stored variables."""
     swapped = any(is_of_names(axis.key) for axis in plan.axes)
     sweeps = [sweep_of(run.record, stored.folder) for run in every_record(stored.folder)] if swapped else []
     whole = with_stored_values(plan, stored.journal.axes, sweeps)
@@ -281,7 +281,7 @@ def _refuse_missing(run: Recorded) -> None:
 
 
 def software(run: Recorded, plan: Plan) -> list[Document]:
-    """Return how the installed stages differ from those the archive was computed with."""
+    """Return the differences between the installed stages and the stages that computed the archive."""
     rows = []
     now = node_records(plan)
     for name, before in run.record["nodes"].items():

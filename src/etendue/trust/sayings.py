@@ -24,11 +24,11 @@ JOURNAL, MANIFEST = "journal.jsonl", "manifest.json"
 
 @dataclass(frozen=True)
 class Deviation:
-    """Something in an archive that was not reproduced.
+    """A content of an archive that was not reproduced.
 
     Attributes
     ----------
-    where : in the file, such as ``attributes.units``
+    where : place in the file, such as ``attributes.units``
     says, is_ : the archived and the recomputed value; '' if one is missing
     """
 

@@ -3,8 +3,8 @@
 In:  differences of arrays, and failures.
 Out: a ``CellResult`` for each variable of each cell; a ``Reproduction`` with its verdict.
 
-On the same platform every bit must agree. On another one a cell may differ by the errors that its stage and the stages
-before it state: their sum, relative to full scale, rms.
+On the same platform every bit must agree. On another platform a cell may differ by the errors that its stage and the
+stages before it state: their sum, relative to full scale, rms.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ class Reproduction:
     Attributes
     ----------
     platform : the fields that differ, as (recorded, now); empty on the same platform
-    software : by stage what differs from the archive: its distribution and version, or its code
+    software : by stage, the difference from the archive: its distribution and version, or its code
     differences : other contents that were not reproduced: coordinates, units, dims, tables, records
     damages : damaged files, except those of cells
-    not_checked : what cannot be recomputed
+    not_checked : contents that cannot be recomputed
     """
 
     folder: Path
@@ -114,7 +114,7 @@ def judged(stage: str, name: str, one: Compared, allowed: float | None, elsewher
             found.largest,
             None,
             allowed,
-            f"{found.undefined} values are undefined in one of them only",
+            f"{found.undefined} values are undefined in only one of the arrays",
         )
     if not elsewhere:
         return CellResult(
@@ -129,6 +129,8 @@ def judged(stage: str, name: str, one: Compared, allowed: float | None, elsewher
 
 
 def _allowed(plan: Plan, ref: CellRef) -> float | None:
-    """Return the sum of the errors stated by a cell and everything it depends on; None if one states none."""
+    """Return the sum of the errors stated by a cell and everything it depends on; None if one of them states
+    no error.
+    """
     stated = [plan.cells[one].error[0] for one in ancestry(plan, [ref])]
     return None if None in stated else sum(error for error in stated if error is not None)

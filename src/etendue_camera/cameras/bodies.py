@@ -2,7 +2,7 @@
 values.
 
 In:  the name of a body as typed.
-Out: ``Named``: all quantities of a sensor, the same ones for every body, each with its source.
+Out: ``Named``: all quantities of a sensor, each with its source; the list of quantities is the same for every body.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def _index() -> Index | None:
 
 
 def body_names() -> list[str]:
-    """Return the names of all bodies: packaged ones first, then those of the lens database."""
+    """Return the names of all bodies: packaged bodies first, then the bodies of the lens database."""
     own = list(packaged())
     known = {plain(name) for name in own}
     return own + [name for name in cameras() if plain(name) not in known]
@@ -101,7 +101,7 @@ def body(name: str) -> Named:
     crops = {name: float(one["crop"]) for name, one in formats().items() if name not in ("all", "machine vision")}
     form = row.get("format") or min(crops, key=lambda name: abs(math.log(crops[name]) - crop))  # nearest in ratio
     given = stand_ins(form)
-    facts = {"format": Value(form, TYPICAL, "as makers name it; it chooses the stand-ins")}
+    facts = {"format": Value(form, TYPICAL, "as makers name it; the stand-ins depend on it")}
     if row.get("tuning"):
         tuning = row["tuning"]
         tuned, more = values_of(packaged_tuning(tuning), f"{SOURCE}, src/ipa/rpi/vc4/data/{tuning}.json", given)
@@ -135,7 +135,9 @@ def stand_ins(form: str) -> dict[str, Value]:
     words = {**{key: value for key, value in own.items() if key != "crop"}, **formats()["all"]}
     given = {key: Value(value, TYPICAL, note) for key, value in words.items()}
     given["sensitivity"] = Value(words["sensitivity"], TYPICAL, "a stand-in: the measured curves of another camera")
-    given["crop_factor"] = Value(own["crop"], TYPICAL, f"of {form} sensors; the lens database has those of bodies")
+    given["crop_factor"] = Value(
+        own["crop"], TYPICAL, f"of {form} sensors; the lens database has the crop factors of bodies"
+    )
     given["mount"] = Value("", TYPICAL, "unknown without the lens database: no lens is refused")
     return given
 
@@ -147,7 +149,10 @@ def _measured(camera: str) -> dict[str, Value]:
         "sensitivity": Value(camera, FROM_LIBRARY, note, row["licence"]),
         "sensitivity_kind": Value("system_qe", FROM_LIBRARY, "measured with the whole camera", row["licence"]),
         "sensitivity_per": Value(
-            row["per"], FROM_LIBRARY, "agrees with makers' DNG matrices so, and not per photon", row["licence"]
+            row["per"],
+            FROM_LIBRARY,
+            "in this form the curves agree with makers' DNG matrices; per photon they do not",
+            row["licence"],
         ),
     }
 

@@ -28,7 +28,7 @@ _TRAILING = re.compile(r'("(?:[^"\\\n]|\\.)*")|,(?=\s*[\]}])')
 
 @dataclass(frozen=True)
 class Constants:
-    """The values that the file has for a camera; None or empty where it has none.
+    """The values that the file has for a camera; None or empty if the file has no such value.
 
     ``matrix`` (3, 3) is from XYZ under D65 to the camera's channels; ``white`` the level at the base ISO, ``by_iso``
     levels by ISO.

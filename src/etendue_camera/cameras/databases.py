@@ -36,7 +36,9 @@ _UPDATES = "~/.local/share/lensfun/updates/version_1"
 
 @dataclass(frozen=True)
 class Index:
-    """The lens database without its calibrations. ``lenses``: for each lens name, the files with entries of it."""
+    """The lens database without its calibrations. ``lenses``: for each lens name, the files that contain its
+    entries.
+    """
 
     folder: Path
     mounts: dict[str, tuple[str, ...]]

@@ -32,7 +32,7 @@ WARP_RECTILINEAR, VIGNETTE_RADIAL = 1, 3
 
 @dataclass(frozen=True)
 class Raw:
-    """The camera data of a DNG; None or empty where the file has none.
+    """The camera data of a DNG; None or empty if the file has no such value.
 
     ``noise``: scale S and offset O of each plane: a value x from 0 to 1 has the variance S x + O. ``matrices``: by
     calibration illuminant (EXIF light source), from XYZ to the camera. ``warp``: (planes, 6) terms of WarpRectilinear;
@@ -194,7 +194,7 @@ def _noise(values: Any) -> tuple[tuple[float, float], ...]:
 
 
 def _opcodes(own: dict[int, Any]) -> Document:
-    """Return the opcodes that are read; they are big-endian whatever the file is."""
+    """Return the opcodes that are read; they are always big-endian."""
     warp, vignette, other = None, (), list[int]()
     for tag in OPCODES:
         block = bytes(own.get(tag, b""))

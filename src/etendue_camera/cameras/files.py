@@ -78,7 +78,7 @@ def _of_tuning(data: bytes, path: Path) -> Named:
         found, facts = values_of(tuning(data, path.name), path.name, given)
     except ValueError as error:
         raise RequestError(str(error)) from None
-    return Named(path.stem, "body", "a sensor tuning of libcamera; the rest stands in", given | found, facts)
+    return Named(path.stem, "body", "a sensor tuning of libcamera; other values are stand-ins", given | found, facts)
 
 
 def _of_sensitivity(data: bytes, path: Path) -> Named:
@@ -90,7 +90,7 @@ def _of_sensitivity(data: bytes, path: Path) -> Named:
     words = {"sensitivity": f"./{path.stem}.csv", "sensitivity_kind": "system_qe", "sensitivity_per": own.per}
     given |= {key: Value(value, path.name, f"measured by {own.creator}", own.licence) for key, value in words.items()}
     facts = {"table": Value(f"{len(own.wavelength_nm)} rows", path.name, "write it with -o NAME.csv", own.licence)}
-    return Named(own.camera, "body", "a measured sensitivity; the rest stands in", given, facts)
+    return Named(own.camera, "body", "a measured sensitivity; other values are stand-ins", given, facts)
 
 
 def _of_raw(own: dng.Raw) -> Named:
@@ -122,7 +122,7 @@ def _of_raw(own: dng.Raw) -> Named:
         facts[name] = Value(f"{table.count(chr(10)) - 1} rows", source, f"write it with -o NAME.{name}.csv")
     if own.other:
         facts["other_opcodes"] = Value(", ".join(map(str, own.other)), source, "not read")
-    return Named(own.model, "body", "what a raw file says of its camera; the rest stands in", given, facts)
+    return Named(own.model, "body", "camera data of a raw file; other values are stand-ins", given, facts)
 
 
 def lens_tables(own: dng.Raw, pitch_um: float) -> dict[str, str]:

@@ -22,7 +22,7 @@ LISTED = "etendue cameras --lenses"
 WORDS = {
     "distortion": ("distortion", "none is applied"),
     "tca": ("lateral_colour", "none is applied"),
-    "vignetting": ("fall_off", "the cos4 law stands in"),
+    "vignetting": ("fall_off", "the cos4 law is used instead"),
 }
 
 
@@ -84,7 +84,7 @@ def lens(name: str) -> tuple[Named, LensFile]:
         "mounts": measured(", ".join(sorted({mount for one in held.entries for mount in one.mounts}))),
         "calibrated_on": measured(
             ", ".join(f"crop factor {one.crop_factor:g}" for one in held.entries),
-            "the one that fits the body's is used",
+            "the entry that fits the body is used",
         ),
     }
     for kind, (words, instead) in WORDS.items():

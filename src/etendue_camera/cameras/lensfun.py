@@ -148,7 +148,9 @@ def _texts(one: ElementTree.Element, tag: str) -> list[str]:
 
 
 def _text(one: ElementTree.Element, tag: str) -> str:
-    """Return the text of an element. If there are several, return the one without a language, otherwise the first."""
+    """Return the text of an element. If there are several texts, return the text without a language, otherwise the
+    first text.
+    """
     plain = [part for part in one.findall(tag) if part.get("lang") is None]
     found = plain or one.findall(tag)
     return " ".join((found[0].text or "").split())[:200] if found else ""

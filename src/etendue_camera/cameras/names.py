@@ -69,8 +69,8 @@ def matching(text: str, names: Iterable[str]) -> list[str]:
 
 
 def meant(text: str, names: Iterable[str], what: str, listed: str) -> str:
-    """Return the one name that matches a text: equal except for case and punctuation, otherwise the only one with all
-    of its words.
+    """Return the one name that matches a text: a name that is equal except for case and punctuation, otherwise the only
+    name with all words of the text.
 
     Raises
     ------

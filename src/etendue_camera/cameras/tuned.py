@@ -22,7 +22,7 @@ def packaged_tuning(name: str) -> Tuning:
 
 
 def values_of(own: Tuning, source: str, given: Mapping[str, Value]) -> tuple[dict[str, Value], dict[str, Value]]:
-    """Return camera values of a tuning, at the pitch and bits that are given, and other facts it states."""
+    """Return camera values of a tuning for a given pitch and number of bits, and other facts that the tuning states."""
     bits = int(given["bits"].value)
     pitch = float(str(given["pixel_pitch"].value).split()[0])
     found = {"black_level": Value(round(own.black / 2 ** (16 - bits), 3), source, f"in {bits} bits", LICENCE)}
@@ -40,7 +40,7 @@ def values_of(own: Tuning, source: str, given: Mapping[str, Value]) -> tuple[dic
         facts["full_scale"] = Value(
             f"{charge:.0f} electron",
             source,
-            f"not used: its slope {own.slope:g} stands in many files unmeasured",
+            f"not used: its slope {own.slope:g} is an unmeasured value in many files",
             LICENCE,
         )
         return found, facts

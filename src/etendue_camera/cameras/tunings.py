@@ -26,7 +26,7 @@ DEFAULTS = (2.5, 2.67)  # noise slopes that many files contain as unmeasured def
 
 @dataclass(frozen=True)
 class Tuning:
-    """The values that a tuning has for a sensor; None where it has none.
+    """The values that a tuning has for a sensor; None if the tuning has no such value.
 
     ``black`` is in 16 bits, ``slope`` in sqrt(DN) of 16 bits at analogue gain 1, ``shading`` the gains (12, 16) that
     flatten the luminance of the module's lens, ``matrices`` colour matrices by colour temperature, ``lux`` the

@@ -99,7 +99,7 @@ def listing(text: str, bodies: bool, lens_names: bool) -> Document:
     if lens_names:
         found["lenses"] = [{"name": name} for name in matching(text, lenses.module_lenses())]
     if folder is None:
-        found["note"] = f"bodies and lenses of the lensfun database are not here: {INSTALL}"
+        found["note"] = f"the lensfun database, with more bodies and lenses, was not found: {INSTALL}"
     elif lens_names:
         index = lenses.index()
         found["lenses"] += [{"name": name} for name in matching(text, sorted(index.lenses))]

@@ -15,13 +15,15 @@ from etendue.cli.saying import command, later
 @JSON
 @later("etendue_camera.cli.sensors:sensors_command")
 def sensors() -> None:
-    """List sensors for [camera] sensor = "NAME" in a pipeline. With a name: each value with its source."""
+    """List sensors for [camera] sensor = "NAME" in a pipeline. If a name is given, its values are listed with their
+    sources.
+    """
 
 
 @command("cameras")
 @NAME
-@click.option("--lenses", is_flag=True, help="Lenses instead of bodies.")
-@click.option("--search", metavar="TEXT", help="Bodies and lenses whose names have all these words.")
+@click.option("--lenses", is_flag=True, help="List lenses instead of bodies.")
+@click.option("--search", metavar="TEXT", help="List bodies and lenses whose names contain all these words.")
 @click.option(
     "-o",
     "--output",
@@ -34,6 +36,6 @@ def sensors() -> None:
 def cameras() -> None:
     """List bodies and lenses for [camera] body = "NAME" and lens = "NAME" in a pipeline.
 
-    With a name: each value with its source. NAME may also be a file: a DNG, a camconst.json, a tuning of libcamera, a
-    sensitivity of rawtoaces-data.
+    If a name is given, its values are listed with their sources. NAME may also be a file: a DNG, a camconst.json, a
+    tuning of libcamera, a sensitivity of rawtoaces-data.
     """

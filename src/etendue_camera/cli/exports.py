@@ -15,7 +15,7 @@ from etendue.cli.saying import command, later
 @click.option(
     "--png",
     is_flag=True,
-    help="Write 8-bit PNG of the display values, or of any --variable over y and x, as an eye sees it.",
+    help="Write 8-bit PNG of the display values, or of any --variable over y and x, in the colours that the eye sees.",
 )
 @click.option(
     "--variable",

@@ -39,7 +39,7 @@ and lines for a pipeline.
     "--spacing",
     type=click.FloatRange(0, min_open=True),
     metavar="UM",
-    help="Sample spacing on the sensor, which sets the size there; may be given in the pipeline.",
+    help="Sample spacing on the sensor, which determines the size of the picture; may also be given in the pipeline.",
 )
 @click.option(
     "--white-at", metavar="Y,X[,SIZE]", help="Position of a white patch, in pixels; values are divided by its spectrum."

@@ -20,7 +20,7 @@ def srgb_encode(linear: ArrayLike) -> NDArray:
     Parameters
     ----------
     linear : (...) array, dimensionless
-        Of either sign and any size; 1 is white.
+        Any sign and size; 1 is white.
 
     Returns
     -------

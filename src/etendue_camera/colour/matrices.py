@@ -51,7 +51,7 @@ def rgb_to_xyz_matrix(primaries_xy: Sequence[tuple[float, float]], white_xy: tup
     Raises
     ------
     ValueError
-        If a y is 0 or the primaries lie on one line.
+        If a y is 0 or the three primaries are collinear.
 
     Notes
     -----

@@ -71,7 +71,9 @@ def terms(degree: int) -> int:
 
 
 def _shifted(lag: tuple[int, int], sign: int, shape: tuple[int, ...]) -> tuple[slice, ...]:
-    """Return where the first (sign 1) or second (sign -1) of two pixels can lie so that both are inside."""
+    """Return the range of positions of the first (sign 1) or second (sign -1) of two pixels for which both
+    are inside.
+    """
     parts = [slice(None), slice(None)]
     for step, size in zip(lag, shape[-2:], strict=True):
         require.allowed(abs(step) < size, "lag", lag, f"steps smaller than the window, {shape[-2]} x {shape[-1]}")
@@ -116,7 +118,7 @@ def without_trend(planes: ArrayLike, degree: int = 2) -> FloatArray:
     ----------
     planes : (..., y, x) array
     degree : int
-        At or above 0; 2 removes what a lens's fall-off leaves in a window.
+        At or above 0; 2 removes the fall-off of a lens within a window.
 
     Returns
     -------

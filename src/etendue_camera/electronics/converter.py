@@ -19,7 +19,7 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
     Parameters
     ----------
     charge : (...) array, electrons
-        Of either sign: read noise makes it negative in the dark. Infinite charge gives the lowest or highest code.
+        Any sign: read noise makes it negative in the dark. Infinite charge gives the lowest or highest code.
     gain_dn_per_electron : float, DN/electron
         Above 0.
     black_level : float, DN

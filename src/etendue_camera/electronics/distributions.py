@@ -217,8 +217,8 @@ def cut_normal_moments(rms: float) -> tuple[float, float]:
 
 
 def _by_tails(offset: NDArray, sigma: NDArray) -> tuple[NDArray, NDArray]:
-    """Return mean error and variance by a sum over the thresholds, each normal tail taken on its own side of the
-    mean.
+    """Return mean error and variance by a sum over the thresholds, with each normal tail taken on the side of the mean
+    where it is small.
     """
 
     def beyond(distance: NDArray) -> NDArray:

@@ -125,7 +125,7 @@ def dynamic_range_elgamal(
     Returns
     -------
     (...) array, dB
-        -inf if the dark charge fills the well, +inf if it does not and there is no noise.
+        -inf if the dark charge fills the well, +inf without noise if the well is not full.
 
     Raises
     ------
@@ -218,7 +218,7 @@ def emva_snr(
 def emva_smallest_photons(
     quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike
 ) -> NDArray:
-    """Return the photons at which `emva_snr` is exactly 1; arguments as there.
+    """Return the number of photons at which `emva_snr` is exactly 1; arguments as for `emva_snr`.
 
     Returns
     -------
@@ -312,6 +312,6 @@ def _emva_floor(gain: ArrayLike, dark_noise: ArrayLike) -> NDArray:
 
 
 def _decibel(signal: NDArray, noise: NDArray) -> NDArray:
-    """Return 20 log10(signal / noise): -inf without signal, whatever the noise; +inf with signal and no noise."""
+    """Return 20 log10(signal / noise): -inf without signal for any noise; +inf with signal and no noise."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return np.where(signal > 0, 20 * np.log10(signal / noise), -np.inf)[()]

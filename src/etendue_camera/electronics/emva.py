@@ -62,13 +62,15 @@ class SensorFigures:
 
     @property
     def hidden(self) -> bool:
-        """Whether rounding hides the dark noise: means of dark frames are then nearer to integers than expected."""
+        """Return whether rounding hides the dark noise: means of dark frames are then nearer to integers than
+        expected.
+        """
         return bool(self.dark_variance.min() < LEAST_DARK_VARIANCE)
 
 
 @dataclass(frozen=True)
 class _Levels:
-    """Moments by replicate (0: all pixels; then with each group of pixels left out) and level."""
+    """Moments by replicate (0: all pixels; then with one group of pixels omitted) and level."""
 
     mean: NDArray
     variance: NDArray  # temporal
@@ -122,7 +124,7 @@ def measure(
     noise of the dark current subtracted. `full_well` is the mean beyond saturation, without the fraction of a level
     step by which `saturation_capacity` is low.
 
-    Intervals are those of a delete-a-group jackknife over 8 x 8 blocks of pixels with Student's t: pixels are taken as
+    Intervals come from a delete-a-group jackknife over 8 x 8 blocks of pixels with Student's t: pixels are treated as
     independent samples of both temporal noise and patterns. Row and column patterns are counted in DSNU, but their
     interval is then too narrow. Coverage of 95 % intervals: `python benchmarks/emva.py`.
     """
@@ -257,7 +259,9 @@ def _check(time: NDArray, light: Sequence[ArrayLike], dark: Sequence[ArrayLike],
 
 
 def _moments(stacks: Sequence[ArrayLike]) -> _Levels:
-    """Return mean, temporal and spatial variance of every level, for all pixels and with each block left out."""
+    """Return mean, temporal and spatial variance of every level, for all pixels and with one block omitted at
+    a time.
+    """
     means, variances, spatials, frames = [], [], [], []
     for stack in stacks:
         values = np.asarray(stack, dtype=float)
@@ -280,8 +284,8 @@ def _moments(stacks: Sequence[ArrayLike]) -> _Levels:
 
 
 def _slope(signal: NDArray, excess: NDArray, used: NDArray, y: _Levels, d: _Levels) -> NDArray:
-    """Return K by replicate. Weights are those of the model at all pixels: weights from single variances would favour
-    small ones.
+    """Return K by replicate. Weights come from the model for all pixels, because weights from single variances would
+    favour small variances.
     """
     first = float((signal[0, used] * excess[0, used]).sum() / (signal[0, used] ** 2).sum())
     dark = np.median(d.variance[0]) + first * (d.mean[0, used] - np.median(d.mean[0]))
@@ -302,8 +306,8 @@ def _dark_noise(d: _Levels, gain: NDArray, origin: NDArray) -> NDArray:
 
 
 def _half(signal: NDArray, top: float, frames: NDArray) -> int:
-    """Return the level at which patterns are measured: among levels from 30 to 70 % of saturation, the one with the
-    most frames; among equals, the one nearest to half of saturation.
+    """Return the level at which patterns are measured: among levels from 30 to 70 % of saturation, the level with the
+    most frames; among equals, the level nearest to half of saturation.
     """
     near = np.abs(signal / top - 0.5)
     many = np.where(near <= 0.2, frames, 0)

@@ -1,6 +1,6 @@
 """Confidence intervals for measurements on an area of pixels: the delete-a-group jackknife over 8 x 8 blocks.
 
-In:  planes (y, x); an estimate of all pixels and with each block left out.
+In:  planes (y, x); an estimate from all pixels, and estimates with one block omitted.
 Out: the estimate with its confidence interval.
 Sources: Efron and Tibshirani 1993 (delete-a-group jackknife).
 """

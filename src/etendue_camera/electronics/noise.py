@@ -32,8 +32,8 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
     mean : (...) array, electrons
         0 to 1e36; to 9.2e18 where exact_below is larger than that.
     rng : numpy Generator
-        Advances by one uniform for each mean below 64 and exact_below, then numpy's exact draws, then one normal for
-        each of the others.
+        Advances by one uniform for each mean below both 64 and exact_below, then by numpy's exact draws, then by one
+        normal for each remaining mean.
     exact_below : float, electrons
         10 or more; infinity makes every draw exact.
 
@@ -96,7 +96,7 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
     uniform : (...) array, dimensionless
         0 <= u < 1; the shapes broadcast. float32 uniforms have no tail beyond 6e-8.
     exact_below : float, electrons
-        From 10 to 200; the inverse is searched below and the corrected normal used above.
+        From 10 to 200. Below, the inverse is searched; above, the corrected normal is used.
 
     Returns
     -------
@@ -110,11 +110,11 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
 
     Notes
     -----
-    Source: inversion, by `poisson_table.quantiles` below 64 electrons, above started at a Cornish-Fisher quantile and
-    corrected one step at a time; from exact_below on `cornish_fisher` of the normal quantile, limited to 8.3 sigma. At
-    the transition the exact count is kept until the normal form has passed it, so that the count does not decrease
-    there. Intended for sweeps with the same noise in all cells ("common"): with a rejection sampler, equal generator
-    states decorrelate for changes of the mean of 1e-4.
+    Source: inversion. Below 64 electrons, `poisson_table.quantiles` is used; above, the search starts at a
+    Cornish-Fisher quantile and corrects it one step at a time. From exact_below on, the result is `cornish_fisher` of
+    the normal quantile, limited to 8.3 sigma. At the transition the exact count is kept until the normal form has
+    passed it, so that the count does not decrease there. Intended for sweeps with the same noise in all cells
+    ("common"): with a rejection sampler, equal generator states decorrelate for changes of the mean of 1e-4.
     """
     mean, uniform = np.broadcast_arrays(_means(mean), np.asarray(uniform, np.float64))
     if not np.all((uniform >= 0) & (uniform < 1)):

@@ -1,4 +1,5 @@
-"""Poisson quantiles of small means from a table: most by one look-up, the others by comparing with the distribution.
+"""Poisson quantiles of small means from a table: most quantiles need one look-up, the others a comparison with the
+distribution.
 
 In:  expected charge below 64 electrons, a uniform per pixel.
 Out: the count whose cumulative probability first exceeds the uniform.
@@ -48,7 +49,7 @@ def quantiles(mean: NDArray, uniform: NDArray) -> NDArray:
     at a: F' = -p_k, F'' = p_k - p_(k-1), and |F'''| < 4. Where u is closer to that sum than the remainder, `pdtr`
     decides.
 
-    10 % of the uniforms fall into flagged cells: 6 % because the bins have a width, the others because F has steps.
+    10 % of the uniforms fall into flagged cells: 6 % because the bins have a width, the rest because F has steps.
     """
     if not mean.size or mean.max() > DARK:
         return _looked_up(mean, uniform)
@@ -105,7 +106,9 @@ def _stepped(
 
 
 def _ahead(at: NDArray[np.intp], uniform: NDArray, cumulative: NDArray) -> NDArray[np.intp]:
-    """Return by how much each count is below the answer at the lower end of its bin, which the answer never is."""
+    """Return the number by which each count is below the answer at the lower end of its bin. For no mean in the bin is
+    the answer smaller.
+    """
     ahead = np.zeros_like(at)
     room = COUNTS - 3 - at % COUNTS
     for stride in (64, 32, 16, 8, 4, 2, 1):

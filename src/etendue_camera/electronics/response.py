@@ -21,7 +21,7 @@ def bent(charge: ArrayLike, bend: float, order: float, full: float) -> NDArray:
     Parameters
     ----------
     charge : (...) array, electrons
-        Of either sign; charge at or below 0 is returned unchanged.
+        Any sign; charge at or below 0 is returned unchanged.
     bend : float, dimensionless
         Relative loss at ``full``, at least 0 and below 1 / (order + 1), so that the response rises up to ``full``.
     order : float

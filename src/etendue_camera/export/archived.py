@@ -42,7 +42,7 @@ def export(
     Returns
     -------
     list of Path
-        The files; failed cells have none.
+        The files; failed cells have no picture.
 
     Raises
     ------

@@ -125,7 +125,7 @@ def _ratios(values: ArrayLike, limit: int = 10**8) -> tuple[int, ...]:
 
 
 def tags(frame: RawFrame) -> list[Tag]:
-    """Return the tags of the main directory, except those of the samples."""
+    """Return the tags of the main directory, without the tags that describe the samples."""
     rows, columns = frame.raw.shape
     found: list[Tag] = [
         (254, LONG, 0),  # the picture itself, no preview

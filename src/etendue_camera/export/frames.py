@@ -60,7 +60,7 @@ class StageGroup:
 
 @dataclass(frozen=True)
 class ArchivedFrame:
-    """One picture of one cell: where it is stored, and whether it is there."""
+    """One picture of one cell: its place in the archive, and whether it has been stored."""
 
     group: StageGroup
     variable: str
@@ -236,7 +236,7 @@ class Shelf:
         return None
 
     def key(self, frame: ArchivedFrame) -> str:
-        """Return the key of the cell, which identifies exactly what it was computed from."""
+        """Return the key of the cell, which identifies the recipe of the cell."""
         axes = _cell_axes(frame.group.data)
         labels = {dim: value for dim, value in frame.labels.items() if dim in axes}
         entry = self.stored.journal.entries.get(cell_label(frame.group.stage, labels))
@@ -330,7 +330,7 @@ def _place(frames: list[ArchivedFrame], name: str, text: str) -> tuple[str, list
 
 
 def _axes(frames: list[ArchivedFrame]) -> dict[str, str]:
-    """Return the parameter that each axis of some frames sets; for one that sets none, its own name."""
+    """Return the parameter that each axis of some frames sets; for a cell that sets no serial, its own name."""
     axes = {dim: key for frame in frames for dim, key in frame.group.parameters.items() if dim in frame.labels}
     return axes | {dim: dim for frame in frames for dim in frame.labels if dim not in axes}
 

@@ -165,7 +165,8 @@ def prepare(
         0: as the tolerance requires. Otherwise the number of eigen-PSFs in addition to the mean, or of nodes along the
         longer side of the window; the choice then states the resulting error.
     weights : {"source", "image"}
-        Use the kernel of the position the light comes from (flux exact), or of the one it falls on (uniformity exact).
+        Use the kernel of the position from which the light comes (conserves flux), or of the position on which it falls
+        (keeps uniform planes).
     light, centre
         As for ``Sampler``.
     lost : float, optional

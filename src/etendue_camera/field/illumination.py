@@ -106,8 +106,7 @@ def vignetting(
     if shadow < pupil_radius:
         raise ValueError(
             f"rim_radius is {rim_radius:g} mm, but the beam of an axial point is {pupil_radius / wider:g} mm in radius "
-            f"there: the rim "
-            "would be the aperture stop; widen it, or give the f-number that it allows"
+            f"there: the rim would be the aperture stop; increase rim_radius, or give the f-number that the rim allows"
         )
     return overlap_of_discs(pupil_radius, shadow, wider * rim_distance * np.asarray(tan_angle))
 

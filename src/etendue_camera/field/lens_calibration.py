@@ -57,7 +57,7 @@ class Lens:
     """One entry of a lens in the database. ``mounts``: its own mounts; ``fits``: mounts of all bodies that take the
     lens without an adapter.
 
-    ``crop_factor`` and ``aspect`` (long over short side) are those of the sensor of the calibration.
+    ``crop_factor`` and ``aspect`` (long over short side) describe the sensor of the calibration.
     """
 
     maker: str
@@ -102,10 +102,10 @@ class Lens:
 def chosen(entries: Sequence[Lens], crop_factor: float) -> Lens:
     """Return the entry for a sensor with this crop factor; 0 means that the crop factor is unknown.
 
-    Entries with the same name were calibrated on different sensors. They are ranked as in lensfun 0.3.4: the best one
-    was calibrated on a sensor slightly larger than the given one, and an entry does not cover a sensor more than 4 %
-    larger than its own. If no entry covers the sensor, or its crop factor is unknown, the entry of the largest sensor
-    is used.
+    Entries with the same name were calibrated on different sensors. They are ranked as in lensfun 0.3.4: the best entry
+    was calibrated on a sensor slightly larger than the given sensor, and an entry does not cover a sensor that is more
+    than 4 % larger than the sensor of its calibration. If no entry covers the sensor, or its crop factor is unknown,
+    the entry of the largest sensor is used.
     """
     require.that(len(entries) > 0, "a lens needs at least one entry")
     ranks = [next((score for least, score in RANKS if crop_factor / one.crop_factor >= least), 0) for one in entries]
@@ -118,9 +118,9 @@ def interpolated(points: Sequence[Point], focal: float, kind: str) -> Point | No
     """Return the terms at a focal length, interpolated by cubic Hermite curves and constant beyond the calibrated
     range.
 
-    Terms of distortion, and those of lateral colour except its scales, are multiplied by the focal length before
-    interpolation and divided by it afterwards. Points whose model differs from that of the first are ignored. Without
-    points the result is None.
+    Terms of distortion, and terms of lateral colour except its scales, are multiplied by the focal length before
+    interpolation and divided by it afterwards. Points whose model differs from the model of the first point are
+    ignored. Without points the result is None.
     """
     own = sorted((one for one in points if one.model == points[0].model), key=lambda one: one.focal)
     if not own:
@@ -133,8 +133,8 @@ def interpolated(points: Sequence[Point], focal: float, kind: str) -> Point | No
 
 
 def _between(own: Sequence[Point], above: int, focal: float, kind: str) -> Point:
-    """Return the terms at a focal length between two calibrations; ``above`` is the one with the longer focal
-    length.
+    """Return the terms at a focal length between two calibrations; ``above`` is the index of the point with the longer
+    focal length.
     """
     low, high = own[above - 1], own[above]
     four = (own[above - 2] if above >= 2 else None, low, high, own[above + 1] if above + 1 < len(own) else None)

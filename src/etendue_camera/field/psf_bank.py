@@ -289,7 +289,7 @@ def _axis(name: str, values: ArrayLike, lowest: float) -> FloatArray:
 
 
 def _cubic(nodes: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Return the weights (wanted, nodes) of piecewise cubics whose slopes are those of parabolas through three
+    """Return the weights (wanted, nodes) of piecewise cubics; their slopes are the slopes of parabolas through three
     neighbours.
     """
     count, steps = nodes.size, np.diff(nodes)

@@ -6,7 +6,7 @@ Out: heights (um), wavelengths (um), PSFs, spacings (um) and their source; or a 
 File formats
 ------------
 ``.npz``: arrays ``heights_um`` (K,), ``wavelengths_um`` (L,), ``psf`` (K, L, n, n) and ``spacing_um`` (() or (L,));
-text ``source`` if there is one.
+text ``source`` (optional).
 
 ``.csv``: for each height and wavelength a line ``height_um,<h>,wavelength_um,<w>,spacing_um,<s>``, followed by n lines
 of n numbers; the first line has the lowest y, and the first number the lowest x. Lines that start with ``#`` are

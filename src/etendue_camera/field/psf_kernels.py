@@ -45,8 +45,8 @@ class Sampler:
         frequency of the grid are removed, as for a transfer function, which may leave small negative values. ``cells``:
         the mean over a grid cell. A kernel is the light that falls into each cell, and never negative.
     centre : {"reference", "centroid"}
-        What lies on the image point: the reference sample of the PSF, so that its mean displacement moves the image; or
-        its centroid, where distortion already defines the position of the centroid.
+        The part of the PSF that is placed on the image point: its reference sample, so that its mean displacement moves
+        the image; or its centroid, where distortion already defines the position of the centroid.
     used : indices, optional
         Wavelengths of the bank to use; default all.
     error : float

@@ -123,7 +123,7 @@ class DistortionCurve:
         return (1 - share) * values[..., high - 1] + share * values[..., high]
 
     def percent(self, radius_um: Floats, wavelength_um: float) -> Floats:
-        """Return the distortion 100 (r' / r - 1) in per cent; on the axis, its limit there."""
+        """Return the distortion 100 (r' / r - 1) in per cent; on the axis, its limit."""
         radius = np.asarray(radius_um, dtype=float)
         safe = np.where(radius == 0, 1.0, radius)
         return 100.0 * (
@@ -363,7 +363,8 @@ def edge_error(order: int, softness: float, oversampling: int = 1) -> float:
 def missing_um(
     y_um: tuple[float, float], x_um: tuple[float, float], distortion: DistortionCurve, wavelength_um: float
 ) -> float:
-    """Return how far the distorted frame extends beyond the rendered light, um; 0 where all of it is available.
+    """Return the distance by which the distorted frame extends beyond the rendered light, um; 0 if the whole
+    surrounding is available.
 
     ``y_um`` and ``x_um`` are the first and last positions of the frame. Evaluated along its border.
     """

@@ -67,7 +67,7 @@ def matlab(path: Path, variable: str) -> Cube:
 
 
 def chosen(arrays: Mapping[str, Array], variable: str, path: str) -> Cube:
-    """Return the named array, or the one with three axes.
+    """Return the named array, or the only array with three axes.
 
     Raises
     ------
@@ -107,8 +107,8 @@ def _datasets(file: Any, h5py: Any) -> Document:
         if one.dtype.kind in "fiu":
             if one.is_virtual or one.external:
                 raise RequestError(
-                    f"{file.filename}: the data of {name} are in other files; copy them into this one with h5repack or "
-                    f"h5py"
+                    f"{file.filename}: the data of {name} are in other files; copy them into this file with "
+                    "h5repack or h5py"
                 )
             size, stored = size + one.size * one.dtype.itemsize, stored + one.id.get_storage_size()
             plain_files.refuse_unfolding(size, stored, name)

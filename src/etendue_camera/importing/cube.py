@@ -1,4 +1,4 @@
-"""A spectral cube: values, wavelengths, level. The user states those that the file does not contain.
+"""A spectral cube: values, wavelengths, level. The user states the facts that the file does not contain.
 
 In:  a file, its format by extension; command-line options.
 Out: a ``Cube`` that is valid light: wavelengths ascend, values are finite and not negative.

@@ -34,7 +34,7 @@ class Said:
 
 
 def light_of(file: Path, said: Said) -> tuple[Cube, str]:
-    """Return the content of a file as light, and its unit: ``RADIANCE``, or that of a reflectance.
+    """Return the content of a file as light, and its unit: ``RADIANCE``, or the unit of a reflectance.
 
     Raises
     ------

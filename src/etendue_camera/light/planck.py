@@ -48,7 +48,7 @@ def planck_photon_radiance(wavelength_um: Floats, temperature: Floats) -> Floats
 
 
 def planck_ratio(wavelength_um: Floats, temperature: Floats, reference_um: float) -> Floats:
-    """Return the black-body spectral energy radiance relative to that at a reference wavelength.
+    """Return the black-body spectral energy radiance relative to its value at a reference wavelength.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ period.
 For each place in the period and each channel not measured there, the samples around it get non-negative weights that
 reproduce every plane a + b y + c x. They come from the smallest square of neighbours that has such weights, with the
 smallest sum of (weight x squared distance)^2. On a Bayer array these are the means of two and four neighbours: the
-result equals that of `bilinear.bilinear`, at the border too.
+result equals the result of `bilinear.bilinear`, also at the border.
 """
 
 from __future__ import annotations
@@ -109,10 +109,10 @@ def linear(mosaic: NDArray, mask: Mask, first_row: int = 0, first_column: int = 
 
     Notes
     -----
-    Exact for constant planes everywhere, and for linear ones farther from the border than the weights reach (one pixel
-    for Bayer, two for quad-Bayer and X-Trans, three for RGBW). Beyond the border the mosaic is continued by whole
+    Exact for constant planes everywhere, and for linear planes farther from the border than the weights extend (one
+    pixel for Bayer, two for quad-Bayer and X-Trans, three for RGBW). Beyond the border the mosaic is continued by whole
     periods (`cfa.continued`). A frame shorter than the period uses the nearest sample instead, and for a channel that
-    it does not contain the mean of the others.
+    it does not contain the mean of the other channels.
     """
     mosaic = np.asarray(mosaic)
     if mosaic.ndim != 2 or mosaic.size == 0:
@@ -143,8 +143,8 @@ def linear(mosaic: NDArray, mask: Mask, first_row: int = 0, first_column: int = 
 
 
 def reach_of(mask: Mask) -> int:
-    """Return how many rows away the weights take samples, but at least a period: a frame of fewer rows is interpolated
-    by another method.
+    """Return the largest distance in rows of a sample with a weight, but at least a period: a frame of fewer rows is
+    interpolated by another method.
     """
     return max(_farthest(_all_taps(mask)), mask.period[0])
 

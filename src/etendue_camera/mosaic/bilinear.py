@@ -44,8 +44,8 @@ def nearest(mosaic: NDArray, pattern: str, row: int = 0, column: int = 0) -> NDA
     Returns
     -------
     (3, y, x) array, unit and dtype of mosaic
-        Of the two greens in a cell, the one in the pixel's own row. Cells start at even rows and columns of the sensor;
-        incomplete cells at a border are completed by mirroring.
+        Of the two greens in a cell, use the green sample in the row of the pixel. Cells start at even rows and columns
+        of the sensor; incomplete cells at a border are completed by mirroring.
 
     Raises
     ------
@@ -81,12 +81,12 @@ def nearest(mosaic: NDArray, pattern: str, row: int = 0, column: int = 0) -> NDA
 def bilinear(mosaic: NDArray, pattern: str) -> NDArray:
     """Interpolate missing colours as the mean of their two or four nearest samples.
 
-    Arguments, result and errors are those of every method (see `frame`).
+    Arguments, result and errors are the same as for every method (see `frame`).
 
     Notes
     -----
-    Exact for constant planes everywhere, and for linear ones inside the border. Mirroring or transposing the scene
-    does the same to the result, bit for bit. Rounding: 3 operations.
+    Exact for constant planes everywhere, and for linear planes inside the border. If the scene is mirrored or
+    transposed, the result is mirrored or transposed bit for bit. Rounding: 3 operations.
 
     Examples
     --------
@@ -125,8 +125,8 @@ def bilinear(mosaic: NDArray, pattern: str) -> NDArray:
 def colour_difference(mosaic: NDArray, pattern: str) -> NDArray:
     """Interpolate green bilinearly, then red and blue by G - R and G - B, which vary less than R and B.
 
-    Arguments, result and errors are those of every method (see `frame`). Results may leave the range of the mosaic;
-    negative values are kept.
+    Arguments, result and errors are the same as for every method (see `frame`). Results may leave the range of the
+    mosaic; negative values are kept.
 
     Notes
     -----

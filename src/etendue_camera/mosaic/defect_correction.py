@@ -51,7 +51,7 @@ def outliers(
     threshold : float
         In sigma of a pixel's noise, at or above 0.
     contrast : float
-        How far the neighbours' range is widened on either side to allow for texture, in widths of the range; at or
+        Extension of the neighbours' range on either side to allow for texture, in widths of the range; at or
         above 0.
     first_row, first_column : int
         Position of the mosaic's first pixel on the sensor.
@@ -150,7 +150,7 @@ def _plausible(
 def replaced(
     mosaic: FloatArray, defective: NDArray, mask: cfa.Mask, first_row: int = 0, first_column: int = 0
 ) -> tuple[FloatArray, int]:
-    """Replace defective pixels of a mosaic by interpolation from good ones of the same colour.
+    """Replace defective pixels of a mosaic by interpolation from good pixels of the same colour.
 
     Parameters
     ----------
@@ -179,8 +179,9 @@ def replaced(
     weight 1/(l (c + c' + e))^2, where l is the length, c the change between the ends, c' the change between the two
     pixels next to the defect if these have one colour (else c again), and e a hundredth of the level. Values are thus
     interpolated along edges rather than across them. A mean of straight lines is exact on linear ramps, for every
-    array. Where no line is left (corners, clusters), the median of the nearest sound pixels is used. A defect never
-    contributes to another's repair. The error on photographs is 13 % below that of the median of the 8 neighbours.
+    array. Where no line is left (corners, clusters), the median of the nearest sound pixels is used. A defective pixel
+    never contributes to the correction of another pixel. On photographs, the error is 13 % smaller than for the median
+    of the 8 neighbours.
     """
     mosaic, defective = _frame(mosaic), np.asarray(defective)
     require.that(
@@ -207,7 +208,9 @@ def replaced(
 def _along_lines(
     mosaic: FloatArray, defective: NDArray, mask: cfa.Mask, place: tuple[int, int], rows: NDArray, columns: NDArray
 ) -> tuple[FloatArray, NDArray]:
-    """Return the weighted mean over the lines through the pixels of one phase, and where there was any line."""
+    """Return the weighted mean over the lines through the pixels of one phase, and a mask of the pixels with at least
+    one line.
+    """
     ends, changes, lengths = [], [], []
     for dy, dx, ahead, behind in lines(mask, *place):
         one, sound_one = _taken(mosaic, defective, rows + ahead * dy, columns + ahead * dx)
@@ -233,7 +236,9 @@ def _along_lines(
 def _middle(
     mosaic: FloatArray, defective: NDArray, rows: NDArray, columns: NDArray, offsets: NDArray
 ) -> tuple[FloatArray, NDArray]:
-    """Return the median of the nearest sound pixels at offsets from places, and where there was any."""
+    """Return the median of the nearest sound pixels at offsets from places, and a mask of the places with at least one
+    sound pixel.
+    """
     values, sound = _taken(mosaic, defective, rows[:, None] + offsets[:, 0], columns[:, None] + offsets[:, 1])
     near = sound & (np.cumsum(sound, axis=1) <= NEIGHBOURS)
     count = near.sum(axis=1)
@@ -272,7 +277,7 @@ def neighbours(mask: cfa.Mask, row: int, column: int, shape: tuple[int, int], co
     row, column : int
         Place in the mask's period.
     shape : (int, int)
-        Shape of the frame: offsets that no pixel in it can have are left out.
+        Shape of the frame: offsets that are too large for the frame are omitted.
     count : int
         Maximum number.
     """

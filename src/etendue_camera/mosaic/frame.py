@@ -42,7 +42,9 @@ def checked(mosaic: NDArray, pattern: str) -> NDArray:
 
 
 def mirrored(mosaic: NDArray, reach: int) -> NDArray:
-    """Return the frame with `reach` more samples per side, mirrored about the outermost ones; for 2 x 2 and larger."""
+    """Return the frame with `reach` more samples per side, mirrored about the outermost samples; for 2 x 2
+    and larger.
+    """
     rows, columns = mosaic.shape
     framed = np.empty((rows + 2 * reach, columns + 2 * reach), mosaic.dtype)
     framed[reach:-reach, reach:-reach] = mosaic
@@ -154,8 +156,8 @@ def one_line(mosaic: NDArray, pattern: str, method: Callable[[NDArray, int], NDA
     """Demosaic a frame of one row or one column, which contains two colours, or one if it is a single pixel.
 
     It is interpolated along its length only; a colour it does not contain is the mean of those it does. `method` gets
-    the line and the offset of its green samples, and returns the colour of the even samples and that of the odd ones,
-    each at all positions.
+    the line and the offset of its green samples, and returns the colour of the even samples and the colour of the odd
+    samples, each at all positions.
     """
     places = {place: COLOURS.index(c) for c, sites in phase(pattern).items() for place in sites}
     along = [places[0, 0], places[(0, 1) if mosaic.shape[0] == 1 else (1, 0)]]

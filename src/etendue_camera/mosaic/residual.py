@@ -25,7 +25,7 @@ the colours differ in their detail.
 
 *Mixed* (ours): sharp + (smooth - sharp) / (1 + 1e5 s^4 d). Here s is the fraction of the change of the smooth
 estimator's D that survives smoothing along the line (noise does not, coloured edges do), and d is the energy of
-smooth - sharp relative to that of the mosaic's own changes. Both are ratios of sums over 9 x 9 pixels.
+smooth - sharp relative to the energy of the mosaic's own changes. Both are ratios of sums over 9 x 9 pixels.
 
 Red and blue: a is the slope of the colour on green over the 9 x 9 pixels around each of its samples, limited to 0 to 2
 and pulled towards 1 where there is little detail. The colour is a green + the interpolated (sample - a green).
@@ -74,21 +74,21 @@ TINY = 1e-30  # of the squared peak: keeps ratios finite where everything is bla
 def residual(mosaic: NDArray, pattern: str) -> NDArray:
     """Estimate green by two estimators along rows and columns, mixed by local statistics; red and blue by local slopes.
 
-    Arguments, result and errors are those of every method (see `frame`). Results may leave the range of the mosaic;
-    negative values are kept.
+    Arguments, result and errors are the same as for every method (see `frame`). Results may leave the range of the
+    mosaic; negative values are kept.
 
     Notes
     -----
     Mean CPSNR by `benchmarks/demosaic.py`: 41.2 dB on Kodak and 36.4 dB on McMaster pictures. Channels should be
     white-balanced: otherwise the method cannot recognise detail that the colours share.
 
-    Constant planes are exact to rounding, linear ones (each with its own slopes) to 1e-7 inside the border; grey detail
-    near the sampling limit does not stay grey. Inside a dark neutral corner, colours err by 0.001 of the adjacent white
-    five pixels from the edge, and by 0.0045 four pixels from it. Next to isolated samples on black, results reach 4
-    times their height. Scaling by powers of two, mirroring, shifting the window by any number of pixels, changing the
-    sign, and swapping red with blue change the result accordingly, bit for bit; transposing does up to rounding. Single
-    precision is within 2e-6 of full scale on photographs, 1e-5 on the worst artificial mosaics of the tests. Frames of
-    one line, which have no second direction, use `bilinear.colour_difference`.
+    Constant planes are exact to rounding, linear planes (each with its own slopes) to 1e-7 inside the border; grey
+    detail near the sampling limit does not stay grey. Inside a dark neutral corner, colours err by 0.001 of the
+    adjacent white five pixels from the edge, and by 0.0045 four pixels from it. Next to isolated samples on black,
+    results reach 4 times their height. Scaling by powers of two, mirroring, shifting the window by any number of
+    pixels, changing the sign, and swapping red with blue change the result accordingly, bit for bit; transposing does
+    up to rounding. Single precision is within 2e-6 of full scale on photographs, 1e-5 on the worst artificial mosaics
+    of the tests. Frames of one line, which have no second direction, use `bilinear.colour_difference`.
     """
     mosaic = checked(mosaic, pattern)
     if 1 in mosaic.shape:

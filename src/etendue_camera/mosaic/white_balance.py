@@ -44,7 +44,7 @@ def cell_means(
     Returns
     -------
     means : (channel, n) array of float64
-        Of the n remaining cells; n may be 0.
+        Mean signals of the n remaining cells; n may be 0.
     cells : int
         Number of all cells. Rows and columns beyond the last whole cell are ignored.
 
@@ -80,8 +80,8 @@ def cell_means(
         here = index == number
         if not here.any():
             raise ValueError(
-                f"a frame of {mosaic.shape[0]} x {mosaic.shape[1]} pixels has none of channel {channel}: no white can "
-                f"be seen in it"
+                f"a frame of {mosaic.shape[0]} x {mosaic.shape[1]} pixels has no pixels of channel {channel}: "
+                "white cannot be estimated from it"
             )
         means[number] = np.einsum("iajb,ab->ij", blocks, here / here.sum(), dtype=np.float64, casting="same_kind")
     usable = (blocks.max(axis=(1, 3)) < ceiling) & (blocks.mean(axis=(1, 3), dtype=np.float64) >= lowest)
@@ -195,7 +195,7 @@ def lifted(responses: ArrayLike, floor: float) -> tuple[FloatArray, int]:
     responses : (n,) array
         Responses of cones or of a camera's channels.
     floor : float
-        Fraction of the largest response to which weaker ones are raised, at least 0 and below 1; 0 raises none.
+        Fraction of the largest response to which weaker ones are raised, at least 0 and below 1; 0 raises no channel.
 
     Returns
     -------
@@ -307,7 +307,7 @@ def balanced(
     Raises
     ------
     ValueError
-        If the number of gains differs from that of the channels, or the mosaic has fewer than two dims.
+        If the numbers of gains and channels differ, or the mosaic has fewer than two dims.
     """
     mosaic, gains = np.asarray(mosaic), np.asarray(gains, np.float64)
     require.that(

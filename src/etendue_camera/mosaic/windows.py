@@ -18,18 +18,20 @@ Sum = Callable[[NDArray, int, int], NDArray]
 
 
 def moved(values: NDArray, axis: int, by: int, reach: int) -> NDArray:
-    """Return a view of the samples `by` further on, for all positions at least `reach` from both ends."""
+    """Return a view of the samples that are `by` positions further on, for all positions at least `reach` from both
+    ends.
+    """
     start, stop = reach + by, values.shape[axis] - reach + by
     return values[start:stop] if axis == 0 else values[:, start:stop]
 
 
 def pair(values: NDArray, axis: int, step: int = 1) -> NDArray:
-    """Return the sum of the neighbours `step` before and after."""
+    """Return, for every sample, the sum of the samples `step` positions before and after it."""
     return moved(values, axis, -step, step) + moved(values, axis, step, step)
 
 
 def slope(values: NDArray, axis: int) -> NDArray:
-    """Return the next sample minus the one before: twice the derivative."""
+    """Return the next sample minus the previous sample: twice the derivative."""
     return moved(values, axis, 1, 1) - moved(values, axis, -1, 1)
 
 

@@ -2,10 +2,10 @@
 
 In:  radius (um) or radial spatial frequency (cycles/um), wavelength (um), working f-number of the full circle,
      obstruction.
-Out: transfer function; without an obstruction exactly that of the circle.
+Out: transfer function; without an obstruction it equals the transfer function of the circle exactly.
 Sources: O'Neill, Transfer function for an annular aperture, Journal of the Optical Society of America 46 (1956), 285.
 
-The obstruction eps is the diameter of the dark disc over that of the aperture. The f-number is that of the whole
+The obstruction eps is the diameter of the dark disc over the diameter of the aperture. The f-number refers to the whole
 circle: the fraction eps^2 of light blocked by the disc belongs to the transmittance or the T-number.
 """
 
@@ -45,9 +45,9 @@ def annular_otf(frequency: Floats, wavelength: Floats, f_number: Floats, obstruc
 
     Notes
     -----
-    Source: O'Neill 1956, as areas over pi (1 - eps^2): the overlap of the shifted annulus with itself is that of circle
-    on circle, plus hole on hole, minus twice circle on hole. The last area is bounded by two arcs and computed from
-    half angles, which stay accurate where the circles touch.
+    Source: O'Neill 1956, as areas over pi (1 - eps^2): the overlap of the shifted annulus with itself is the overlap of
+    circle and circle, plus hole and hole, minus twice circle and hole. The last area is bounded by two arcs and
+    computed from half angles, which stay accurate where the circles touch.
     Error: 1e-15/(1 - eps^2) absolute in float64, from the difference of the areas; 1e-7/(1 - eps^2) in float32, which
     is computed in float64 internally.
     """

@@ -231,7 +231,7 @@ def pixel_airy(row: Floats, column: Floats, pitch: float, wavelength: float, f_n
 
 
 def two_point_saddle(separation: Floats) -> tuple[Floats, Floats]:
-    """Return the depth of the dip between two equal incoherent Airy spots, and where their peaks lie.
+    """Return the depth of the dip between two equal incoherent Airy spots, and the positions of their peaks.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def two_point_saddle(separation: Floats) -> tuple[Floats, Floats]:
     Returns
     -------
     ratio : (...) array, 1
-        Brightness midway between the spots over that of a peak; exactly 1 where they have merged.
+        Brightness midway between the spots over the brightness of a peak; exactly 1 where they have merged.
     offset : (...) array, lambda/NA
         Distance of a peak from the midpoint; exactly 0 where they have merged.
 

@@ -88,13 +88,13 @@ def effective_magnification(magnification: float, focal_length_mm: float, focus_
         magnification == 0 or not abs(magnification - found) > AGREEMENT * abs(found),
         f"magnification is {magnification:g}, but a focus_distance of {focus_distance_mm:g} mm with f = "
         f"{focal_length_mm:g} mm gives "
-        f"{found:.9g}; give one of them and leave the other at its default",
+        f"{found:.9g}; give only one of them",
     )
     return found
 
 
 def defocus_mm(focal_length_mm: Floats, focus_distance_mm: Floats, object_distance_mm: Floats) -> Floats:
-    """Return how far behind the sensor the image of an object lies when the lens is focused at another distance.
+    """Return the distance of an object's image behind the sensor, mm, if the lens is focused at another distance.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def defocus_mm(focal_length_mm: Floats, focus_distance_mm: Floats, object_distan
     Returns
     -------
     broadcast array, mm
-        s'(object) - s'(focus): positive for objects nearer than the focus, negative for farther ones, and exactly 0
+        s'(object) - s'(focus): positive for objects nearer than the focus, negative for farther objects, and exactly 0
         where the distances are equal or both infinite.
 
     Raises
@@ -240,7 +240,9 @@ def depth_of_field(
 
 
 def _distance_of_shift(focal: float, focus: float, shift: float) -> float:
-    """Return the distance of the object whose image lies ``shift`` behind the sensor; inf where there is none."""
+    """Return the distance of the object whose image lies ``shift`` behind the sensor; inf if there is no such
+    distance.
+    """
     scaled = shift / focal / focal
     denominator = (0.0 if np.isinf(focus) else 1.0 / (focus - focal)) + scaled
     return focal + 1.0 / denominator if denominator > 0 else float("inf")

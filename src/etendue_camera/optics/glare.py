@@ -6,7 +6,7 @@ Sources: Hankel transform of (1 + (r/r0)^2)^(-p/2) (Gradshteyn and Ryzhik 6.565.
 
 Glare has two parts. A tail, from scatter by surfaces and dust, spreads light around every point and decreases with
 distance. A veil, from multiple reflections between surfaces, spreads light uniformly over the frame. Both conserve
-light: what a point loses, its surroundings receive.
+light: the light that a point loses is added to its surroundings.
 """
 
 from math import gamma

@@ -77,7 +77,7 @@ def pupil_psf(
         f"amplitude has shape {amplitude.shape}; it must be square",
     )
     if path is not None and path.shape != amplitude.shape:
-        raise ValueError(f"path has shape {path.shape}; it must be that of amplitude, {amplitude.shape}")
+        raise ValueError(f"path has shape {path.shape}; it must equal the shape of amplitude, {amplitude.shape}")
     samples = amplitude.shape[0]
     farthest = max(np.abs(np.asarray(y)).max(initial=0.0), np.abs(np.asarray(x)).max(initial=0.0))
     if not farthest <= 0.25 * scale * samples / reach:
@@ -109,8 +109,8 @@ def pupil_lattice(amplitude: FloatArray, path: FloatArray, wavelength: float) ->
     Returns
     -------
     (2n + 5, 2n + 5) complex array, 1
-        Transfer function with aberrations minus that without. Zero shift is in the middle, where the value is exactly
-        0. The outermost three rows and columns lie at or beyond the cut-off and are 0.
+        Transfer function with aberrations minus the transfer function without aberrations. Zero shift is in the middle,
+        where the value is exactly 0. The outermost three rows and columns lie at or beyond the cut-off and are 0.
 
     Raises
     ------

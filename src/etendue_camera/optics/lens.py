@@ -97,11 +97,11 @@ def radial_psf_otf(frequency: Floats, radius: FloatArray, psf: FloatArray) -> Fl
 
     Notes
     -----
-    Source: Hankel transform of order zero, the integral of psf J0(2 pi f r) r dr over that of psf r dr. The number of
-    Gauss points per piece of the table grows with the phase. Many frequencies (a grid) are interpolated from a
-    Chebyshev series in f, which converges to rounding because the table has a finite extent.
-    Error: below 3e-15 absolute for the piecewise linear function, for up to 100 cycles over the table. The table itself
-    deviates from the true function by up to its spacing squared times the second derivative, over 8.
+    Source: Hankel transform of order zero, the integral of psf J0(2 pi f r) r dr over the integral of psf r dr. The
+    number of Gauss points per piece of the table grows with the phase. Many frequencies (a grid) are interpolated from
+    a Chebyshev series in f, which converges to rounding because the table has a finite extent. Error: below 3e-15
+    absolute for the piecewise linear function, for up to 100 cycles over the table. The table itself deviates from the
+    true function by up to its spacing squared times the second derivative, over 8.
     """
     frequency = np.asarray(frequency)
     if not np.issubdtype(frequency.dtype, np.floating):

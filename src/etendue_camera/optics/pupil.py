@@ -38,7 +38,7 @@ class Aperture:
     rotation : float, rad
         Rotation of the polygon from +x towards +y; at 0 a corner lies on +x.
     rounding : float, 1
-        Curvature of the blades: 0 is straight, 1 is that of the circle through the corners.
+        Curvature of the blades: 0 is straight, 1 is the curvature of the circle through the corners.
 
     Raises
     ------

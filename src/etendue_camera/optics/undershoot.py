@@ -29,7 +29,7 @@ cut-off.
 
 @lru_cache(maxsize=4096)
 def undershoot(ratio: float) -> tuple[float, float]:
-    """Return how far samples of light behind a perfect circular lens can fall below zero.
+    """Return the largest undershoot below zero of samples of light behind a perfect circular lens.
 
     Parameters
     ----------

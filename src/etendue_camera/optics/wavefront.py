@@ -118,7 +118,7 @@ class Seidel:
         """Return the optical path (um) at pupil coordinates y, x for an image point at heights relative to the full
         height.
 
-        W311 is omitted because it only moves the image; `tilt` returns by how much.
+        W311 is omitted because it only moves the image; `tilt` returns this shift.
 
         Notes
         -----

@@ -1,5 +1,5 @@
 """Picture quality: against a reference, and to an observer.
 
-In:  a picture and what it should be.
+In:  a picture and its reference.
 Out: PSNR, SSIM, S-CIELAB, visible noise, artefacts.
 """

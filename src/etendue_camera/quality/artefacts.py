@@ -1,7 +1,7 @@
 """Demosaicing artefacts: zipper edges and false colour.
 
 In:  L*a*b* (3, y, x) of a picture and its reference on the same pixels (`difference.lab`), or L* alone (y, x).
-Out: share of pixels; mean chroma error where there is detail.
+Out: share of pixels; mean chroma error in areas with detail.
 Sources: Lu and Tan 2003 (zipper effect); the false-colour measure is defined here.
 """
 

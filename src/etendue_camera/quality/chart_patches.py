@@ -47,7 +47,7 @@ def homography(corners: ArrayLike) -> FloatArray:
 
 
 def turning(corners: ArrayLike) -> tuple[int, int]:
-    """Return how many of the four corners turn clockwise on screen (y down), and how many the other way; (4, 0) means
+    """Return the numbers of corners that turn clockwise and anticlockwise on screen (y down); (4, 0) means
     that they are in order.
     """
     points = np.asarray(corners, np.float64)
@@ -90,8 +90,8 @@ def chart_patches(
 
     Notes
     -----
-    A pixel belongs to a patch if its centre lies in the central half of the patch. The covariance of the mean is that
-    of the means of 4 x 4 parts, divided by their number; neighbouring pixels may therefore be correlated.
+    A pixel belongs to a patch if its centre lies in the central half of the patch. The covariance of the mean is the
+    covariance of the means of 4 x 4 parts, divided by their number; neighbouring pixels may therefore be correlated.
     """
     planes, mask = np.asarray(picture, np.float64), np.asarray(clipped, bool)
     turn = homography(corners)
@@ -159,7 +159,7 @@ def colour_errors(
     rng: int = 0,
     draws: int = DRAWS,
 ) -> ColourErrors:
-    """Return the CIEDE2000 difference of every patch, and how far noise could move it.
+    """Return the CIEDE2000 difference of every patch, and its possible change by noise.
 
     Parameters
     ----------
@@ -175,9 +175,9 @@ def colour_errors(
     Returns
     -------
     ColourErrors
-        The true difference of a patch lies within ``reach`` of the measured one. A fraction ``confidence`` of the draws
-        around the measured colour is closer to it than ``reach``. The interval is wider than necessary, but valid even
-        where the difference is 0. The same holds for the mean and the largest difference over the patches.
+        The true difference of a patch is within ``reach`` of the measured difference. A fraction ``confidence`` of the
+        draws around the measured colour is closer to it than ``reach``. The interval is wider than necessary, but valid
+        even where the difference is 0. The same holds for the mean and the largest difference over the patches.
     """
     goal = np.asarray(reference, np.float64)
     found = lab_of(patches.mean.T)

@@ -87,8 +87,8 @@ def ssim_map(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> NDA
     Notes
     -----
     Source: Wang et al. 2004 eq. 13 with its window (11 x 11, Gaussian of 1.5 pixels, weights summing to 1) and
-    K1 = 0.01, K2 = 0.03; variances are those of the weighted window, not sample variances. Error: below 1e-12 against
-    sums over each window (float64), due to cancellation in E[x^2] - E[x]^2.
+    K1 = 0.01, K2 = 0.03; variances are population variances of the weighted window, not sample variances. Error: below
+    1e-12 against sums over each window (float64), due to cancellation in E[x^2] - E[x]^2.
     """
     picture, reference = _pair(picture, reference)
     require.that(

@@ -44,7 +44,7 @@ def patch_noise(
     plane : (y, x) array
         At least 16 x 16.
     sites : (y, x) array of bool or None
-        The pixels to use, such as those of one colour of a mosaic; None: all.
+        The pixels to use, such as all pixels of one colour of a mosaic; None: all.
     confidence : float
         Between 0 and 1.
     unit : str
@@ -78,7 +78,7 @@ def patch_noise(
     each = left_out(used.astype(float))
     require.that(
         not (each[0] - each[1:]).min() < LEAST,
-        f"the patch has fewer than {LEAST} pixels of one colour in some of its 8 x 8 blocks: use a larger one",
+        f"the patch has fewer than {LEAST} pixels of one colour in some of its 8 x 8 blocks: use a larger patch",
     )
     y, x = (np.linspace(-0.5, 0.5, n) for n in values.shape)
     design = np.stack(

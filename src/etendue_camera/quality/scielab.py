@@ -2,7 +2,7 @@
 
 In:  XYZ of a picture and its reference (3, y, x), XYZ of white, samples per degree of visual angle.
 Out: XYZ after the blur of the eye; colour difference of every pixel.
-Sources: Zhang and Wandell 1996 (SID Digest 27) and 1998; the opponent axes are those of Poirson and Wandell 1993.
+Sources: Zhang and Wandell 1996 (SID Digest 27) and 1998; the opponent axes are taken from Poirson and Wandell 1993.
 """
 
 from types import MappingProxyType

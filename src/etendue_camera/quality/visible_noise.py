@@ -2,7 +2,8 @@
 
 In:  XYZ of a patch (3, y, x), XYZ of white, samples per degree of visual angle.
 Out: one value, in units of CIELUV lightness, and the three standard deviations it combines.
-Sources: Kleinmann and Wueller 2007 and ISO 15739:2013 for the formula and the weights; the eye is that of S-CIELAB.
+Sources: Kleinmann and Wueller 2007 and ISO 15739:2013 for the formula and the weights; the blur of the eye is taken
+from S-CIELAB.
 """
 
 from typing import NamedTuple
@@ -50,10 +51,10 @@ def visible_noise(xyz: ArrayLike, white_xyz: ArrayLike, samples_per_degree: floa
     Notes
     -----
     Source: Kleinmann and Wueller 2007, "Investigation of two methods to quantify noise in digital images based on the
-    perception of the human eye" (weights 1, 0.852, 0.323; also in ISO 15739:2013). Departures: the blur is that of
-    S-CIELAB (1 at zero frequency), where the standard has band-pass curves of up to 3, which weight noise of 2-8
-    cycles/degree up to threefold. Values therefore differ from those of a test laboratory, but rank cameras alike.
-    Border: mirrored.
+    perception of the human eye" (weights 1, 0.852, 0.323; also in ISO 15739:2013). Departures: the blur is taken from
+    S-CIELAB (1 at zero frequency); the standard instead has band-pass curves of up to 3, which weight noise of 2-8
+    cycles/degree up to threefold. Values therefore differ from the values of a test laboratory, but rank cameras in the
+    same order. Border: mirrored.
     """
     planes = np.asarray(xyz, np.float64)
     luv = cieluv(scielab.seen(planes, samples_per_degree), white_xyz)
@@ -85,7 +86,7 @@ def cieluv(xyz: ArrayLike, white_xyz: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Source: CIE 15:2018 eqs. 8.29-8.33. L* is that of `difference.lab`.
+    Source: CIE 15:2018 eqs. 8.29-8.33. L* is computed by `difference.lab`.
     """
     lightness = lab(xyz, white_xyz)[0]
     planes = np.asarray(xyz, lightness.dtype)

@@ -192,12 +192,13 @@ class ContrastCurve:
         return float(self._splines[1].integral(self.grid[0], self.grid[-1]))
 
     def crossings(self, cut_off: float = CUT_OFF, response: Response | None = None) -> tuple[float, float, float]:
-        """Return MTF50, MTF10 and the highest frequency with contrast ``cut_off``, cycles/um; NaN where there is none.
+        """Return MTF50, MTF10 and the highest frequency with contrast ``cut_off``, cycles/um; NaN if there is no
+        crossing.
 
         Parameters
         ----------
         cut_off : float
-            Contrast that counts as none, between 0 and 1.
+            Contrast below which detail counts as not resolved, between 0 and 1.
         response : callable or None
             Contrast at frequencies (n,), on which crossings are solved as in `falls_below`; None: on the spline between
             the nodes, with its error.

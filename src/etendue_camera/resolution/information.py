@@ -52,8 +52,8 @@ def nyquist_square(nodes: int = 48) -> Square:
     Notes
     -----
     With 48 nodes, the relative error of the capacity is below 1e-8 for Gaussian and square pixels, and 5e-5 where a
-    diffraction cut-off lies inside the square. That of SNRi is 2e-4 for spots up to 12 pixels wide (``python
-    benchmarks/information.py --frames 0``).
+    diffraction cut-off lies inside the square. The relative error of SNRi is 2e-4 for spots up to 12 pixels wide
+    (``python benchmarks/information.py --frames 0``).
     """
     require.only(nodes >= 2, "nodes", nodes, "at least 2")
     x, wx = np.polynomial.legendre.leggauss(nodes)

@@ -58,7 +58,7 @@ def carried_signal(answers: ArrayLike, signal: ArrayLike) -> ComplexArray:
     """Return the response (channel, m, n) to fine detail of relative contrast 1 after the chain, from `spectra`.
 
     ``signal`` is (place, m, n): the mean of the pixels at each place of the cell times the preceding transfer function.
-    What the mosaic converts to other frequencies (aliases, colour fringes) is not included.
+    Power that the mosaic moves to other frequencies (aliases, colour fringes) is not included.
     """
     return np.asarray(np.einsum("pmn,pcmn->cmn", np.asarray(signal), np.asarray(answers)) / len(np.asarray(answers)))
 

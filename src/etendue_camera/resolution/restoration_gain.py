@@ -46,7 +46,7 @@ def response_noise_gain(response: ArrayLike, spectrum: ArrayLike | None = None) 
     spectrum = np.asarray(spectrum, dtype=float)
     require.that(
         spectrum.shape == power.shape,
-        f"spectrum has shape {spectrum.shape}; it must be that of the response, {power.shape}",
+        f"spectrum has shape {spectrum.shape}; it must equal the shape of the response, {power.shape}",
     )
     require.that(
         np.all(spectrum >= 0) and spectrum.sum() > 0,
@@ -78,7 +78,8 @@ def mtf50_gain(
 
     Notes
     -----
-    Contrast is relative to that at zero frequency, before and after. See `resolution.mtf50` for the search.
+    Contrast is relative to the contrast at zero frequency, before and after the filter. See `resolution.mtf50` for the
+    search.
     """
     start = abs(complex(np.asarray(system(np.zeros(1)))[0])), abs(complex(np.asarray(response(np.zeros(1)))[0]))
 

@@ -77,15 +77,15 @@ def star_response(
         y and x of its centre from the first pixel; None: the middle of the picture. Must be accurate to about a quarter
         of a cycle at the innermost ring with contrast.
     refine : bool
-        Whether the centre is refined from there.
+        Whether the given centre is refined.
     contrast : float or None
         Modulation of the star, (light - dark)/(light + dark), above 0 and at most 1. None: the limit of the outer rings
         towards frequency 0, by a parabola through their logarithms.
     highest : float, cycles/pixel
         Frequency of the innermost ring, up to 1.
     sites : (y, x) array of bool or None
-        The pixels to use, such as those of one colour of a mosaic; None: all. Frequencies stay in cycles per pixel of
-        the picture.
+        The pixels to use, such as all pixels of one colour of a mosaic; None: all. Frequencies stay in cycles per pixel
+        of the picture.
 
     Returns
     -------

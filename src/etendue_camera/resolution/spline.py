@@ -79,8 +79,8 @@ def through(places: FloatArray, values: FloatArray) -> tuple[Spline, ...]:
 
 
 def _rise(places: FloatArray, h: FloatArray, slope: FloatArray) -> FloatArray:
-    """Return the first derivatives at all places, (n, curves). The equations of both ends are substituted into those of
-    their neighbours, which keeps the matrix diagonally dominant.
+    """Return the first derivatives at all places, (n, curves). The equations of both ends are substituted into the
+    neighbouring equations, which keeps the matrix diagonally dominant.
     """
     first, last = places[2] - places[0], places[-1] - places[-3]
     before = ((h[0] + 2 * first) * h[1] * slope[0] + h[0] ** 2 * slope[1]) / first

@@ -124,7 +124,7 @@ def star_resolution(
 
 
 def _between(values: list[float], confidence: float) -> tuple[float, float]:
-    """Return the central percentiles; a draw that does not reach the level ranks above all others."""
+    """Return the central percentiles; a draw that does not reach the level ranks above all other draws."""
     ordered: FloatArray = np.sort(np.where(np.isfinite(values), values, np.inf))
     cut = math.floor(0.5 * (1 - confidence) * (len(ordered) - 1))
     return float(ordered[cut]), float(ordered[len(ordered) - 1 - cut])

@@ -3,7 +3,7 @@
 In:  a linear picture (y, x) and the original at the same places, such as `dead_leaves` rendered at the pixels' centres.
 Out: frequencies (cycles/pixel), response, coherence, MTF50 with flags.
 Sources: Kirk et al. (2014), cross spectrum with the known chart; Cao, Guichard and Hornung (2009) and Burns (2011),
-power spectrum minus that of the noise; Hann windows, means over rings.
+power spectrum minus the power spectrum of the noise; Hann windows, means over rings.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def texture_response(
         ``"cross"``: cross spectrum over the original's power, unaffected by noise, aliases and anything else that the
         original does not explain. ``"power"``: root of the ratio of powers, where all of these count as contrast.
     known : callable or None
-        Transfer function in cycles/pixel that the original already includes, such as that of its softness: the response
+        Transfer function in cycles/pixel that the original already includes, such as its softness: the response
         includes it again. None: 1.
     noise : (y, x) array, number or None
         For ``"power"``: a uniformly lit part of a picture from the same camera, of at least 64 x 64 pixels, or the rms
@@ -148,7 +148,7 @@ def _check(
             value,
             f"(y, x) of at least {SMALLEST} x {SMALLEST} finite values",
         )
-    require.shape(image.shape == ideal.shape, "original", ideal, f"that of the picture, {image.shape}")
+    require.shape(image.shape == ideal.shape, "original", ideal, f"the shape of the picture, {image.shape}")
     require.only(method in METHODS, "method", repr(method), f"one of {', '.join(METHODS)}")
     require.only(gain is None or (math.isfinite(gain) and gain != 0), "gain", gain, "a finite number other than 0")
     require.only(rings is None or 8 <= rings <= min(image.shape) // 2, "rings", rings, f"8 to {min(image.shape) // 2}")
@@ -196,7 +196,7 @@ def _by_ring(values: FloatArray, shape: tuple[int, ...], count: int) -> FloatArr
 
 
 def _shift(cross: np.ndarray, fy: FloatArray, fx: FloatArray, radial: FloatArray) -> tuple[float, float]:
-    """Return how many pixels the picture lies below and to the right of the original."""
+    """Return the shift of the picture relative to the original, pixels, positive down and to the right."""
     rows, columns = cross.shape[0], 2 * (cross.shape[1] - 1)
     peak = np.fft.irfft2(cross, (rows, columns))
     y, x = np.unravel_index(int(peak.argmax()), peak.shape)

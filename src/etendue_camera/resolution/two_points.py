@@ -1,7 +1,7 @@
 """Two equal points through any transfer function: depth of the dip between them, and its limit.
 
 In:  a real transfer function of radial frequency (cycles/um), photon weights by wavelength, separations (um).
-Out: brightness midway over that of a peak (1), Sparrow's and Rayleigh's separation (um).
+Out: brightness midway over the brightness of a peak (1), Sparrow's and Rayleigh's separation (um).
 Sources: Sparrow 1916: the second derivative midway vanishes. Rayleigh 1879: one point lies on the first dark ring of
 the other. Without a dark ring, the separation with the same dip as two Airy discs have at that distance is used.
 `diffraction` has the closed forms for the Airy disc.
@@ -136,7 +136,7 @@ def two_point_saddle(
     Returns
     -------
     ratio : (...) array, 1
-        Brightness midway over that of a peak; 1 if the two have merged.
+        Brightness midway over the brightness of a peak; 1 if the two have merged.
     offset : (...) array, um
         Distance of a peak from the midpoint; 0 if the two have merged.
 
@@ -162,12 +162,12 @@ def separations(
     """Return Rayleigh's and Sparrow's separation of two points, um, from one spread function.
 
     Rayleigh's: one point lies on the other's first dark ring. A ring is dark if the first minimum of the spread is
-    at most ``DARK`` of its peak and a brighter one follows. Without one (mixed wavelengths, a pixel, an aberrated
-    lens) the separation is that whose midpoint has 0.7350 of a peak's brightness, as for two Airy discs at
-    Rayleigh's separation, so that both rules agree where they meet. Sparrow's: the dip between the points
-    disappears; twice the first distance at which the second derivative of the spread vanishes. NaN if there is none
-    within the resolution of ``nodes``. Error: 1e-12 of the Airy disc's 1.219670 and 0.947155 lambda N, and 1e-12 of
-    Sparrow's 2 sigma of a Gaussian.
+    at most ``DARK`` of its peak and a brighter maximum follows. Without a dark ring (mixed wavelengths, a pixel, an
+    aberrated lens) the result is the separation at which the midpoint has 0.7350 of the brightness of a peak, as for
+    two Airy discs at Rayleigh's separation, so that the two rules agree for an Airy disc. Sparrow's: the dip between
+    the points disappears; twice the first distance at which the second derivative of the spread vanishes. NaN if there
+    is none within the resolution of ``nodes``. Error: 1e-12 of the Airy disc's 1.219670 and 0.947155 lambda N, and
+    1e-12 of Sparrow's 2 sigma of a Gaussian.
 
     Arguments as for `spread_of`; ``within``: relative error allowed for a separation's root, 0: full precision.
     """

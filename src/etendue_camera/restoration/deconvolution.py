@@ -194,7 +194,7 @@ def richardson_lucy_periodic(
     Returns
     -------
     (ny, nx) array, unit and dtype of data (integers become float64)
-        Not negative; its sum is that of the data.
+        Not negative; its sum equals the sum of the data.
     float
         Number of iterations done.
 
@@ -281,7 +281,7 @@ def richardson_lucy(
     Parameters
     ----------
     planes : (channel, ny, nx) array, any unit
-        Of either sign; see pedestal.
+        Any sign; see pedestal.
     transfer : (channel or 1, Ny, Nx // 2 + 1) array, dimensionless
         At `frequencies` (ny, nx).
     iterations, total_variation, start

@@ -7,8 +7,8 @@ He, J. Sun, X. Tang, IEEE Trans. PAMI 35 (2013) 1397 (coefficients averaged over
 box sums).
 
 Advantages over a bilateral filter: its one constant is the noise variance, known at every pixel, so nothing needs
-tuning; it takes five box means for any window size; it is linear in each window and so does not reverse gradients; it
-keeps the sum.
+tuning; it takes five box means for any window size; it is linear in each window and therefore does not reverse
+gradients; it keeps the sum.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def denoise(planes: NDArray, shot: float, floor: float, radius: int = 2, strengt
     Parameters
     ----------
     planes : (..., y, x) array, any unit u
-        Of either sign, of any size from 1 x 1, mirrored beyond the border. Planes are processed separately.
+        Any sign; at least 1 x 1; mirrored beyond the border. Planes are processed separately.
     shot : float, u
         Noise variance per value: 1 over the number of electrons that give a value of 1.
     floor : float, u^2

@@ -3,8 +3,8 @@
 In:  frames of linear values, times, the level at which each saturates, their noise model.
 Out: the light per time, and its remaining variance.
 Sources: inverse-variance weights: Granados et al., "Optimal HDR reconstruction with linear digital cameras", CVPR 2010,
-section 3 (weights from the expected signal; weights from the noisy value would favour values that came out too dark).
-Clipped mean: Stetson, PASP 99 (1987).
+section 3 (weights from the expected signal; weights from the noisy value would favour values that are too dark by
+chance). Clipped mean: Stetson, PASP 99 (1987).
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ def usable(frames: NDArray, level: ArrayLike, margin: int) -> NDArray[np.bool_]:
 def pooled(frames: NDArray, times: ArrayLike, used: NDArray[np.bool_]) -> NDArray:
     """Return the light per time: the sum of the used frames over the sum of their times.
 
-    Where no frame is used, return the light of the shortest one.
+    Where no frame is used, return the light of the shortest frame.
 
     Parameters
     ----------
     frames : (frame, channel, y, x) array, linear
-    times : (frame,), above 0, in any unit, such as that of the shortest
+    times : (frame,), above 0, in any unit, such as the shortest time
     used : (frame, 1 or channel, y, x) array of bool
 
     Returns
@@ -113,8 +113,8 @@ def merged(
     noise : two (channel,) arrays
         As in `variance_of`.
     method : 'mean', 'sigma_clipped' or 'hdr'
-        Frames to use at each pixel: all; those within ``sigmas`` of the median; or those that are not clipped, weighted
-        by their known noise.
+        Frames to use at each pixel: all; those within ``sigmas`` of the median; or the values that are not clipped,
+        weighted by their known noise.
     sigmas : float
         Above 0.
     margin : int, pixels

@@ -2,8 +2,8 @@
 
 In:  planes (..., y, x) in any unit, strength or radius; or spatial frequency (cycles/pixel).
 Out: sharpened planes; transfer function and noise gain, dimensionless.
-Sources: seed paper eq. 11, whose taps sum to 0: alone it gives an edge image, and sharpening is identity + k L. Unsharp
-masking subtracts a blurred copy.
+Sources: seed paper eq. 11, whose taps sum to 0: the Laplacian L alone gives an edge image, and sharpening is identity +
+k L. Unsharp masking subtracts a blurred copy.
 """
 
 import math
@@ -26,7 +26,7 @@ def sharpen(planes: NDArray, strength: float) -> NDArray:
     Parameters
     ----------
     planes : (..., y, x) array, any unit
-        Of any size from 1 x 1. Beyond the border the edge sample is repeated.
+        At least 1 x 1. Beyond the border the edge sample is repeated.
     strength : float, dimensionless
         k, finite, at or above 0. 1, as in the seed paper, multiplies white noise by 9.4; below 0.2 is usual.
 
@@ -161,8 +161,8 @@ def sharpen_mosaic(mosaic: NDArray, strength: float, period: tuple[int, int] = (
     Notes
     -----
     Source: section 2.8 of the seed paper ("right before interpolation"), which its abstract, section 4 and figures
-    contradict. The response is that of `sharpen` at (rows fy, columns fx). For a 2 x 2 array it is largest at a quarter
-    of the sampling frequency, and 1 at half of it.
+    contradict. The response equals the response of `sharpen` at (rows fy, columns fx). For a 2 x 2 array it is largest
+    at a quarter of the sampling frequency, and 1 at half the sampling frequency.
     """
     mosaic = np.asarray(mosaic)
     require.shape(mosaic.ndim >= 2, "mosaic", mosaic, "(..., y, x)")
@@ -182,13 +182,14 @@ def unsharp(planes: NDArray, radius: float, amount: float, threshold: float = 0.
     Parameters
     ----------
     planes : (..., y, x) array, any unit
-        Of any size from 1 x 1, mirrored beyond the border.
+        At least 1 x 1; mirrored beyond the border.
     radius : float, pixel
         Standard deviation of the Gaussian, above 0.
     amount : float, dimensionless
         Finite, at or above 0.
     threshold : float, unit of planes
-        Differences are first reduced in magnitude by this much, smaller ones to 0, so that flat areas keep their noise.
+        Differences are first reduced in magnitude by the threshold, and smaller differences to 0, so that flat areas
+        keep their noise.
 
     Returns
     -------
@@ -202,7 +203,7 @@ def unsharp(planes: NDArray, radius: float, amount: float, threshold: float = 0.
 
     Notes
     -----
-    Taps are those of `gaussian_taps`. Reducing differences by the threshold is continuous; setting only small ones to
+    The taps come from `gaussian_taps`. Reducing differences by the threshold is continuous; setting only small ones to
     0 would create steps. Error: below 2e-15 (1 + amount) of the largest value in float64 against direct convolution.
     """
     planes = np.asarray(planes)

@@ -154,8 +154,8 @@ def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float,
     Notes
     -----
     Local approximation: contrast at distance r is exp(-2 pi^2 softness^2 f^2) with f = cycles / (2 pi r).
-    The contrast differs from that of the exact convolution of an endless star, a pair of Bessel functions, by less
-    than 1 / cycles^2 (1 to 288 cycles, all radii): 7.6e-4 for 36 cycles. Means over cells are quadratures, see
+    The contrast differs from the contrast of the exact convolution of an endless star, a pair of Bessel functions, by
+    less than 1 / cycles^2 (1 to 288 cycles, all radii): 7.6e-4 for 36 cycles. Means over cells are quadratures, see
     ``cell_means.averaged``.
     """
     y, x = require_axes(y, x)

@@ -132,7 +132,7 @@ def _profile(
 def patches(y: npt.ArrayLike, x: npt.ArrayLike, grid: PatchGrid, drawn: Rendering) -> FloatArray:
     """Return the coverage of a grid of rectangular patches, one plane per patch.
 
-    Parameters and errors are those of ``patches_factors``.
+    Parameters and errors are the same as for ``patches_factors``.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def patch_contribution(rows_profile: FloatArray, columns_profile: FloatArray, sp
     Raises
     ------
     ValueError
-        If the number of spectra differs from that of the patches.
+        If the numbers of spectra and patches differ.
 
     Notes
     -----

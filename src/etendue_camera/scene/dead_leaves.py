@@ -5,8 +5,8 @@ In:  positions y (ny,) and x (nx,) on the image plane (um, 0 in the centre), the
 Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, within the range of the requested levels.
 Sources: Matheron's dead leaves; Cao, Guichard and Hornung (2009) for radii with density r^-3 as a texture target.
 
-``softness`` and ``cell`` are those of ``charts.Rendering``. The discs belong to the chart, not to the grid: a finer
-grid, or another softness, shows the same discs.
+``softness`` and ``cell`` are the same as in ``charts.Rendering``. The discs belong to the chart, not to the grid: a
+finer grid, or another softness, shows the same discs.
 """
 
 from __future__ import annotations
@@ -128,10 +128,11 @@ def dead_leaves(
     Notes
     -----
     Discs are drawn from the top, each with the fraction that is still uncovered. The result is convolved with the exact
-    weights of Gaussian and cell, after reducing the Gaussian's width by that of the drawn cells. Errors, relative to
-    the range of levels, for oversampling 2, 4, 8 and 16 and disc radii from 4 samples: with a softness of 1 sample, rms
-    8e-4, 2.2e-4, 6e-5, 2.5e-5, maximum 1.2e-2, 3.3e-3, 8e-4, 3e-4; for means of hard discs over cells, rms 2.2e-3,
-    7e-4, 2.1e-4, 8e-5, maximum 4e-2, 1.5e-2, 4e-3, 2e-3. 1000 x 1000 samples with discs from 5 samples take 0.7 s.
+    weights of Gaussian and cell, after reducing the width of the Gaussian by the width of the drawn cells. Errors,
+    relative to the range of levels, for oversampling 2, 4, 8 and 16 and disc radii from 4 samples: with a softness of 1
+    sample, rms 8e-4, 2.2e-4, 6e-5, 2.5e-5, maximum 1.2e-2, 3.3e-3, 8e-4, 3e-4; for means of hard discs over cells, rms
+    2.2e-3, 7e-4, 2.1e-4, 8e-5, maximum 4e-2, 1.5e-2, 4e-3, 2e-3. 1000 x 1000 samples with discs from 5 samples take 0.7
+    s.
     """
     y, x = require_axes(y, x)
     Rendering(softness, cell)  # checks their ranges

@@ -8,7 +8,7 @@ Hamilton, US patent 8139130 (2012), with panchromatic pixels on a checkerboard. 
 sensors, as used by raw converters. RCCC: one red and three clear pixels, of driver-assistance cameras.
 
 A letter is a name, and the column of a sensitivity table: R, G, B, W or C for clear, anything else by table. Masks are
-periodic and belong to the sensor: pixel (i, j) has the letter at (i mod rows, j mod columns), whatever window is read.
+periodic and belong to the sensor: pixel (i, j) has the letter at (i mod rows, j mod columns) for any window.
 """
 
 from __future__ import annotations
@@ -105,7 +105,8 @@ def parse(text: str) -> Mask:
         name is not None or "/" in text or (len(text.strip()) == 1 and text.strip().isalpha()),
         "pattern",
         text,
-        f"{', '.join(BAYER)}, these with quad- before, {', '.join(_OTHERS)}, rows such as 'RG/GB', or a .csv file",
+        f"{', '.join(BAYER)}, the same names with the prefix quad-, {', '.join(_OTHERS)}, rows such as 'RG/GB', "
+        "or a .csv file",
     )
     if name in _OTHERS:
         rows = _OTHERS[name]
@@ -218,7 +219,7 @@ def channel_index(
 def frames_of_channel(
     frames: NDArray, mask: Mask | str, channel: str, first_row: int = 0, first_column: int = 0
 ) -> NDArray:
-    """Return the pixels of one channel as separate frames, those of each position in the period stacked vertically.
+    """Return the pixels of one channel as separate frames, one for each position in the period, stacked vertically.
 
     Parameters
     ----------

@@ -5,9 +5,9 @@ Out: pixel kernels: the fraction of a pixel's charge that each neighbour collect
 Sources: the diffusion equation behind `photodiode.collection`, solved in time instead of frequency. First-passage
 densities of a half-space and of a slab: Carslaw and Jaeger, Conduction of Heat in Solids, sections 2.4 and 3.4.
 
-An electron generated at depth z diffuses for a time tau before it reaches the depletion layer; meanwhile it moves
-sideways with a Gaussian distribution of variance 2 D_n tau per axis. With t = D_n tau the collected charge is a mixture
-of Gaussians,
+An electron generated at depth z diffuses for a time tau before it reaches the depletion layer; during this time it
+moves sideways with a Gaussian distribution of variance 2 D_n tau per axis. With t = D_n tau the collected charge is a
+mixture of Gaussians,
 
     D(f)/D(0) = kept + sum over t of share(t) exp(-(2 pi f)^2 t),
 

@@ -19,7 +19,7 @@ KINDS = {"hot": HOT, "dead": DEAD, "stuck": STUCK}
 
 
 def drawn_map(uniform: NDArray, hot: float, dead: float, stuck: float) -> NDArray:
-    """Draw kinds of defects from one uniform per pixel: each kind by its fraction, none twice.
+    """Draw kinds of defects from one uniform per pixel: each kind with its fraction; a pixel has at most one kind.
 
     Parameters
     ----------

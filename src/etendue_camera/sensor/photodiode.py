@@ -5,10 +5,10 @@ Out: aperture transfer function (signed), collected electrons per photon D(f), a
 Sources: seed paper section 2.4, eqs. 6-8, for the n+/p-sub photodiode, with D(f) derived anew from the
 diffusion equation; departures are documented where they occur.
 
-Light that enters the silicon generates electrons at a depth z with density alpha exp(-alpha z). In the depletion
-layer all are collected. Below it, over a depth L, they diffuse until they reach the depletion layer,
-recombine (diffusion length Ln), or meet the back contact. A pattern of frequency f decays over L_f, with
-1/L_f^2 = 1/Ln^2 + (2 pi f)^2, which causes the blur.
+Light that enters the silicon generates electrons at a depth z with density alpha exp(-alpha z). In the depletion layer
+all electrons are collected. Below it, over a depth L, they diffuse until they reach the depletion layer, recombine
+(diffusion length Ln), or meet the back contact. A pattern of frequency f decays over L_f, with 1/L_f^2 = 1/Ln^2 + (2 pi
+f)^2, which causes the blur.
 """
 
 import math
@@ -99,7 +99,7 @@ def collection(
     Notes
     -----
     Source: seed paper section 2.4. The printed closed form is 0/0 at alpha L_f = 1 and overflows for thick
-    layers; this one avoids both (see `_field_free`).
+    layers; this form avoids both (see `_field_free`).
     Error: below 5e-15 (float64) and 4e-7 (float32) relative over alpha 1e-6..1e3, Ld 1e-3..1e2, L 1e-2..1e3,
     Ln 0.1..1e5, f 1e-5..1e3 (3000 random points against 60-digit arithmetic). The same holds for weaker absorption as
     long as the result is above 2e-308, below which floats lose digits.
@@ -255,7 +255,7 @@ def _every_mtf(frequency: FloatArray, diodes: list[tuple[float, float, float, fl
 
 def _constants(diodes: list[tuple[float, float, float, float, Back]]) -> list[FloatArray]:
     """Return the frequency-independent terms of diodes that differ only in absorption, each (n, 1): D(0)/alpha, the
-    part of it collected by the depletion layer, the part that passes that layer; and alpha.
+    part collected by the depletion layer, the part that passes this layer; and alpha.
     """
     _, depletion, depth, length, back = diodes[0]
     absorption = np.array([diode[0] for diode in diodes])[:, None]

@@ -68,7 +68,7 @@ def bin_means(nodes: FloatArray, values: FloatArray, edges: tuple[float, ...], o
 
 
 def with_reach(rows: FloatArray, nodes: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Extend a curve with its end values as far as the rows of its table reach (`ends.reach_of`)."""
+    """Extend a curve with its end values over the range that the rows of its table cover (`ends.reach_of`)."""
     first, last = reach_of(rows)
     return np.concatenate([[first], nodes, [last]]), np.concatenate([values[:1], values, values[-1:]])
 
@@ -114,7 +114,7 @@ def table_from_csv(
 
 @dataclass(frozen=True)
 class _Rows:
-    """Rows of a table, equal to others of the same numbers."""
+    """Rows of a table; two objects with the same numbers are equal."""
 
     numbers: tuple[bytes, bytes]
     nodes: FloatArray = field(compare=False)
@@ -198,7 +198,7 @@ def _csv_row(path: Path, number: int, cells: list[str], header: list[str]) -> li
 
 
 def require_name(name: str, names: Collection[str], kind: str, besides: str = "") -> None:
-    """Raise ValueError, with the nearest names, for a name that is none of these."""
+    """Raise ValueError, with the nearest names, if a name is not in the list."""
     if name in list(names):  # a list, because key views of colour also match other spellings
         return
     spelled = {candidate.casefold(): candidate for candidate in names}

@@ -36,8 +36,8 @@ def reach_of(rows: FloatArray) -> tuple[float, float]:
 
 
 def beyond(rows: FloatArray, lowest: float, highest: float) -> tuple[float, float]:
-    """Return how much (nm) of the light from ``lowest`` to ``highest`` lies below and above the range of the rows; 0 if
-    none.
+    """Return the width (nm) of the parts of the light from ``lowest`` to ``highest`` that lie below and above the range
+    of the rows; 0 if there is no such light.
     """
     first, last = reach_of(rows)
     return max(0.0, min(first, highest) - lowest), max(0.0, highest - max(last, lowest))
@@ -63,7 +63,7 @@ def cut_off_note(
 ) -> list[str]:
     """Return the note on a table (rows, k) that counts as 0 beyond its rows, although it does not end at 0.
 
-    The fraction is that of the signal for equally many photons at every wavelength, with the end values extended.
+    The fraction is relative to the signal for equally many photons at every wavelength, with the end values extended.
     """
     sides = beyond(rows, lowest, highest)
     curves = np.asarray(values, dtype=float).reshape(len(rows), -1)

@@ -52,8 +52,9 @@ def illuminant(name: str, edges: Edges) -> FloatArray:
     Returns
     -------
     (n,) array, relative power per nm
-        In the normalisation of the table itself (the CIE's: 100 at 560 nm for A and D65). A line has the energy 1,
-        all of it in the bin that contains it; a bin includes its lower edge, and the last bin also its upper one.
+        In the normalisation of the table itself (the CIE's: 100 at 560 nm for A and D65). A line has the energy 1:
+        all its light is in the bin that contains it. A bin includes its lower edge, and the last bin also its
+        upper one.
 
     Raises
     ------

@@ -41,12 +41,12 @@ def luminance_of(name: str) -> float:
 
     Notes
     -----
-    V is linear between its rows at 1 nm, a table between its own: three Gauss points per interval of both are exact
-    for their product, whatever bins a pipeline has. A table that ends inside 360-830 nm keeps its end value.
-    Error: 2e-16 for D65, A and FL11 (against exact fractions), 1.2e-15 for Planck radiators of 1000, 3200 and 1e5 K (40
-    digits). Sums over bins of products of means differ from it: for D65 by 2e-5, 8e-5, 2.3e-4, 3e-3 and 1.1e-2 with
-    bins of 5, 10, 20 (380-780 nm), 50 and 100 nm (400-700 nm), for the lines of FL11 by 2.8e-4, 1.0e-3 and 3.1e-3 with
-    5, 10 and 20 nm.
+    V is linear between its rows at 1 nm, and a table is linear between its own rows. Three Gauss points per interval of
+    both are exact for their product, for any bins of a pipeline. A table that ends inside 360-830 nm keeps its end
+    value. Error: 2e-16 for D65, A and FL11 (against exact fractions), 1.2e-15 for Planck radiators of 1000, 3200 and
+    1e5 K (40 digits). Sums over bins of products of means differ from the result: for D65 by 2e-5, 8e-5, 2.3e-4, 3e-3
+    and 1.1e-2 with bins of 5, 10, 20 (380-780 nm), 50 and 100 nm (400-700 nm), for the lines of FL11 by 2.8e-4, 1.0e-3
+    and 3.1e-3 with 5, 10 and 20 nm.
     """
     total, held = _luminance_of(str(name), *EYE, state_of(name))
     if held > UNMEASURED * total:
@@ -185,7 +185,7 @@ def luminance_notes(name: str, lowest: float, highest: float) -> list[str]:
         if share < 1 - UNMEASURED:
             said.append(
                 f"{lowest:g} to {highest:g} nm contains {100 * share:.2g} % of the luminance of {name}: "
-                "white_luminance is that of the whole light; lux and exposure metrics are for the rendered part"
+                "white_luminance refers to the whole light; lux and exposure metrics refer to the rendered part"
             )
     return said
 

@@ -1,4 +1,4 @@
-"""The names of spectral tables of colour-science and of distributions, so that a plan can reject a wrong one without
+"""The names of spectral tables of colour-science and of distributions, so that a plan can reject a wrong name without
 importing the library.
 
 In:  a name, and the wavelengths for which it is needed (nm).
@@ -71,7 +71,7 @@ def line_of(name: str) -> float | None:
 
 
 def range_of(name: str, kind: str = "illuminant") -> tuple[float, float]:
-    """Return the lowest and highest wavelength (nm) of a table; the visible range of a light that is computed."""
+    """Return the lowest and highest wavelength (nm) of a table; for a computed light, return the visible range."""
     if kind == "illuminant" and (name == "E" or COMPUTED.fullmatch(name)):
         return EYE
     if not spectrum(name):
@@ -107,5 +107,5 @@ def rgb_space_names() -> frozenset[str]:
 
 
 def check_rgb_space(name: str, besides: Collection[str] = ()) -> None:
-    """Raise ValueError for a name that is neither an RGB space nor one of the others given."""
+    """Raise ValueError for a name that is neither an RGB space nor one of the other given names."""
     require_name(name, [*rgb_space_names(), *besides], "RGB space", ", ".join(map(repr, besides)))

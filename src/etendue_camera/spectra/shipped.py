@@ -117,7 +117,7 @@ def space(name: str) -> Document:
 
 
 def white(name: str) -> FloatArray | None:
-    """Return the published chromaticity (2,) of an illuminant (1931 observer); None if it has none."""
+    """Return the published chromaticity (2,) of an illuminant (1931 observer); None if it has no such table."""
     place = _places("white").get(name)
     return None if place is None else arrays()["white/xy"][place]
 

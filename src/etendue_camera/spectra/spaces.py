@@ -11,7 +11,7 @@ from etendue_camera.spectra.bins import FloatArray, frozen
 def rgb_space_matrix(name: str) -> tuple[FloatArray, FloatArray]:
     """Return the RGB to XYZ matrix (3, 3) and white point xy (2,) of a space in ``colour.RGB_COLOURSPACES``.
 
-    The matrix is the one printed in the standard, so for "sRGB" it has four digits. Unknown names raise ValueError.
+    The matrix is taken from the standard as printed, so for "sRGB" it has four digits. Unknown names raise ValueError.
     """
     space = shipped.space(name)
     return frozen(space["matrix"]), frozen(space["white"])
@@ -41,7 +41,7 @@ def rgb_space_white(name: str) -> str:
 
 def white_chromaticity(name: str) -> tuple[float, float] | None:
     """Return xy of the white of an RGB space, or of an illuminant as published (CIE 15, 1931 observer); None for a
-    light that has none.
+    light without such a chromaticity.
     """
     if name in list(shipped.names("space")):
         return rgb_space_primaries(name)[1]

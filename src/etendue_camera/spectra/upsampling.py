@@ -1,4 +1,4 @@
-"""Spectra from RGB: reflectances whose colours under D65 are those of linear sRGB.
+"""Spectra from RGB: reflectances that have given linear sRGB colours under D65.
 
 In:  bin edges of a wavelength axis, nm.
 Out: a basis (bins, 3), and the matrix of its colours.
@@ -79,7 +79,7 @@ def upsampling_basis(edges: Edges) -> FloatArray:
     Parameters
     ----------
     edges : (n + 1,) ascending, nm
-        A part of the spectrum, in bins of which at least three would lie in the visible.
+        A part of the spectrum, in bins so narrow that at least three are in the visible range.
 
     Returns
     -------

@@ -59,7 +59,10 @@ def calibrate(frames: FrameSet, site: Site = MONO, channel: str = "W", confidenc
     if response.offset:
         model.put("light_offset", fitted("offset", response.offset, "DN"), "light outside the exposure time")
     if response.lamp:
-        how = "of the brightest light over its label, growing with it: means and variances require different bends"
+        how = (
+            "excess of the brightest light over its label, growing with the light: means and variances "
+            "require different bends"
+        )
         model.put("light_excess", fitted("lamp", response.lamp, ""), how)
     if frames.photons:
         qe = response.rate / response.gain
@@ -122,7 +125,9 @@ def _growth(model: SensorModel) -> Estimate | None:
             how + ", over the dark current",
         )
     else:
-        model.needs["dark_nonuniformity"] = "a dark current that is above 0: longer exposure times"
+        model.needs["dark_nonuniformity"] = (
+            "longer exposure times, so that the dark current can be distinguished from 0"
+        )
     times = [frame.time for level in model.curve.dark_levels for frame in level.frames if frame.time == frame.time]
     mean = float(np.mean(times))
     return Estimate(white.value * mean, white.low * mean, white.high * mean, "DN")

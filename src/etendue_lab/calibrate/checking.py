@@ -36,7 +36,7 @@ class _Simulated:
 
 
 def check(frames: FrameSet, model: SensorModel, site: Site = MONO, seed: int = 0) -> Document:
-    """Return a row for each level, and the verdicts."""
+    """Return a row for each level, and the result of each check."""
     curve, fit = model.curve, model.response
     step = site[2]
     shape = tuple(min(size // step, SIDE) for size in frames.shape)
@@ -180,7 +180,9 @@ def _chance(own: LevelMoments, other: Array, moved: float) -> float:
 
 
 def _lines(plane: Array) -> tuple[float, float]:
-    """Return the power of row and of column means relative to that of white noise: 1 without line patterns."""
+    """Return the power of row means and of column means, relative to the power expected for white noise: 1 without line
+    patterns.
+    """
     total = float(plane.var())
     if total <= 0:
         return math.nan, math.nan

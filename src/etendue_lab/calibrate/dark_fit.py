@@ -1,7 +1,7 @@
 """The dark signal of a sensor: black level, dark current, read noise, and temporal row and column noise.
 
 In:  dark levels of a photon transfer curve, the fitted response.
-Out: their values in a ``SensorModel``, or the frames that are needed to determine them.
+Out: the values in a ``SensorModel``, or a list of the frames that are needed to determine them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from etendue_lab.calibrate import pattern_fit
 from etendue_lab.calibrate.sensor_model import SensorModel, over_gain
 
 TESTS = 2  # row noise, column noise
-ALONE = "; the dark has one exposure time, whose dark charge is in it"
+ALONE = "; all dark frames have one exposure time, whose dark charge is included"
 
 
 def put_dark(model: SensorModel, gain: Estimate, interval: Jackknife) -> None:
@@ -67,7 +67,7 @@ def _dark_current(model: SensorModel, gain: Estimate, interval: Jackknife) -> fl
     if (leak := model.response.leak) and math.isfinite(times[0]):
         wide = 1.96 * model.response.errors["leak"]
         slope = Estimate(leak, leak - wide, leak + wide, "")
-        how = "means of light levels whose time and light vary apart"
+        how = "means of light levels whose time and light vary independently"
         model.put("dark_current", over_gain(slope, gain, "electron/s"), how)
         black = model.values["black_level"]
         wide = math.hypot(black.high - black.value, wide * float(times[0]))

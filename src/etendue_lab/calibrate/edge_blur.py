@@ -2,7 +2,7 @@
 
 In:  a raw frame of a slanted edge, a calibrated sensor, the pixel's pitch and aperture.
 Out: the rms width of the Gaussian (um) with its interval, and the largest difference between its response and the
-     measured one.
+     measured response.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def edge_blur(
     if window is not None:
         rows, columns = codes.shape
         if window.x + window.width > columns or window.y + window.height > rows:
-            raise RequestError(f"--edge-window: beyond the {columns} x {rows} pixels of {path}")
+            raise RequestError(f"--edge-window: outside the {columns} x {rows} pixels of {path}")
         # cut whole periods of the mosaic, so that its sites keep their colours
         window = Window(window.x - window.x % 2, window.y - window.y % 2, window.width, window.height)
         codes = codes[window.y : window.y + window.height, window.x : window.x + window.width]
@@ -116,12 +116,13 @@ def edge_blur(
     except ValueError as error:
         raise RequestError(f"--edge {path}: {' '.join(str(error).split())[:200]}; --edge-window selects it") from None
     if found.doubts:
-        raise RequestError(f"--edge {path}: is not one straight edge: {found.doubts[0]}; --edge-window selects it")
+        raise RequestError(f"--edge {path}: this is not one straight edge: {found.doubts[0]}; --edge-window selects it")
     low, high = found.mtf50_low * (1 - METHOD), found.mtf50_high * (1 + METHOD)
     ends = [width_of(one, found.angle, aperture) * pitch for one in (found.mtf50, high, low)]
     if ends[2] == 0:
         raise RequestError(
-            f"--edge {path}: MTF50 {found.mtf50:.3g} cycles/pixel is beyond that of a pixel of aperture {aperture:g}: "
+            f"--edge {path}: MTF50 {found.mtf50:.3g} cycles/pixel is above the MTF50 of a pixel of aperture "
+            f"{aperture:g}: "
             f"the picture was sharpened, or the light-sensitive square is smaller"
         )
     frequency = found.response.frequency

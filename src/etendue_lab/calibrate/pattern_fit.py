@@ -60,8 +60,8 @@ class PatternFit:
 
 
 def fit(found: Pattern, shaded: bool) -> PatternFit:
-    """Separate a pattern into its parts. ``shaded``: first subtract a polynomial of the third degree, because the light
-    is not uniform.
+    """Separate a pattern into its parts. ``shaded``: first subtract a third-degree polynomial, because the light is not
+    uniform.
     """
     result = PatternFit(root(found.variance()), Estimate(math.nan, math.nan, math.nan, ""))
     shape = found.mean.shape
@@ -117,7 +117,7 @@ def square(one: Estimate) -> Estimate:
 
 
 def less(one: Estimate, other: Estimate) -> Estimate:
-    """Return a variance minus that of an independent part."""
+    """Return a variance minus the variance of an independent part."""
     value = one.value - other.value
     low = math.hypot(one.value - one.low, other.high - other.value)
     high = math.hypot(one.high - one.value, other.value - other.low)
@@ -125,7 +125,7 @@ def less(one: Estimate, other: Estimate) -> Estimate:
 
 
 def smooth(plane: Array) -> Array:
-    """Return the Legendre coefficients of the polynomial of the third degree through a plane, by least squares."""
+    """Return the Legendre coefficients of a third-degree polynomial that is fitted to a plane by least squares."""
     y, x = (np.linspace(-1, 1, size) for size in plane.shape)
     by, bx = (np.polynomial.legendre.legvander(one, DEGREE) for one in (y, x))
     # on a full grid the basis is a product: solve along each axis, and drop terms above the total degree
@@ -136,7 +136,7 @@ def smooth(plane: Array) -> Array:
 
 
 def drawn(surface: Array, shape: tuple[int, ...]) -> Array:
-    """Return a surface from its coefficients."""
+    """Return the surface that belongs to Legendre coefficients."""
     by, bx = (np.polynomial.legendre.legvander(np.linspace(-1, 1, size), DEGREE) for size in shape)
     return np.asarray(by @ surface @ bx.T)
 
@@ -151,7 +151,7 @@ def _outliers(plane: Array) -> tuple[Array, Array]:
 
 
 def _without_waves(rest: Pattern, result: PatternFit) -> Pattern:
-    """Subtract waves one by one while the largest line of the spectrum is higher than noise explains."""
+    """Subtract waves one by one while the largest line of the spectrum is too high to be noise."""
     shape = rest.mean.shape
     for number in range(MOST_WAVES):
         plane = rest.mean - rest.mean.mean()

@@ -82,7 +82,7 @@ def fit(curve: Curve) -> ResponseFit:
     if others:
         change = [max(abs(getattr(best, name) - getattr(one, name)) for one in others) for name in names]
         errors_of = np.hypot(errors_of, change)
-        tests.append(f"{len(others)} other models fit nearly as well: intervals include the change to them")
+        tests.append(f"{len(others)} other models fit nearly as well: intervals include the differences from them")
     p = _p_random(problem.residuals(best)[1])
     tests.append(f"variances scatter about the model at random from level to level: p = {p:.2g}, refused below {LEVEL}")
     if p < LEVEL:
@@ -114,8 +114,8 @@ def _charge(curve: Curve, used: Array) -> tuple[Array, float]:
 
 
 def _after(curve: Curve, used: Array) -> Array:
-    """Return by how much each exposure time exceeds the only exposure time of dark frames, s; all 0 if the dark current
-    cannot be derived from this.
+    """Return the difference between each exposure time and the only exposure time of the dark frames, s; all 0 if the
+    dark current cannot be derived from these differences.
     """
     times = np.array([one.time for one in curve.moments])[used]
     known = np.array([one.time for one in curve.dark])
@@ -175,12 +175,12 @@ class _Problem:
         return fit.variance_at(self.signal, self.dark - fit.gain * self.usual, self.charge)
 
     def flexible(self, loss: str = "linear") -> ResponseFit:
-        """Return the model with the smallest residuals of all."""
+        """Return the model with all parameters, which has the smallest residuals."""
         return min((self.fitted(one, self.extras, loss) for one in (0.0, *ORDERS)), key=lambda one: one[1])[0]
 
     @property
     def extras(self) -> tuple[str, ...]:
-        """The further parameters that these data may determine."""
+        """The additional parameters that these data may determine."""
         return tuple(one for one in EXTRAS if one != "leak" or self.after.any())
 
     def names(self, fit: ResponseFit) -> list[str]:

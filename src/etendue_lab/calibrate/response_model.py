@@ -43,8 +43,8 @@ class ResponseFit:
         return np.asarray(self.rate * light * (1 + self.lamp * light / self.brightest) + self.offset)
 
     def mean(self, light: Array, charge: Array | float = 0.0, after: Array | float = 0.0) -> Array:
-        """Return the expected signal (DN) above a dark charge (DN), for an exposure time ``after`` seconds longer than
-        that of the dark level.
+        """Return the expected signal (DN) above a dark charge (DN), for an exposure that is ``after`` seconds longer
+        than the exposure of the dark level.
         """
         s = self.straight(light) + self.leak * after
         return self.bent(s + charge) - self.bent(np.asarray(charge))

@@ -71,7 +71,7 @@ def text(
         file.put("sensor_dark_nonuniformity", "dark_nonuniformity")
     for name, key, zero in UNKNOWN:  # the value that the check used, rather than the default of other sensors
         if (need := models[0].needs.get(name)) and not any(name in model.values for model in models):
-            file.entry("camera", key, zero, f"not known: needs {need}", "typical")
+            file.entry("camera", key, zero, f"not known; frames needed: {need}", "typical")
     _put_full_well(models, area * aperture**2, file.entry, file.put)
     _put_efficiency(models, file.entry)
     for key, name, unit in (
@@ -164,7 +164,11 @@ def _put_efficiency(models: list[SensorModel], entry: Callable[..., None]) -> No
         entry("camera", "peak_qe", json.dumps([float(f"{min(one, 1.0):.6g}") for one in letters]),
               f"electrons per photon at the light used; {_interval(models, 'quantum_efficiency')}")  # fmt: skip
         entry(
-            "camera", "sensitivity", quoted("flat"), "one wavelength was measured: the same at every other", "typical"
+            "camera",
+            "sensitivity",
+            quoted("flat"),
+            "only one wavelength was measured: the same value is used at all wavelengths",
+            "typical",
         )
 
 

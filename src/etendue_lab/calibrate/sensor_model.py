@@ -17,8 +17,8 @@ from etendue_lab.frames import transfer
 
 @dataclass
 class SensorModel:
-    """The parameters of a sensor. ``values``: estimates by name; ``how``: the method of each; ``needs``: for missing
-    ones, the frames that would determine them.
+    """The parameters of a sensor. ``values``: estimates by name; ``how``: the method of each estimate; ``needs``: for
+    missing values, the frames that would determine them.
     """
 
     channel: str

@@ -100,6 +100,6 @@ def calibrated(
     }
     if any(model.response.bend < 0 for model in models):
         document["notes"].append(
-            "the response rises above a line, which a sensor file cannot describe: no bend is written"
+            "the response rises above a line, which a sensor file cannot describe; the file therefore contains no bend"
         )
     return document, sensor_file.text(models, frames, geometry.pitch, geometry.aperture or 1.0, digests, blur)

@@ -47,7 +47,8 @@ def print_calibration(document: Document) -> None:
         sigma = f"{edge['sigma']:.4g} um ({edge['sigma_low']:.4g} to {edge['sigma_high']:.4g})"
         console.print(
             f"lens from {escape(edge['file'])}: Gaussian blur of sigma {sigma}, pixel divided out; MTF50 of both "
-            f"{edge['mtf50']:.4g} cycles/pixel; up to Nyquist its response differs from that of such a blur by at most "
+            f"{edge['mtf50']:.4g} cycles/pixel; up to Nyquist its response differs from the response of such a "
+            "blur by at most "
             f"{edge['misfit']:.2g}"
         )
     for check in document["checks"]:
@@ -120,7 +121,7 @@ def calibrate_command(
 ) -> None:
     if edge is not None and (pitch is None or aperture is None):
         raise RequestError(
-            "--edge: the pixel's own blur must be known to be divided out: give --pitch UM and --aperture SHARE (1 "
+            "--edge: the blur of the pixel is divided out and must be known: give --pitch UM and --aperture SHARE (1 "
             "with microlenses)"
         )
     if edge_window is not None and edge is None:

@@ -38,7 +38,7 @@ from etendue.cli.saying import command, later
 @click.option(
     "--pattern",
     metavar="RGGB",
-    help="2 x 2 colour filter array of the frames. Default: the one that a DNG states, otherwise mono.",
+    help="2 x 2 colour filter array of the frames. Default: the array stated by a DNG, otherwise mono.",
 )
 @options.JSON
 @later("etendue_lab.calibrate.terminal:calibrate_command")

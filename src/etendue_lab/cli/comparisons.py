@@ -14,7 +14,7 @@ from etendue.cli.saying import command, later
     "--axis",
     required=True,
     metavar="AXIS[=V,V,..]",
-    help="What to compare: demosaic.use, demosaic.use=a,b or sharpen.strength=0,0.1,0.2.",
+    help="The axis to compare: demosaic.use, demosaic.use=a,b or sharpen.strength=0,0.1,0.2.",
 )
 @options.settings()
 @click.option(
@@ -23,7 +23,7 @@ from etendue.cli.saying import command, later
     show_default=True,
     type=click.IntRange(1),
     metavar="N",
-    help="Timing repeats; the best is kept.",
+    help="Number of timing runs; the fastest is kept.",
 )
 @click.option("--noise-free", is_flag=True, help="Compare expected values, without noise and rounding.")
 @click.option("--no-mtf50", is_flag=True, help="Skip the slanted-edge run.")
@@ -37,10 +37,10 @@ from etendue.cli.saying import command, later
 def compare() -> None:
     """Rank alternatives, plugins included, by quality against run time.
 
-    --axis demosaic.use compares every installed stage that can replace the file's stage `demosaic`: it writes the same
-    variables, reads no others, and declares no other role. demosaic.use=a,b compares these two stages; '{ use = "mine",
-    iterations = 5 }' is a stage with parameters. Any stage and any parameter can be the axis. Light, mosaic and noise
-    are computed once and shared by all alternatives after them.
+    --axis demosaic.use compares all installed stages that can replace the file's stage `demosaic`: stages that write
+    the same variables, read no other variables, and declare no other role. demosaic.use=a,b compares these two stages;
+    '{ use = "mine", iterations = 5 }' is a stage with parameters. The axis can be any stage or any parameter. Light,
+    mosaic and noise are computed once and shared by all alternatives after them.
 
     The reference is the picture of a camera whose pixels measure all channels without noise, followed by the same later
     stages. PSNR is measured on linear values where the axis takes effect: on the stage's own picture, or on rgb_camera
@@ -73,7 +73,7 @@ def compare() -> None:
     "--without",
     multiple=True,
     metavar="STAGE",
-    help="Also leave this stage out of the ideal camera, such as diffusion" + options.REPEAT,
+    help="Also remove this stage from the ideal camera, such as diffusion" + options.REPEAT,
 )
 @click.option(
     "--keep",

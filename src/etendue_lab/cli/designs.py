@@ -22,7 +22,7 @@ AT = click.option(
 @options.JSON
 @later("etendue_lab.designs.terminal:sensitivity_command")
 def sensitivity() -> None:
-    """Report how much each factor of a design matters for metrics, from the samples of an archive.
+    """Report the effect of each factor of a design on metrics, from the samples of an archive.
 
     For a design with method = "saltelli", the command gives first-order and total Sobol' indices with 95 % intervals.
     For any design, it gives standardised regression coefficients, rank correlations, main effects (the share of the

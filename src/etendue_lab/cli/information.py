@@ -71,8 +71,8 @@ def information() -> None:
     show_default=True,
     type=click.IntRange(0),
     metavar="N",
-    help="Maximum number of cameras to run for colour; 64 are all sets of six stages. If a file has more stages, "
-    "orders are sampled. 0: no colour.",
+    help="Maximum number of cameras to run for colour; 64 cameras cover all sets of six stages. For more "
+    "stages, orders are sampled. 0: no colour.",
 )
 @click.option(
     "--seed", default=0, show_default=True, type=click.IntRange(0), metavar="N", help="Seed of the sampled orders."

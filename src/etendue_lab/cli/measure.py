@@ -61,11 +61,13 @@ from etendue.cli.saying import command, later
 )
 @later("etendue_lab.measure.terminal:measure_command")
 def measure() -> None:
-    """Measure a photograph of your own with the same methods as simulated ones; each metric has a 95 % interval.
+    """Measure your own photograph with the methods that are used for simulated pictures; each metric has a 95 %
+    interval.
 
-    MTF of slanted edges and Siemens stars, noise of uniform patches, colour differences of a ColorChecker. Regions are
-    in pixels from the upper left corner. If no region is given, the strongest slanted edge is found automatically. PNG,
-    JPEG and TIFF can be measured, and raw files without demosaicing (pip install 'etendue[raw]').
+    The metrics are MTF of slanted edges and Siemens stars, noise of uniform patches, and colour differences of a
+    ColorChecker. Regions are in pixels from the upper left corner. If no region is given, the strongest slanted edge is
+    found automatically. PNG, JPEG and TIFF can be measured, and raw files without demosaicing (pip install
+    'etendue[raw]').
 
-    Exit codes: 0 done, 2 invalid request, or a region does not show the expected target.
+    Exit codes: 0 done, 2 the request is invalid or a region does not show the expected target.
     """

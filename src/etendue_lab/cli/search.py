@@ -16,8 +16,8 @@ def _texts(name: str, metavar: str, help: str) -> options.Adds:
 
 @command("optimise")
 @options.FILE
-@_texts("minimise", "METRIC", "Make this metric small: rms, mtf50[mean]")
-@_texts("maximise", "METRIC", "Make this metric large")
+@_texts("minimise", "METRIC", "Minimise this metric: rms, mtf50[mean]")
+@_texts("maximise", "METRIC", "Maximise this metric")
 @_texts("subject", "LIMIT", "Stay within a limit: 'clipped_fraction <= 0.01', 'pixel_pitch <= 3'")
 @_texts(
     "over", "NAME=LOW:HIGH", "Search a setting: f_number=1.4:8, integration_time='1 ms:20 ms:log', demosaic.use=a,b"
@@ -30,7 +30,7 @@ def _texts(name: str, metavar: str, help: str) -> options.Adds:
     default="model",
     show_default=True,
     type=click.Choice(["model", "tpe", "nsga2", "random"]),
-    help="How the next settings are chosen: by a model of the trials, by optuna's tpe or nsga2, or at random.",
+    help="Method of choosing the next settings: a model of the trials, optuna's tpe or nsga2, or random.",
 )
 @options.output("Folder for the trials and the picture of their history. Default: ./<name>-search.")
 @options.JSON
@@ -42,8 +42,8 @@ def optimise() -> None:
     Every trial runs the camera with new settings and recomputes only what they change. Finished trials are kept in the
     folder: after an interruption the same command continues, and ends with the same trials as an uninterrupted search;
     a larger --trials extends a finished search. A limit on a searched setting narrows its range. If a trial exceeds a
-    limit, the optimiser is told by how much; a trial that fails, or that a stage refuses, counts as far beyond. With
-    several goals, the result is the Pareto front: the trials that no other trial beats in all goals.
+    limit, the optimiser receives the excess. A trial that fails, or that a stage refuses, counts as far beyond the
+    limit. With several goals, the result is the Pareto front: the trials that no other trial beats in all goals.
 
     Needs optuna: pip install 'etendue[optimise]'.
 
@@ -60,7 +60,11 @@ def optimise() -> None:
     metavar="FOLDER",
     help="Folder of pictures (PNG, JPEG, TIFF), searched with its subfolders, or one file.",
 )
-@_texts("over", "NAME=LOW:HIGH", "Draw a setting: f_number=1.4:8, integration_time='1 ms:20 ms:log', demosaic.use=a,b")
+@_texts(
+    "over",
+    "NAME=LOW:HIGH",
+    "Draw a setting at random: f_number=1.4:8, integration_time='1 ms:20 ms:log', demosaic.use=a,b",
+)
 @click.option(
     "--variable",
     "variables",
@@ -80,7 +84,7 @@ def optimise() -> None:
 @options.gather
 @later("etendue_lab.pairs.terminal:pairs_command", "stopped; the same command continues with the next file")
 def pairs() -> None:
-    """Make training data: pictures of random cameras, each with the true value.
+    """Make training data: pictures of random cameras, each with its noise-free values.
 
     Every pair is one photograph seen by one camera whose settings are drawn between the given ends. It consists of the
     raw frame (raw) and the noise-free mean charge of the same pixels (expected_charge), or of any other variables with

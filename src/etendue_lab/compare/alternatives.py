@@ -1,4 +1,4 @@
-"""The alternatives of a comparison: which exist, and the plan of those that are compatible.
+"""The alternatives of a comparison, and the plan of the compatible alternatives.
 
 In:  a camera without a sweep, the compared axis.
 Out: the camera as compared, values for the axis, the plan of all compatible values, a row for each incompatible one.
@@ -37,14 +37,14 @@ def camera_of(
         base = noise_free(base, nodes, registry)
         nodes = nodes_of(base, registry)
     if asked.stage and asked.stage not in [n.name for n in nodes]:
-        what = "expected values do not use it" if expected else "nothing that is computed depends on it"
+        what = "expected values do not use it" if expected else "no computed variable depends on it"
         raise RequestError([Fault(f"--axis {asked.key}", f"{asked.stage} has no effect: {what}")], base.file)
     return base, nodes
 
 
 def values_of(asked: AxisRequest, nodes: Sequence[Node], registry: Registry) -> tuple[Any, list[str]]:
-    """Return the values of the axis: the requested ones, otherwise all installed alternatives, with notes on those that
-    cannot be used.
+    """Return the values of the axis: the requested values, otherwise all installed alternatives, with notes on
+    alternatives that cannot be used.
     """
     if asked.values is None and asked.key == SENSOR:
         return preset_names(), []
@@ -75,7 +75,9 @@ def wanted_of(branched: Branched) -> tuple[StageVariable, ...]:
 def planned(
     branched: Branched, wanted: tuple[StageVariable, ...], asked: AxisRequest, values: Any, registry: Registry
 ) -> tuple[Plan, Any, list[ComparedRow]]:
-    """Return the plan of all compatible alternatives, their values, and a ``refused`` row for each other one."""
+    """Return the plan of all compatible alternatives, their values, and a ``refused`` row for each incompatible
+    alternative.
+    """
     pipeline = wanting(branched.pipeline, wanted, kept=True)
 
     def plan_of(chosen: Any) -> Plan:
@@ -118,7 +120,7 @@ def keeping_inputs(plan: Plan, asked: AxisRequest) -> Plan:
 
 
 def _as_asked(error: RequestError, asked: AxisRequest) -> RequestError:
-    """Return the same faults; their place is the option or line in which the axis was written."""
+    """Return the same faults, with the option or line in which the axis was written as their place."""
     key = f"sweep.{asked.key}"
     own = f"--axis {asked.key}"
     wrong = [f for f in error.faults if f.place.startswith(key)]

@@ -139,7 +139,9 @@ def check_axis(asked: AxisRequest, pipeline: PipelineFile) -> AxisRequest:
             if asked.stage or asked.key in camera.names()
             else nearest(asked.key, [*camera.names(), *(f"{n}.use" for n in names)])
         )
-        raise RequestError([Fault(place, f"needs values: --axis {asked.key}=VALUE,VALUE,..{known}")], pipeline.file)
+        raise RequestError(
+            [Fault(place, f"values are required: --axis {asked.key}=VALUE,VALUE,..{known}")], pipeline.file
+        )
     return asked
 
 

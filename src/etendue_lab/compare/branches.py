@@ -173,7 +173,7 @@ class ReferenceBranch:
         if node.name == self.compared and self.parameter in parameters_of(self.registry.load(use)):
             self.counterpart = name
         elif node.name == self.compared:
-            self.notes.append(f"the reference uses {use} as in the file, whatever the value of {self.key}")
+            self.notes.append(f"the reference uses {use} as in the file, for all values of {self.key}")
 
     def planes(self, light: Node, demosaic: Node, needless: Collection[str] = ()) -> None:
         """Add the stages from the light to camera channels: every channel at every pixel, corrected plane by plane,
@@ -205,8 +205,8 @@ class ReferenceBranch:
         self.twin[demosaic.name] = self.put("reference", end, {MOSAIC: source}, {})
 
     def in_front_of_mask(self, nodes: Sequence[Node], source: str) -> str:
-        """Add replacements for stages that move charge behind the mask; return the last one, else the ``source`` of
-        light.
+        """Add replacements for stages that move charge behind the mask; return the last such stage, else the ``source``
+        of light.
         """
         for node in nodes:
             if not (node.kind.role and _changes(node, CHARGE)):
@@ -219,7 +219,7 @@ class ReferenceBranch:
     def why_not(self, node: Node, light: Node) -> str:
         """Return why a correction of the mosaic cannot be run plane by plane; '' if it can."""
         if node.name == self.compared and node.kind.role in RESTORING:
-            return "which is compared with a picture that needs none"
+            return "whose effect the reference picture does not need"
         behind = [n for n in self.nodes[self.nodes.index(light) :] if n is not light]
         maps = [
             v

@@ -1,4 +1,4 @@
-"""Results of a run of alternatives, by the position of each on their axis.
+"""Results of a run of alternatives, indexed by position on the compared axis.
 
 In:  the plan and the outcome of a comparison's run, the axis, the branches.
 Out: arrays, reports and reasons by position.
@@ -104,7 +104,7 @@ class Reader:
         return node.alternatives[position if self.asked.swaps and len(node.alternatives) > 1 else 0]
 
     def pictures(self, branched: Branched, rows: list[ComparedRow]) -> tuple[dict[int, Any], dict[int, Any]]:
-        """Return the pictures to show: encoded pictures by position, and those of the references."""
+        """Return the pictures to show: encoded pictures by position, and the pictures of the references."""
         pair = branched.display or branched.linear
         done = [row.position for row in rows if row.status == "done" and row.position is not None]
         ours, theirs = ({i: self.at(where, i) for i in done} for where in (pair.ours, pair.reference))

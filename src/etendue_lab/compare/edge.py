@@ -128,20 +128,22 @@ def _named(matrix: tuple[Any, Any]) -> tuple[tuple[Any, str], ...]:
 
 
 def _luminance(variable: str, channels: int, matrix: Any, white: Any) -> Any:
-    """Return weights of the channels: those of luminance Y if known, else the middle channel alone."""
+    """Return the weights of the channels in the luminance Y if known, else a weight of 1 for the middle
+    channel alone.
+    """
     if variable == CAMERA and matrix is not None and white is not None:
         return np.asarray(matrix, np.float64)[1] / np.asarray(white, np.float64)
     return np.eye(channels)[min(1, channels - 1)]
 
 
 def _pixels(sigma: float, plan: Plan, position: int) -> float:
-    """Return the softness of the edge in pixels, also if the pitch is the axis."""
+    """Return the softness of the edge in pixels; the pixel pitch may be the axis."""
     pitches = pitches_of(plan)
     return sigma / pitches[position if len(pitches) > 1 else 0]
 
 
 def pitches_of(plan: Plan) -> list[float]:
-    """Return every pitch on the axis, its own or that of sensors, in order; else that of the camera."""
+    """Return every pixel pitch on the axis in order, given directly or by sensors; else the pitch of the camera."""
     for axis in plan.axes:
         if axis.key == "pixel_pitch" or "pixel_pitch" in axis.gives:
             return [float(axis.value("pixel_pitch", position)) for position in range(len(axis.values))]

@@ -1,7 +1,7 @@
-"""Stages that a study adds to a pipeline, found among the installed ones by role or base, never by name.
+"""Stages that a study adds to a pipeline, found among the installed stages by role or base, never by name.
 
 In:  a registry; a role with inputs and outputs, or a typed base.
-Out: the name under which such a stage is installed. Those of the package come first.
+Out: the name under which such a stage is installed. Stages of the package come first.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 
 def serving(registry: Registry, role: str, reads: str, writes: str, dims: tuple[str, ...] = ()) -> str:
-    """Return the stage of a role that reads one variable, with these dims if given, and writes another; '' if none."""
+    """Return the stage of a role that reads one variable, with these dims if given, and writes another variable; '' if
+    there is none.
+    """
 
     def fits(kind: type[Stage]) -> bool:
         read = [d for d in reads_of(kind).values() if d.variable == reads and d.dims == (dims or d.dims)]
@@ -42,7 +44,7 @@ def made_for(registry: Registry, base: type) -> str:
 
 
 def reference(registry: Registry, reads: str, writes: str, dims: tuple[str, ...]) -> str:
-    """Return the stage that only serves in references, by what it reads and writes.
+    """Return the stage that only serves in references and reads and writes these variables.
 
     Raises
     ------

@@ -118,7 +118,7 @@ def print_comparison(found: Comparison, files: list[Path]) -> None:
 
 
 def _table_of(found: Comparison, shown: list[Column]) -> Table:
-    """Return the table; the last line holds the MTF50 of the reference, if all rows have the same one."""
+    """Return the table; the last line holds the MTF50 of the reference, if it is the same for all rows."""
     height, width = found.size
     title = f"{escape(found.pipeline)}: {escape(found.key)} by {_ranked_by(found)}, {width} x {height} pixels"
     rows = [{"rank": number} | vars(row) for number, row in enumerate((r for r in found.rows if r.psnr is not None), 1)]
@@ -171,7 +171,7 @@ def _remarks(found: Comparison, origins: dict[int, str]) -> list[tuple[str, str]
                 by_origin.setdefault(origins[id(row)], []).append(row.label)
         lines += [("from", f"{origin}: {', '.join(labels)}") for origin, labels in by_origin.items()]
     without = f", without {found.without}" if found.without else ""
-    each = "; each value has its own" if found.own_reference else ""
+    each = "; each value has its own reference" if found.own_reference else ""
     lines.append(
         ("reference", f"noise-free full planes of the same pixels through the same later stages{without}{each}")
     )
@@ -183,7 +183,7 @@ def _remarks(found: Comparison, origins: dict[int, str]) -> list[tuple[str, str]
             )
         )
     lines.append(("PSNR", "dB, full scale 1; encoded, dE00 (CIEDE2000), zipper, false colour: on the finished picture"))
-    lines.append(("MTF50", "cycles/pixel across a slanted edge, noise-free; ideal: that of the reference"))
+    lines.append(("MTF50", "cycles/pixel across a slanted edge, noise-free; ideal: the value for the reference"))
     if any(row.seconds is not None for row in found.rows):
         lines.append(
             ("error", "rms, full scale 1, of the ranking metric; plotted against time in error_against_time.png")
@@ -241,8 +241,8 @@ def _plot(found: Comparison) -> bytes:
 
 
 def _crops(found: Comparison) -> bytes:
-    """Show the best alternatives side by side with the reference of the best, each with its size; pictures whose place
-    on the image plane is unknown are named in a note.
+    """Show the best alternatives side by side with the reference of the best alternative, each with its size; pictures
+    whose place on the image plane is unknown are named in a note.
     """
     best = [(row, row.position) for row in found.rows if row.position is not None and row.position in found.pictures]
     if not best:
@@ -253,7 +253,9 @@ def _crops(found: Comparison) -> bytes:
     alike = [(row, at) for row, at in best if placed or found.pictures[at].shape == reference.shape]
     if len(alike) < len(best):
         labels = [row.label for row, at in best if (row, at) not in alike]
-        found.notes.append(f"{CROPS} shows pictures of one size, that of the best; not shown: {', '.join(labels)}")
+        found.notes.append(
+            f"{CROPS} shows only pictures with the size of the best picture; not shown: {', '.join(labels)}"
+        )
     if not alike:
         return b""
     if len(alike) > MOST_CROPS:

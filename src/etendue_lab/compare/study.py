@@ -100,10 +100,10 @@ def compare(
     Parameters
     ----------
     pipeline : as read; a sweep is replaced by the values that the file gives outside it, otherwise by its first values
-    asked : the axis
+    asked : the requested axis
     repeat : number of timing runs of each alternative; the fastest is kept
     expected : whether noise and rounding are left out (expected values)
-    options : how the run is done
+    options : scheduler, workers and other run options
     progress : ``plan -> Progress`` for the main run, or None
     edges : whether MTF50 is measured, in a second run with a slanted edge
     ready : called once the request is known to be valid, before anything is computed
@@ -142,7 +142,7 @@ def compare(
     there = [row.position for row in rows if row.position is not None]
     known = {position: references[position] for position in there if references[position] is not None}
     if sum(row.status != "refused" for row in rows) == 1:
-        why = ("it is the only one", "the others are refused")[len(rows) > 1]
+        why = ("it is the only alternative", "the other alternatives are refused")[len(rows) > 1]
         notes = [f"nothing to compare with: {why}", *notes]
     notes += _on_the_references(known, rows, reader, branched) + reader.shared_faults()
     pictures = reader.pictures(branched, measured)
@@ -207,8 +207,8 @@ def rank_by(rows: Iterable[ComparedRow]) -> str:
 
 
 def ranked(rows: list[ComparedRow], by: str = "psnr") -> list[ComparedRow]:
-    """Sort rows, best first; those without the metric last. Set the error of each, and mark the Pareto front of quality
-    and speed.
+    """Sort rows, best first; rows without the metric come last. Set the error of each, and mark the Pareto front of
+    quality and speed.
     """
 
     def order(row: ComparedRow) -> tuple[bool, float, float, str]:
@@ -264,7 +264,7 @@ def _row(reader: Reader, branched: Branched, position: int, label: str, repeat: 
 
 
 def _viewing_white(reader: Reader, branched: Branched, position: int) -> Array:
-    """Return the white to which the viewing eye is adapted: the target of the balance, else that of the scene."""
+    """Return the white to which the viewing eye is adapted: the target of the balance, else the white of the scene."""
     assert branched.colour is not None
     name = branched.colour.ours[0]
     stage = reader.plan.cells[reader.ref(name, position)].stage
@@ -306,16 +306,18 @@ def _on_the_references(
     if over[worst] > 1e-3:
         where = f" at {labels[worst]}" if labels[worst] else ""
         share = f"{100 * over[worst]:.2g} % of the pixels{where}"
-        notes.append(f"{share} are clipped, which no alternative restores: lower the exposure to see more")
+        notes.append(
+            f"{share} are clipped, which no alternative restores: use a shorter exposure to compare highlights"
+        )
     sizes = {r.shape[-2:] for r in references.values()}
     if min(min(size) for size in sizes) <= 4 * BORDER:
         notes.append(f"the picture is too small to drop a border of {BORDER} pixels")
     if len(sizes) > 1:
         sized = ", ".join(f"{x} x {y}" for y, x in sorted(sizes))
-        notes.append(f"the pictures differ in size ({sized} pixels), and so in content")
+        notes.append(f"the pictures differ in size ({sized} pixels) and therefore in content")
     if variable == "rgb_display" and any(labels.values()):
         notes.append(
-            f"each {reader.asked.key} encodes the same light differently: PSNR compares each with a reference in its "
-            f"own encoding"
+            f"each {reader.asked.key} encodes the same light differently: PSNR compares each picture with a "
+            "reference in its own encoding"
         )
     return notes

@@ -1,1 +1,1 @@
-"""Studies of designs: which factor matters, and how many units pass."""
+"""Studies of designs: sensitivity to the factors, and yield."""

@@ -1,6 +1,6 @@
 """Plots of the studies of a design: indices and their convergence, and the yield over a limit.
 
-In:  holdings of an archive of a design, the request.
+In:  the data of an archive of a design (``Holdings``), the request.
 Out: a ``Plot``.
 """
 
@@ -27,12 +27,12 @@ KINDS = {"first": "first-order index", "total": "total index", "regression": "st
 
 
 def samples_in(holdings: Holdings) -> Samples:
-    """Return the samples of the archive to which holdings belong.
+    """Return the samples of the archive to which the data belong.
 
     Raises
     ------
     RequestError
-        They are of no archive, or of a grid.
+        The data come from no archive, or the archive has no design.
     """
     if not holdings.source:
         raise RequestError("only an archive holds a design: results in memory have no record of it")

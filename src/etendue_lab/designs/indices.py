@@ -30,8 +30,8 @@ class Indices:
 
 
 def mixed_of(metric: Array, factors: int) -> Array:
-    """Return a metric as (points, factors + 2): at A, at B, and at A with each column from B; without points that lack
-    any.
+    """Return a metric as (points, factors + 2): at A, at B, and at A with each column from B. Points with a missing
+    value are omitted.
     """
     whole = len(metric) // (factors + 2)
     found = metric[: whole * (factors + 2)].reshape(whole, factors + 2)
@@ -39,13 +39,17 @@ def mixed_of(metric: Array, factors: int) -> Array:
 
 
 def resampling(seed: int) -> np.random.Generator:
-    """Return the generator of resampled rows: a stream of its own, for a design may have been drawn with this seed."""
+    """Return the generator of resampled rows. It has a separate stream, because the design may have been drawn with the
+    same seed.
+    """
     return np.random.default_rng([OWN_STREAM, seed])
 
 
 @dataclass(frozen=True)
 class Terms:
-    """The values at every point whose means give the indices as ratios; relative to the mean of the metric."""
+    """Values at every point, relative to the mean of the metric. The indices are ratios of the means of these
+    values.
+    """
 
     above: Array  # (points, 2 factors): b (ab - a) and (a - ab)^2 / 2
     below: Array  # (points): (a^2 + b^2) / 2
@@ -60,13 +64,13 @@ class Terms:
         return cls(above, (a * a + b * b) / 2, np.concatenate([change, 0 * change], axis=1), (a + b) / 2)
 
     def ratios(self, weights: Array) -> Array:
-        """Return the indices, (.., 2 factors), of points with weights (.., points) whose sum is 1."""
+        """Return the indices, (.., 2 factors), for points with weights (.., points) that sum to 1."""
         mean = (weights @ self.centre)[..., None]
         variance = (weights @ self.below)[..., None] - mean**2
         return _ratio(weights @ self.above - mean * (weights @ self.moved), variance)
 
     def errors(self, weights: Array, ratios: Array) -> Array:
-        """Return the standard errors of such indices: of a ratio of means, to first order."""
+        """Return the standard errors of the indices: first-order errors of a ratio of means."""
         below = (weights @ self.below)[..., None]
         square = weights @ self.above**2 - 2 * ratios * (weights @ (self.above * self.below[:, None]))
         square = square + ratios**2 * (weights @ self.below**2)[..., None]
@@ -86,9 +90,8 @@ def indices(mixed: Array, resampled: int = RESAMPLED, level: float = LEVEL, seed
     """Return the indices with intervals: a studentised bootstrap of the points.
 
     Intervals from percentiles of resampled indices are too narrow with few points, because an index whose error is
-    small by chance counts like any other. Here each index is divided by its own error. Resampling takes points for
-    independent. Points of a scrambled sequence fill space more evenly, so the intervals are too wide rather than too
-    narrow.
+    small by chance counts like any other. Here each index is divided by its own error. Resampling assumes independent
+    points. Points of a scrambled sequence fill space more evenly, so the intervals are too wide rather than too narrow.
     """
     terms, points = Terms.of(mixed), len(mixed)
     even = np.full(points, 1 / points)

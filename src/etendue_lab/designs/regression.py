@@ -15,7 +15,7 @@ RESAMPLED = 400
 
 
 def standardised(factors: Array) -> Array:
-    """Return columns with mean 0 and deviation 1; of a constant column 0."""
+    """Return the columns scaled to mean 0 and standard deviation 1; a constant column becomes 0."""
     spread = factors.std(axis=0)
     return np.asarray((factors - factors.mean(axis=0)) / np.where(spread > 0, spread, 1))
 

@@ -70,7 +70,7 @@ def _of_metric(samples: Samples, name: str, middle: DocumentView) -> list[Docume
         for row in one["factors"]
     ]
     where = f" at {one['said']}" if one["said"] else ""
-    said = f"{one['title']}{where}: which factor matters. {' '.join(f'{note}.' for note in one['notes'])}"
+    said = f"{one['title']}{where}: importance of the factors. {' '.join(f'{note}.' for note in one['notes'])}"
     found += [{"paragraph": said.strip()}, {"table": {"head": head, "rows": rows}}]
     subjects = [
         [own["subject"], ", ".join(own["factors"]), f"{own['sum']:.3f}", interval_text(own["closed"])]

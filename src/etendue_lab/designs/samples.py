@@ -1,4 +1,4 @@
-"""The samples of a design that an archive holds: the factors of every row, and metrics of the finished ones.
+"""The samples of a design that an archive holds: the factors of every row, and the metrics of finished rows.
 
 In:  the folder of an archive, or its tree.
 Out: ``Samples``.
@@ -55,7 +55,7 @@ class Factor:
 
     @property
     def codes(self) -> Array:
-        """Numbers for the values: themselves, or the place of each among the names."""
+        """Numbers for the values: the values themselves or, for names, the position of each name in the list."""
         if self.numeric:
             return self.values.astype(float)
         return np.unique(self.values, return_inverse=True)[1].astype(float)
@@ -89,16 +89,16 @@ class Samples:
         return self.asked.method
 
     def metrics(self, name: str, at: AxisValues | None = None) -> list[Metric]:
-        """Return a metric at every combination of the other axes, or at those asked for.
+        """Return a metric at every combination of the other axes, or at the requested combinations.
 
         Raises
         ------
         RequestError
-            There is no such metric, the design does not reach it, or there are too many combinations.
+            The metric does not exist, does not depend on the design, or has too many combinations.
         """
         held = self.holdings.find(name, "figure")
         if SAMPLE not in held.axes:
-            raise RequestError(f"{held.name} is the same in every sample: no factor of the design reaches it")
+            raise RequestError(f"{held.name} is the same in every sample: no factor of the design affects it")
         place = resolved([held], at or {})
         for dim in held.dims:
             if dim not in place and dim != "stage":
@@ -141,12 +141,12 @@ class Samples:
 
 
 def samples_of(folder: Path, name: str = "") -> Samples:
-    """Return the samples of an archive; ``name``: its name in messages.
+    """Return the samples of an archive; ``name``: the name of the archive in messages.
 
     Raises
     ------
     RequestError
-        It is of a grid, not of a design.
+        The archive has a grid, not a design.
     """
     run = recorded(folder)
     pipeline = run.pipeline()
@@ -157,7 +157,7 @@ def samples_of(folder: Path, name: str = "") -> Samples:
     held = [one for one in holdings if SAMPLE in one.axes]
     numbers = tuple(sorted({int(row) for one in held for row in one.values_of(SAMPLE)}))
     if not numbers:
-        raise RequestError(f"{name} holds nothing that a factor of its design reaches")
+        raise RequestError(f"{name} holds no variable that a factor of its design affects")
     faults: list[Any] = []
     asked = asked_of(with_rows(pipeline, SAMPLE, numbers) if max(numbers) else pipeline, faults)
     if asked is None:
@@ -185,7 +185,7 @@ def subject_of(key: str, pipeline: PipelineFile, registry: Registry) -> str:
 
 
 def _factor(key: str, held: Sequence[HeldVariable], numbers: tuple[int, ...], of: Distribution | None) -> Factor | None:
-    """Return a factor from the coordinates of the variables that depend on it; None if it reaches nothing."""
+    """Return a factor from the coordinates of the variables that depend on it; None if no variable depends on it."""
     where: dict[int, Any] = {}
     found: xarray.DataArray | None = None
     for coordinate in _coordinates(key, held):
@@ -210,7 +210,9 @@ def _coordinates(key: str, held: Sequence[HeldVariable]) -> Iterator[xarray.Data
 
 
 def by_place(samples: Samples, names: Sequence[str], at: AxisValues) -> list[list[Metric]]:
-    """Return several metrics together, at every combination of the other axes that reach any of them."""
+    """Return several metrics together, at every combination of the other axes that affect at least one of the
+    metrics.
+    """
     every = [samples.metrics(name, _own(samples, name, at)) for name in names]
     axes: dict[str, dict[Any, None]] = {}
     for some in every:

@@ -1,4 +1,4 @@
-"""Which factors of a design matter for a metric.
+"""Sensitivity of a metric to the factors of a design.
 
 In:  the samples of an archive, metrics.
 Out: a document: indices with intervals, regression, ranks, main effects, pairs, convergence.
@@ -24,12 +24,12 @@ TOLD = 0.01  # a product of two factors that explains less is not listed
 
 
 def sensitivity(samples: Samples, names: Sequence[str], at: AxisValues | None = None) -> Document:
-    """Return what every factor contributes to metrics.
+    """Return the contribution of every factor to each metric.
 
     Raises
     ------
     RequestError
-        A metric is unknown, or too few rows of it are finished.
+        A metric is unknown, or too few of its rows are finished.
     """
     found = [_of_metric(samples, metric) for name in names for metric in samples.metrics(name, at)]
     return {
@@ -118,7 +118,7 @@ def _interval(found: Array) -> Document:
 
 
 def indices_of(samples: Samples, metric: Metric, points: int | None = None) -> Indices | None:
-    """Return the Sobol' indices from a Saltelli design, of its first points; None for other designs."""
+    """Return the Sobol' indices of the first points of a Saltelli design; None for other designs."""
     mixed = _mixed(samples, metric)
     return indices(mixed[:points]) if mixed is not None and len(mixed) >= FEWEST else None
 
@@ -170,13 +170,17 @@ def _notes(samples: Samples, metric: Metric, own: Indices | None) -> list[str]:
     if draws := samples.draws(metric):
         stages = ", ".join(draws)
         notes.append(
-            f"{metric.name}: the noise of {stages} is drawn anew in every sample, and is part of what is explained; "
+            f"{metric.name}: the noise of {stages} is drawn anew in every sample and is part of the variance; "
             f"set noise = 'common' for indices of the factors alone, or noise = {{ from = 0, to = 9999 }} as a factor"
         )
     elif DRAWS in samples.asked.factors:
         notes.append(f"{metric.name}: the total index of the factor noise is the share of the random draws")
     elif any(node["shown"].get(DRAWS) == "common" for node in samples.behind(metric).values()):
-        notes.append(f"{metric.name}: noise = 'common': the same noise in every sample, so that indices are of factors")
+        notes.append(
+            f"{metric.name}: noise = 'common': the same noise in every sample, so that indices describe factors only"
+        )
     if samples.asked.correlated:
-        notes.append("some factors are correlated: a coefficient is the effect of one at fixed values of the others")
+        notes.append(
+            "some factors are correlated: a coefficient is the effect of one factor at fixed values of the others"
+        )
     return notes

@@ -1,5 +1,5 @@
-"""The results that the command ``sensitivity`` stores in an archive: a group for every metric, with the cells that it
-was computed from.
+"""The results that the command ``sensitivity`` stores in an archive: a group for every metric, with the keys of the
+cells that were used.
 
 In:  the document of a study, the folder of its archive.
 Out: groups ``sensitivity/METRIC`` of plain arrays along ``factor``, opened by plain xarray.
@@ -23,9 +23,9 @@ from etendue.types.documents import Document
 STUDY = "sensitivity"
 SHARE = "share of the variance"
 COLUMNS = {  # by name of an array: where the document has it, and what it is
-    "first_order": ("first", "first-order index: what the factor explains alone"),
-    "total": ("total", "total index: what it explains alone and together with others"),
-    "main_effect": ("main_effect", "what the mean over the factor explains"),
+    "first_order": ("first", "first-order index: share of the variance explained by the factor alone"),
+    "total": ("total", "total index: share explained by the factor alone and in interaction with others"),
+    "main_effect": ("main_effect", "share of the variance explained by the mean over the factor"),
     "regression": ("regression", "standardised regression coefficient"),
     "rank_correlation": ("rank", "rank correlation of Spearman"),
 }
@@ -33,7 +33,7 @@ SAID = ("metric", "title", "units", "samples", "points", "mean", "deviation", "e
 
 
 def store(folder: Path, place: Path | str, document: Document) -> Document:
-    """Store the indices of every metric; return where, or why not."""
+    """Store the indices of every metric; return their path, or the reason why they were not stored."""
     if is_url(place):
         return {"groups": [], "why": "an archive on an object store is only read"}
     groups = {_name(one): _group(folder, document, one) for one in document["metrics"]}
@@ -55,9 +55,13 @@ def _group(folder: Path, document: Document, one: Document) -> Document:
     rows, cells = one["factors"], finished_cells(folder, stage)
     arrays: dict[str, Any] = {
         "factor": (("factor",), [row["factor"] for row in rows], {"long_name": "factor of the design"}),
-        "subject": (("factor",), [row["subject"] for row in rows], {"long_name": "role of the stage that it is of"}),
+        "subject": (
+            ("factor",),
+            [row["subject"] for row in rows],
+            {"long_name": "role of the stage to which the factor belongs"},
+        ),
         "end": (("end",), ["low", "high"], {"long_name": "end of the 95 % interval"}),
-        CELLS: ((CELLS,), list(cells), {"long_name": "cell that the indices are of"}),
+        CELLS: ((CELLS,), list(cells), {"long_name": "cell from which the indices were computed"}),
         KEYS: ((CELLS,), list(cells.values()), {"long_name": "its key"}),
     }
     for name, (word, about) in COLUMNS.items():

@@ -1,4 +1,4 @@
-"""The commands ``sensitivity`` and ``yield``: what they print.
+"""Terminal output of the commands ``sensitivity`` and ``yield``.
 
 In:  arguments of the command line; documents of both studies.
 Out: tables, or JSON.

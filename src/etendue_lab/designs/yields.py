@@ -30,7 +30,7 @@ _FORM = re.compile(r"\s*([\w.]+)\s*(>=|<=|>|<)\s*(.+?)\s*")
 
 @dataclass(frozen=True)
 class Requirement:
-    """What a metric must be."""
+    """A limit that a metric must meet."""
 
     metric: str
     sign: str
@@ -64,7 +64,7 @@ def required(texts: Sequence[str]) -> list[Requirement]:
     Raises
     ------
     RequestError
-        One has another form.
+        A requirement has another form.
     """
     found, faults = [], []
     for text in texts:
@@ -171,7 +171,9 @@ def weights_of(samples: Samples, factor: Factor, share: float = TIGHTER) -> Arra
 
 
 def _of_copula(samples: Samples, factor: Factor, then: Distribution) -> Array:
-    """Return the ratio of the densities of correlated factors, of which one has another distribution."""
+    """Return the ratio of the joint densities of correlated factors before and after one factor changes its
+    distribution.
+    """
     keys = list(samples.asked.factors)
     scores = np.zeros((len(samples.numbers), len(keys)))
     for one in samples.factors:

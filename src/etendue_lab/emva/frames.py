@@ -1,4 +1,4 @@
-"""``etendue emva`` on real frames: figures of every channel, and the curve.
+"""``etendue emva`` on real frames: metrics of every channel, and the photon transfer curve.
 
 In:  a measurement: frames of light and of the dark.
 Out: the document, and its table.
@@ -78,7 +78,7 @@ def measured(path: Path, window: str | None, pattern: str | None) -> Document:
 
 
 def print_measured(document: Document) -> None:
-    """Print measured values with their intervals; for missing values, the frames that they need."""
+    """Print measured values with their intervals; for missing values, print the frames that would determine them."""
     console = _out()
     console.print(
         f"{escape(document['measurement'])}: {document['frames']} frames of {document['columns']} x {document['rows']} "

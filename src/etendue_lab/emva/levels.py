@@ -46,7 +46,7 @@ def of_plan(
     Raises
     ------
     RequestError
-        There are no frames of light and dark at four times, two of each.
+        There are not two light frames and two dark frames at each of four exposure times.
     """
     node = raw_node(plan)
     exposures = {dim for one in plan.nodes if TIME in one.writes for dim in one.writes[TIME].dims}
@@ -58,7 +58,7 @@ def of_plan(
     if len(light) != 1 or not cells:
         raise RequestError(
             "a sensor is measured in the light and in the dark: sweep the reflectance of a uniform scene over 0 and 1, "
-            "as pipelines/emva.toml does, or run etendue emva FILE, which takes its own frames"
+            "as pipelines/emva.toml does, or run etendue emva FILE, which simulates the frames that it needs"
         )
     timed = [dim for dim, key in keys.items() if key == TIME]
     times = _times(plan, cells, options)
@@ -101,7 +101,7 @@ def _measured(
         raise RequestError(
             f"found {len(shared)} exposure times with light and dark, with at least {few} frames each; four times with "
             "two frames each are needed: put the stage bracket with repeats = 2 before the exposure, or run etendue "
-            "emva FILE, which takes its own frames"
+            "emva FILE, which simulates the frames that it needs"
         )
     stages = _stages(plan, bright[0])
     mask = mask_of(stages)
@@ -168,7 +168,7 @@ def _at(plan: Plan, node: Node, cell: Cell) -> CellRef:
 
 
 def _stages(plan: Plan, cell: Cell) -> list[Stage]:
-    """Return all stages before a cell, and its own, in order."""
+    """Return the stage of a cell and all stages before it, in order."""
     behind = ancestry(plan, [cell.ref])
     return [own.stage for node in plan.nodes for own in plan.of(node.name) if own.ref in behind]
 
@@ -179,8 +179,8 @@ def mask_of(stages: list[Stage]) -> cfa.Mask:
 
 
 def known(stages: list[Stage]) -> dict[str, float]:
-    """Combine what stages declare about their sensor: noises and patterns add in squares, the smallest full well
-    counts.
+    """Combine the declarations of stages about their sensor: noises and patterns add in squares, and the smallest full
+    well is used.
     """
     found: dict[str, float] = {}
     for stage in stages:
@@ -224,7 +224,7 @@ def photon_flux(plan: Plan, cell: Cell, options: Options | None) -> float:
 
 
 def _last(plan: Plan, cell: Cell, variable: str) -> Cell | None:
-    """Return the last of the cells before a cell that writes a variable."""
+    """Return the last cell before a given cell that writes a variable."""
     behind = ancestry(plan, [cell.ref])
     found = [own for node in plan.nodes if variable in node.writes for own in plan.of(node.name) if own.ref in behind]
     return found[-1] if found else None

@@ -58,8 +58,8 @@ class Expected(dict[str, float]):
 
     @classmethod
     def of(cls, sheet: Mapping[str, float], time: float) -> Expected:
-        """Derive them from the declarations of stages; ``time``: exposure time of the level at which patterns are
-        measured.
+        """Derive the expected values from the declarations of stages; ``time``: exposure time of the level at which
+        patterns are measured.
         """
         found = cls({name: sheet[name] for name in SHEET if name in sheet})
         if "dsnu" in sheet:

@@ -1,4 +1,5 @@
-"""``etendue emva``: measure a sensor as EMVA 1288 release 4 (linear) measures a camera, beside what its stages declare.
+"""``etendue emva``: measure a sensor as EMVA 1288 release 4 (linear) measures a camera, and compare it with the
+declarations of its stages.
 
 In:  a pipeline as written, or an archive with raw frames of uniform light and of the dark at several exposure times.
 Out: for each channel the photon transfer curve and the metrics of the standard with 95 % intervals, and their expected
@@ -63,7 +64,7 @@ def of_pipeline(
     options: Options | None = None,
     progress: Told = None,
 ) -> EmvaReport:
-    """Take frames with a pipeline's sensor and measure it.
+    """Simulate frames with the sensor of a pipeline and measure the sensor.
 
     Parameters
     ----------
@@ -100,9 +101,9 @@ def of_archive(folder: Path, registry: Registry) -> EmvaReport:
     Raises
     ------
     ArchiveError
-        It is not an archive, or it is damaged.
+        The path is not an archive, or the archive is damaged.
     RequestError
-        It holds no raw frames of light and dark at several times.
+        The archive holds no raw light and dark frames at several exposure times.
     """
     describe_archive(folder)  # raises an error if the folder is not an archive or is damaged
     stored = Stored(folder)
@@ -113,8 +114,8 @@ def of_archive(folder: Path, registry: Registry) -> EmvaReport:
     there = {ref for ref, name in names.items() if name in stored.finished}
     if (node.name, RAW) not in plan.kept or not there:
         raise RequestError(
-            f"{folder} holds no raw frames: add {node.name}.raw to 'keep', or run etendue emva FILE, which takes its "
-            "own"
+            f"{folder} holds no raw frames: add {node.name}.raw to 'keep', or run etendue emva FILE, which "
+            "simulates the frames that it needs"
         )
 
     def read(ref: CellRef) -> Any:

@@ -24,7 +24,7 @@ SENSORS = 900  # docs/emva.md
 
 
 def print_emva(document: Document) -> None:
-    """Print measured values beside expected ones."""
+    """Print measured values beside expected values."""
     console = _out()
     console.print(
         f"{escape(document['pipeline'])}: {document['standard']}; {100 * document['confidence']:.0f} % intervals"

@@ -154,7 +154,7 @@ class FrameSet:
         return replace(self, step=step, notes=[*self.notes, note])
 
     def levels(self) -> list[Level]:
-        """Return levels, the dark ones first, by light and time."""
+        """Return levels ordered by light and time, dark levels first."""
         found: dict[tuple[float, float, str], list[Frame]] = {}
         for frame in self.frames:
             light = frame.light if not (frame.time == 0 and frame.light > 0 and not self.photons) else 0.0

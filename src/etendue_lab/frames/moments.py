@@ -1,7 +1,7 @@
 """Moments of the levels of a measurement, read one frame at a time.
 
 In:  frames of one level; the site of a colour filter array.
-Out: mean, temporal variance, row and column variance, histogram; each also with groups of pixels left out.
+Out: mean, temporal variance, row and column variance, histogram; each also for all pixels except one group.
 """
 
 from __future__ import annotations

@@ -51,8 +51,8 @@ class Pattern:
     def variance(self, confidence: float = 0.95) -> Estimate:
         """Return the variance over pixels from products of different groups.
 
-        Its interval combines the jackknife over blocks of pixels with that over groups of frames (four or more),
-        because patterns that drift between frames are not independent from pixel to pixel.
+        Its interval combines the jackknife over blocks of pixels with the jackknife over groups of frames (four or
+        more), because patterns that drift between frames are not independent from pixel to pixel.
         """
         g = len(self.groups)
 

@@ -65,8 +65,8 @@ def _file(path: Path) -> FrameSet:
         lines, photons = TABLES[suffix](path)
         return _listed(path, lines, photons)
     if suffix == ".npy" or suffix in PICTURES:
-        raise RequestError(f"{path}: frames alone do not state their exposure; list them in a CSV table: {COLUMNS}")
-    raise RequestError(f"{path}: is not a measurement; give {KINDS}")
+        raise RequestError(f"{path}: a frame alone does not state its exposure; list them in a CSV table: {COLUMNS}")
+    raise RequestError(f"{path}: this is not a measurement; give {KINDS}")
 
 
 def _sources(path: Path) -> list[tuple[Source, int]]:
@@ -78,7 +78,7 @@ def _sources(path: Path) -> list[tuple[Source, int]]:
         return [(member, i) for i in range(member.count)]
     if path.suffix.lower() in PICTURES:
         return [(PictureFrame(path), 0)]
-    raise RequestError(f"{path}: is not a frame; give PNG, TIFF, DNG or .npy")
+    raise RequestError(f"{path}: this is not a frame; give PNG, TIFF, DNG or .npy")
 
 
 def frame_of(path: Path) -> Array:
@@ -118,7 +118,7 @@ def _one(path: Path, patterns: set[str]) -> str:
 
 def _folder(path: Path) -> FrameSet:
     """Read a folder that contains one table, or one ``.npz``, or pictures with exposure times. Dark frames have
-    ``dark`` in their name or in that of their sub-folder.
+    ``dark`` in their name or in the name of their sub-folder.
     """
     inside = sorted(one for one in itertools.islice(path.rglob("*"), MOST_FILES) if one.is_file())
     lists = [one for one in inside if one.suffix.lower() in TABLES and one.parent == path]

@@ -30,7 +30,7 @@ NONE = Estimate(math.nan, math.nan, math.nan, "")
 @dataclass(frozen=True)
 class Curve:
     """The photon transfer curve: levels of light by ascending mean. Arrays are (replicate, level); replicate 0 uses all
-    pixels, each other one omits a block.
+    pixels, every other replicate omits one block of pixels.
     """
 
     levels: list[Level]
@@ -73,7 +73,7 @@ class Curve:
 
     @property
     def line_noise(self) -> tuple[float, float]:
-        """Temporal variance of row and of column offsets in the dark, DN^2."""
+        """Return the temporal variance of row offsets and of column offsets in the dark, DN^2."""
         weight = np.array([one.frames - 1.0 for one in self.dark])
         rows, columns = (
             float((weight * own).sum() / weight.sum())
@@ -109,7 +109,9 @@ def curve(frames: FrameSet, site: Site = MONO) -> Curve:
     dark_levels = [one for one in levels if one.dark]
     light_levels = [one for one in levels if not one.dark]
     if not dark_levels:
-        raise RequestError(f"{frames.path}: has no dark frames; two are needed, at one exposure time or at each")
+        raise RequestError(
+            f"{frames.path}: has no dark frames; two are needed, at one exposure time or at every exposure time"
+        )
     if len(light_levels) < 3:
         raise RequestError(
             f"{frames.path}: has {len(light_levels)} levels of light; a photon transfer curve needs three or more"
@@ -161,7 +163,7 @@ def _dark(dark: list[LevelMoments], times: Array) -> tuple[Array, Array, Array |
 
 @dataclass
 class Figures:
-    """Metrics by name; for metrics that the data do not determine, the frames that they need."""
+    """Metrics by name; for metrics that the data do not determine, the frames that would determine them."""
 
     values: dict[str, Estimate] = field(default_factory=dict)
     needs: dict[str, str] = field(default_factory=dict)
@@ -174,7 +176,7 @@ class Figures:
 
 
 def patterns(frames: FrameSet, found: Curve, site: Site = MONO) -> tuple[DarkPatterns | None, Pattern | None]:
-    """Return the pattern in the dark (DN), and that of the response (relative) from all levels between 5 and 70 % of
+    """Return the dark pattern (DN), and the pattern of the response (relative) from all levels between 5 and 70 % of
     saturation.
     """
     dark = dark_patterns(frames, found.dark_levels, site)

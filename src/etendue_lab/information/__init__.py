@@ -1,1 +1,1 @@
-"""Bits per pixel of fine detail, and where they are lost."""
+"""Bits per pixel of fine detail, and the loss at every stage."""

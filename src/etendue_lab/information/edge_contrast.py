@@ -63,7 +63,9 @@ def edge_contrast(
     for place in places:
         edge, field = (np.asarray(arrays.arrays[refs[place[0], i]][place[1]], np.float64) for i in (0, 1))
         if not (np.isfinite(field).all() and (field > 0).all()):
-            raise ValueError(f"{place[0]} leaves parts of a uniform field without light")
+            raise ValueError(
+                f"{place[0]} leaves parts of a uniform field without light; remove it or reduce its effect"
+            )
         inside = (..., _rows(edge.shape[-2], detail.mask.shape[0]), slice(BORDER, -BORDER))
         if place[1] == MOSAIC:
             sites = {c: _sites(plan, place, c)[inside] for c in detail.channels}

@@ -4,8 +4,8 @@ In:  a pipeline, the reflectance of its grey card.
 Out: charge of each channel, transfer functions of the stages before the mosaic, NEQ up to any of them and in every
      picture.
 
-Frequencies are in cycles/pixel. Detail is grey, so that every pixel of the mosaic sees the same of it whatever its
-filter, and its light has the spectrum of the scene's white.
+Frequencies are in cycles/pixel. Detail is grey: its light has the spectrum of the scene's white, so that pixels behind
+all filters have the same contrast.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class FineDetail(FlatField):
             )
 
     def _look_at_light(self) -> None:
-        """Compute how much each band contributes to each channel."""
+        """Compute the contribution of each band to each channel."""
         cell, arrays = self.plan.cells[self.pixel, ()], self.arrays[0]
         self.edges = cell.input_grids[cell.inputs[0][0]].bands().edges
         stage = self.lens[self.pixel]
@@ -124,8 +124,8 @@ class FineDetail(FlatField):
         return self.mean(channel, bands, fy, fx, [n for n in self.moved if n not in without])
 
     def mean(self, channel: str, bands: Array, fy: Array, fx: Array, moved: Collection[str]) -> FloatArray:
-        """Return the (m, n) transfer function of a channel from those of its bands (wavelength, m, n), including the
-        charge that some stages move between pixels.
+        """Return the (m, n) transfer function of a channel from the transfer functions of its bands (wavelength, m, n),
+        including the charge that some stages move between pixels.
         """
         if not moved:
             return np.tensordot(self.colours[channel], bands, 1)
@@ -146,15 +146,15 @@ class FineDetail(FlatField):
     # -- noise ------------------------------------------------------------------------------------------------------
 
     def variances(self, channel: str, without: Collection[str] = ()) -> float:
-        """Return the variance of a pixel, electron^2: shot noise of its light, and all noise stages except those in
+        """Return the variance of a pixel, electron^2: shot noise of its light, and all noise stages that are not in
         ``without``.
         """
         light = self.electrons[channel]
         return light + sum(v for name, v in self.added(channel).items() if name not in without)
 
     def added(self, channel: str) -> dict[str, float]:
-        """Return the variance added to the shot noise of the light, by stage, electron^2; a stage of shot noise counts
-        with that of the dark charge only.
+        """Return the variance added to the shot noise of the light, by stage, electron^2; for a stage of shot noise
+        only the shot noise of the dark charge is included.
         """
         charge, light = self.signal()[channel], self.electrons[channel]
         return {
@@ -166,7 +166,7 @@ class FineDetail(FlatField):
         """Return the (m, n) NEQ of the mosaic: all its pixels together, each with its own noise.
 
         It is the mean over the positions of the mosaic cell: the ideal observer of one wave knows every pixel's filter.
-        ``without``: stages whose blur or noise is left out.
+        ``without``: stages whose blur or noise is ignored.
         """
         total = np.zeros((len(fy), len(fx)))
         for channel in self.channels:
@@ -204,8 +204,8 @@ class FineDetail(FlatField):
         return np.array([[corner[0] + y, corner[1] + x] for y, x in self.order])
 
     def signal_in(self, picture: StageVariable, fy: Array, fx: Array, dark: bool = False) -> FloatArray:
-        """Return (channel, m, n): mean of a picture times the transfer function of grey detail; ``dark``: its mean
-        alone, including dark charge.
+        """Return (channel, m, n): mean of a picture times the transfer function of grey detail; with ``dark`` only the
+        mean, including dark charge.
         """
         before = {c: self.contrast(c, fy, fx) for c in self.channels}
         level = {c: (self.signal()[c] if dark else self.electrons[c]) / self.full for c in self.channels}
@@ -286,7 +286,7 @@ def frames(
 ) -> list[dict[StageVariable, Any]]:
     """Return pictures and mosaic of noise frames of the same light, each with its own fixed patterns, in the window.
 
-    ``expected``: stages whose expected values replace what they draw or round.
+    ``expected``: stages that return expected values instead of random draws or rounded values.
     """
     plan = detail.plan
     drawn: set[str] = set()

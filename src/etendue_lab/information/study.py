@@ -1,5 +1,4 @@
-"""``etendue information``: how many bits per pixel of fine detail a camera transmits, and where along the chain they
-are lost.
+"""``etendue information``: the bits per pixel of fine detail that a camera transmits, and the loss at every stage.
 
 In:  a pipeline as written, the reflectance of its grey card, the contrast of the detail on it, a number of frames.
 Out: information capacity, NEQ and SNRi from the light to the last picture, predicted from the camera's parameters; NEQ
@@ -59,12 +58,12 @@ def information(
         Its scene is replaced by a grey card of the same size and light; a sweep is ignored.
     registry : Registry
     reflectance : float
-        Of the card, greater than 0 and at most 1.
+        Reflectance of the card, greater than 0 and at most 1.
     ratio : float
         Brightest to darkest detail, greater than 1: the signal is uniformly distributed in between, with the same
         power at all frequencies.
     size, contrast : float
-        Of the Gaussian spot that the ideal observer looks for: full width at half maximum in pixels, peak contrast.
+        Full width at half maximum (pixels) and peak contrast of the Gaussian spot that the ideal observer detects.
     count : int
         Number of noise frames; 0: nothing is measured.
 

@@ -36,7 +36,7 @@ COLUMNS = (
 
 
 def print_information(document: Document) -> None:
-    """Print where bits are lost, and how far measurement and prediction differ."""
+    """Print the loss of bits at every stage, and the differences between measurement and prediction."""
     console = _out()
     electrons = ", ".join(f"{channel} {value:.0f}" for channel, value in document["electrons"].items())
     console.print(

@@ -23,20 +23,21 @@ from etendue_lab.compare.axis import SENSOR
 from etendue_lab.losses.study import RUNS, losses
 
 ABOUT = (
-    "Shares of the loss of the camera{at} are Shapley values: what a stage adds to a loss, averaged over all orders in "
-    "which the stages of the ideal camera could be made real. They refer to the loss before other stages win some "
-    "back; a stage below 0 wins back. Contrast and signal-to-noise ratio are those of a grey card, colour that of the "
-    "scene."
+    "Shares of the loss of the camera{at} are Shapley values: the loss that a stage adds, averaged over all "
+    "orders in which ideal stages can be replaced by real ones. They are relative to the loss before other "
+    "stages reduce it; a stage below 0 reduces the loss. Contrast and signal-to-noise ratio are computed for a "
+    "grey card, colour for the scene."
 )
 
 
 def losses_at(
     folder: Path, at: AxisValues, told: Callable[[str], None] = lambda text: None, runs: int = RUNS
 ) -> Document:
-    """Return Shapley values of the camera at given values of its axes, ``{dim: value}``; if there are none, ``why``.
+    """Return the Shapley values of the camera at given values of its axes, ``{dim: value}``; if they cannot be
+    computed, the reason under ``why``.
 
-    Only cameras with a grey card and, for colour, at most ``runs`` with the scene are computed; the archive itself is
-    not recomputed.
+    Cameras are computed with a grey card and, for colour, at most ``runs`` cameras with the scene; the archive itself
+    is not recomputed.
     """
     try:
         found: Document = finite(losses(camera_at(folder, at), installed_stages(), runs=runs, told=told).document())
@@ -77,7 +78,7 @@ def camera_at(folder: Path, at: AxisValues) -> PipelineFile:
 
 
 def _taken(pipeline: PipelineFile, key: str) -> bool:
-    """Return whether a value of an axis applies: a stage that another axis chose may lack the parameter."""
+    """Return whether a value of an axis applies; a stage chosen by another axis may not have the parameter."""
     stage, _, name = key.rpartition(".")
     uses = [entry.use for entry in pipeline.stages if entry.name == stage]
     stages = installed_stages()

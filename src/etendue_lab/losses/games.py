@@ -1,7 +1,8 @@
-"""Losses of a camera with only some of its stages real: contrast and signal-to-noise ratio, from its own parameters.
+"""Losses of a camera in which some stages are real and the others ideal: contrast and signal-to-noise ratio, from its
+own parameters.
 
 In:  a camera viewing a grey card (`FineDetail`).
-Out: the loss in decibels for any set of stages, all others ideal.
+Out: the loss in decibels for any set of real stages.
 
 Losses are in decibels because transfer functions multiply: the loss of two blurs together is then nearly the sum of
 their losses.
@@ -49,15 +50,16 @@ def pictures_of(detail: FineDetail) -> list[StageVariable]:
 
 
 def channel_of(detail: FineDetail) -> str:
-    """Return the analysed channel: green, else the second of the camera's, or its only one."""
+    """Return the analysed channel: green, else the second channel of the camera, or its only channel."""
     return detail.channels[min(1, len(detail.channels) - 1)] if "G" not in detail.channels else "G"
 
 
 class Contrast:
     """Mean contrast along x from 0 to Nyquist, of one channel.
 
-    Stages before the mosaic count by their transfer functions, band by band; later ones by their effect on the transfer
-    function before them. The ideal of a pixel is a point, that of a demosaicer every channel at every pixel.
+    The effect of a stage before the mosaic is its transfer function, band by band; the effect of a later stage is the
+    change of the transfer function before it. An ideal pixel is a point; an ideal demosaicer has every channel at every
+    pixel.
     """
 
     def __init__(self, detail: FineDetail) -> None:
@@ -90,10 +92,10 @@ class Contrast:
 
 
 class SignalToNoise:
-    """SNR of the grey card in one channel, relative to that of its light's shot noise alone.
+    """SNR of the grey card in one channel, relative to the SNR for the shot noise of its light alone.
 
-    Noise before the mosaic counts by its variance, later stages by their effect on noise power; ``gains``: transmission
-    of stages that absorb light.
+    The effect of noise before the mosaic is its variance; the effect of a later stage is the change of the noise power.
+    ``gains``: transmission of stages that absorb light.
     """
 
     def __init__(self, detail: FineDetail, gains: Mapping[str, float]) -> None:
@@ -165,7 +167,7 @@ class SignalToNoise:
 
     @cached_property
     def _step(self) -> dict[StageVariable, tuple[FloatArray, float]]:
-        """Factors by picture after the first: noise power and signal relative to those of the previous picture."""
+        """Factors by picture after the first: noise power and signal relative to the previous picture."""
         variance = {c: self.detail.variances(c) for c in self.detail.channels}
         found, last = {}, None
         for place in self.places:

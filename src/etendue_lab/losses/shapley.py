@@ -1,7 +1,7 @@
 """Shares of a joint effect: Shapley values, and interactions of pairs of players.
 
 In:  the value of every coalition of players.
-Out: a value for each player; they sum to the value of all together. An interaction index for each pair.
+Out: a value for each player; the values sum to the value of all players together. An interaction index for each pair.
 Sources: Shapley 1953; Grabisch and Roubens 1999 (interaction index); Castro et al. 2009 (sampled orders).
 """
 
@@ -41,7 +41,7 @@ class Shares:
         return float(self.values[self.values > 0].sum())
 
     def of_pair(self, one: str, other: str) -> float:
-        """Predict from values and interactions how much the total falls when two players leave.
+        """Return the predicted decrease of the total if two players leave, from values and interactions.
 
         Exact if no three players interact: phi_i + phi_j + half the interactions of both with all others.
         """
@@ -62,7 +62,7 @@ def shares(value: Value, players: Sequence[str], most: int = 64, seed: int = 0) 
     most : int
         Maximum number of coalitions to evaluate.
     seed : int
-        Of the random orders, which come in pairs: one, and its reverse.
+        Seed of the random orders; orders are used in pairs of an order and its reverse.
 
     Raises
     ------
@@ -87,7 +87,9 @@ def shares(value: Value, players: Sequence[str], most: int = 64, seed: int = 0) 
 
 
 def fewest(players: int) -> int:
-    """Return the maximum number of coalitions that an order and its reverse need, with neighbours."""
+    """Return the number of coalitions that an order and its reverse need at most, including those for interactions of
+    neighbours.
+    """
     return 2 * (2 * players - 1)
 
 
@@ -109,7 +111,7 @@ def _exact(asked: Callable[[int], float], n: int) -> tuple[NDArray[np.float64], 
 def _sampled(
     asked: Callable[[int], float], n: int, most: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]:
-    """Sample orders of the players. Record what each player adds to the value of those before it, and for adjacent
+    """Sample orders of the players. Record the value that each player adds to the players before it, and for adjacent
     players also their joint effect.
     """
     each = fewest(n)

@@ -1,8 +1,8 @@
 """``etendue losses``: each stage's share of a camera's lost contrast, signal-to-noise ratio and colour.
 
 In:  a pipeline as written, the reflectance of a grey card.
-Out: Shapley values by stage, the metric of the camera without it, and the losses of pairs, predicted from the values
-     and actual.
+Out: for each stage its Shapley value and the metric of the camera without it; for pairs of stages the predicted and the
+     actual loss.
 
 A removed stage is replaced by its ideal (decision 0026): a lens that spreads no light, a point-like pixel, a noise
 source that adds nothing, every channel at every pixel. For the numerical error of stages, see ``accuracy``.
@@ -77,16 +77,16 @@ def losses(
     Parameters
     ----------
     pipeline : Pipeline
-        A sweep is ignored. Contrast and noise are those of a grey card in place of its scene; colour is that of its
-        own scene.
+        A sweep is ignored. Contrast and noise are computed for a grey card in place of its scene, colour for its own
+        scene.
     registry : Registry
     reflectance : float
-        Of the card, greater than 0 and at most 1.
+        Reflectance of the card, greater than 0 and at most 1.
     runs : int
         Maximum number of cameras run for colour; 0: none. Exact if that covers all sets of its stages, else random
         orders.
     seed : int
-        Of random orders.
+        Seed of random orders.
     told : callable
         Called with a short text for each camera before it is run.
 
@@ -206,8 +206,8 @@ def _colour(
 class _Cameras:
     """The same camera with some of its stages ideal, run with its own scene.
 
-    Mosaic, noise, converter, mosaic corrections and the demosaicer count as one: the ideal camera has every channel at
-    every pixel in place of them all.
+    Mosaic, noise, converter, mosaic corrections and the demosaicer are one player: the ideal camera replaces all of
+    them by every channel at every pixel.
     """
 
     def __init__(
@@ -225,7 +225,9 @@ class _Cameras:
         self.reference = self._lab(frozenset())
 
     def loss(self, present: frozenset[str]) -> float:
-        """Return the mean squared colour difference to the ideal camera: for independent errors it is a sum."""
+        """Return the mean squared colour difference to the ideal camera: for independent errors this is the sum of the
+        errors.
+        """
         if present not in self.pictures:
             apart = difference.delta_e_2000(self._lab(present), self.reference) if present else np.zeros(1)
             self.pictures[present] = float(np.mean(np.square(apart)))

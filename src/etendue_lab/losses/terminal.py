@@ -1,7 +1,7 @@
 """Terminal output of losses and their shares.
 
 In:  the document of a study of losses.
-Out: a table for each loss, and how well pairs are predicted.
+Out: a table for each loss, and the accuracy of the prediction for pairs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""``etendue measure``: a photograph measured with the same methods as simulated ones: edges, stars, noise, a
+"""``etendue measure``: a photograph measured with the same methods as simulated pictures: edges, stars, noise, a
 ColorChecker.
 
 In:  a picture file, regions of it (pixels).

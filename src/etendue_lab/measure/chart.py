@@ -1,4 +1,4 @@
-"""Colours of a ColorChecker in a photograph, compared with those that its reflectances have under D50.
+"""Colours of a ColorChecker in a photograph, compared with the colours of its reflectances under D50.
 
 In:  a photograph, the four corners of the chart.
 Out: CIEDE2000 of each patch, as photographed and after one exposure gain, with intervals.

@@ -1,4 +1,4 @@
-"""MTF of slanted edges in a photograph: e-SFR with an interval, or a message with the reason why there is none.
+"""MTF of slanted edges in a photograph: e-SFR with an interval, or a message that says why no edge was measured.
 
 In:  a photograph, a region or none.
 Out: a row of values with their curve.
@@ -106,8 +106,8 @@ def measured_edge(photograph: PhotographFile, text: str, channel: str, confidenc
 
 
 def _measured_in(photograph: PhotographFile, region: PixelWindow, channel: str, confidence: float) -> Document:
-    """Measure the one edge of a region. If the region also contains something else, use the strip whose bounding box it
-    is.
+    """Measure the one edge of a region. If the region also contains other features, measure only the strip whose
+    bounding box is the region.
     """
     refusal: RequestError | None = None
     whole: Document = {}
@@ -148,7 +148,7 @@ def _why(refusals: list[str], why: list[str]) -> str:
 def _measured(
     photograph: PhotographFile, place: PixelWindow, channel: str, confidence: float, strip: Array | None = None
 ) -> Document:
-    """Measure the edge in a rectangle, or that of the pixels of a strip in it."""
+    """Measure the edge in a rectangle, or only in the pixels of a strip inside it."""
     what = f"--edge {place}"
     if strip is not None:
         place, strip = _roomy(place, strip, photograph)
@@ -248,8 +248,8 @@ def _lost(photograph: PhotographFile, levels: tuple[float, ...], found: EdgeReso
 
     Notes
     -----
-    Rewritten edges start from the edge in the file, which has already lost detail of a sharp one. On average the truth
-    lies higher by this amount, with an equal spread: `LOST` times the squared ratio of the table's mean step to the
+    Rewritten edges start from the edge in the file, which has already lost detail of a sharp one. On average the true
+    value is higher by this amount, with an equal spread: `LOST` times the squared ratio of the table's mean step to the
     step of the edge, times exp(`FINER` MTF50), up to the sharpest edge tested. Fitted with `edge_rewritten.BY_ROWS` to
     the same edges; 0.1 of MTF50 for blurs of 0.35 pixels at quality 75, 0.005 at 95.
     """
@@ -315,7 +315,7 @@ def _widened(first: int, length: int, size: int) -> tuple[int, int]:
 
 
 def _shape(what: str, image: Array, sites: Array | None) -> EdgeShape | None:
-    """Return the shape of the edge in a region; refuse one along the raster."""
+    """Return the shape of the edge in a region; refuse an edge along rows or columns."""
     try:
         shape = edge_shape(image, sites)
     except ValueError:

@@ -95,7 +95,7 @@ def _place(found: FoundEdge) -> EdgePlace:
 
 
 def _in_parts(image: Array, sites: Any) -> tuple[list[FoundEdge], list[str]]:
-    """Return edges of the whole picture and of its parts, in which other features are the strongest."""
+    """Return the edges found in the whole picture and in its parts, where other edges may be the strongest."""
     found, why = [], []
     for top, bottom, left, right in _parts(*image.shape):
         cut = np.s_[top:bottom, left:right]
@@ -122,7 +122,7 @@ def _moved(one: FoundEdge, down: int, right: int) -> FoundEdge:
 
 
 def _apart(places: list[EdgePlace]) -> list[EdgePlace]:
-    """Return places whose middle is not inside a better one."""
+    """Return the places whose centre is not inside a better place."""
     kept: list[EdgePlace] = []
     for place in places:
         y, x = (float(part.mean()) for part in np.nonzero(place.strip))
@@ -138,7 +138,7 @@ def _apart(places: list[EdgePlace]) -> list[EdgePlace]:
 
 
 def reason(error: ValueError) -> str:
-    """Return why no edge can be measured, without what is required."""
+    """Return the reason why no edge can be measured, without the requirements."""
     return str(error).removeprefix("picture shows no edge that can be measured: ").partition("; one edge between")[0]
 
 
@@ -155,8 +155,8 @@ def _parts(rows: int, columns: int) -> list[tuple[int, int, int, int]]:
 def _span(
     top: int, bottom: int, left: int, right: int, factor: int, photograph: PhotographFile
 ) -> tuple[int, int, int, int]:
-    """Return the pixels of a find on block means, with some room, and no more than an edge needs: top, bottom, left,
-    right.
+    """Return the pixels of an edge that was found on block means, with a margin, at most the size that an edge needs:
+    top, bottom, left, right.
     """
     ends = []
     for first, last, size in ((top, bottom, photograph.rows), (left, right, photograph.columns)):
@@ -166,7 +166,7 @@ def _span(
 
 
 def _smaller(photograph: PhotographFile, sites: Any, factor: int) -> Any:
-    """Return block means of all channels; of one colour if there are sites."""
+    """Return block means of all channels or, for a mosaic, of one colour."""
     rows, columns = photograph.rows // factor, photograph.columns // factor
 
     def total(plane: Array) -> Any:

@@ -128,7 +128,7 @@ class PhotographFile:
         return self._decoded(part[..., max(self.names.index(channel), 0)]), None
 
     def sites(self, channel: str, cut: Cut = np.s_[:]) -> Any:
-        """Return which pixels of a mosaic have a colour; None: all."""
+        """Return a mask of the mosaic's pixels with a colour; None: all pixels."""
         if not self.is_raw or self.names == ("grey",):
             return None
         return self.colours[cut] == channel[0].upper()
@@ -180,8 +180,8 @@ class PhotographFile:
         return self._decoded(np.moveaxis(self.values[cut], -1, 0))
 
     def clipped(self, cut: Cut = np.s_[:]) -> Any:
-        """Return (y, x): pixels with a channel at an end of its scale; in a raw file only at the upper end, since its
-        noise is not clipped at the lower.
+        """Return (y, x): pixels with a channel at an end of its scale; in a raw file only at the upper end, because
+        noise at the lower end is not clipped.
         """
         part = self.values[cut]
         top = (part >= self.full).any(-1)
@@ -224,7 +224,7 @@ def reader() -> Any:
     Raises
     ------
     RequestError
-        It is not installed.
+        rawpy is not installed.
     """
     try:
         import rawpy

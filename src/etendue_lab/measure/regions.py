@@ -54,7 +54,7 @@ def numbers(option: str, text: str, count: int, form: str) -> list[float]:
     Raises
     ------
     RequestError
-        They are not numbers, or not ``count`` of them.
+        The text does not contain ``count`` numbers.
     """
     try:
         found = [float(one) for one in text.split(",")]

@@ -46,7 +46,7 @@ def measure(path: Path, asked: MeasurementRequest) -> Document:
     Raises
     ------
     RequestError
-        The file is not a picture, or a region is outside it or does not show what it should.
+        The file is not a picture, or a region is outside the picture or does not show the expected target.
     """
     if asked.encoding not in ENCODINGS:
         raise RequestError(f"--encoding {asked.encoding}: must be one of {', '.join(ENCODINGS)}")

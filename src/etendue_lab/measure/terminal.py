@@ -129,7 +129,9 @@ def _print_chart(console: Console, chart: Document) -> None:
     ]
     title = f"ColorChecker in {escape(chart['space'])}: Delta E 2000 under {chart['white']}"
     console.print(_table(title, *columns, rows=[*chart["patches"], *whole]))
-    console.print(f"exposed: after a gain of {chart['gain']:.4g}, which brings the greys to their reference brightness")
+    console.print(
+        f"exposed: after a gain of {chart['gain']:.4g}, which matches the greys to their reference luminances"
+    )
 
 
 def _levels(kind: str, scale: float) -> tuple[Column, ...]:

@@ -46,7 +46,7 @@ def in_front_of_grey(
     """Return the pipeline with a flat grey card in place of its scene, of the same size and light, and without
     defective pixels.
 
-    ``but``: parameters that the card does not take from the scene.
+    ``but``: parameters that are not copied from the scene to the card.
     """
     use = installed.made_for(registry, FlatScene)
     allowed = set(parameters_of(registry.load(use))) - {"reflectance", *but}
@@ -72,8 +72,8 @@ def _sound(entry: StageEntry, registry: Registry) -> StageEntry:
 
 
 def another(pipeline: PipelineFile, number: int) -> PipelineFile:
-    """Return a camera with the same parameters but another seed and sensor, and so with other noise and fixed patterns;
-    number 0 is the camera itself.
+    """Return a camera with the same parameters but another seed and sensor serial, and therefore other noise and fixed
+    patterns; number 0 is the camera itself.
     """
     if not number:
         return pipeline
@@ -84,8 +84,8 @@ def another(pipeline: PipelineFile, number: int) -> PipelineFile:
 
 
 def several(plan: Plan, node: Node, variable: str, but: Collection[str] = ()) -> str:
-    """Return which stage makes more than one picture of a variable, and how many; '' if there is one. ``but``: expected
-    dims.
+    """Return a text that names a stage with more than one picture of a variable, and their number; '' if every stage
+    has one picture. ``but``: expected dims.
     """
     for dim in (dim for dim in node.writes[variable].dims[:-2] if dim not in but):
         maker = next(one.name for one in plan.nodes if any(dim in declared.dims for declared in one.writes.values()))
@@ -184,8 +184,8 @@ class FlatField:
         return {name: stage for name, stage in self.before.items() if isinstance(stage, Noisy)}
 
     def model(self, signal: Mapping[str, float]) -> dict[str, float]:
-        """Return the variance of a pixel of the linearised mosaic by channel, from what the stages before it
-        declare.
+        """Return the variance of a pixel of the linearised mosaic by channel, from the declarations of the stages
+        before it.
         """
         scale = self.before[self.first.name]
         if self.unsaid() or not isinstance(scale, Scaled):

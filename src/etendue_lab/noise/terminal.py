@@ -24,7 +24,7 @@ def _both(one: Document) -> str:
 
 
 def _between(row: Document) -> str:
-    """Return one pair of channels, so that each appears once: of three R G, G B, and R B in the row of B."""
+    """Return one pair of channels for each row, so that each pair appears once: R G, G B and, in the row of B, R B."""
     pair = next(
         (one for one in row["correlation"] if one.split()[0] == row["channel"]), next(iter(row["correlation"]), "")
     )

@@ -1,1 +1,1 @@
-"""Pictures of random cameras with their truth, for training."""
+"""Pictures of random cameras with their noise-free values, for training."""

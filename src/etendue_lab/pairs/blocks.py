@@ -2,7 +2,7 @@
 
 In:  pairs, a folder.
 Out: ``pairs-00000.npz``: each variable as float32 (number, channel, y, x), and the number of each pair;
-     ``pairs-00000.json``: their settings. Blocks that are there stay.
+     ``pairs-00000.json``: their settings. Existing blocks are kept.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def request_of(pairs: Pairs, size: int) -> Document:
 
 
 def write_blocks(pairs: Pairs, folder: Path, size: int = 64, workers: int = 2, told: Told = lambda count: None) -> int:
-    """Write all pairs that are not there yet; return how many were made now.
+    """Write all missing pairs; return the number of pairs made now.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def write_blocks(pairs: Pairs, folder: Path, size: int = 64, workers: int = 2, t
 
 
 def _made(pairs: Pairs, numbers: range, workers: int) -> Iterator[Pair]:
-    """Yield pairs in order; a few are made ahead."""
+    """Yield pairs in order; a few pairs are computed in advance."""
     if workers == 1:
         yield from (pairs[number] for number in numbers)
         return

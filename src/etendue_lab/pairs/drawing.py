@@ -1,7 +1,7 @@
 """Pairs by number: the settings of a random camera, a photograph, and the pictures that the camera takes of it.
 
 In:  a pipeline with a stage that reads a picture file, photographs, ranges of settings, a seed.
-Out: by number, arrays of the wanted variables and the settings that gave them; the same on every worker.
+Out: for each number, arrays of the wanted variables and the settings of the camera; equal on every worker.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ class Pair:
 
 @dataclass
 class Pairs(Sequence[Pair]):
-    """So many pairs. Picklable; a worker that gets a copy makes the same pairs.
+    """A sequence of pairs, computed on access. Picklable; a copy in another worker makes the same pairs.
 
     Attributes
     ----------
-    scene : name of the stage and of its parameter that the photographs are given to
+    scene : names of the stage and of its parameter that receives the photographs
     """
 
     pipeline: PipelineFile
@@ -93,7 +93,7 @@ class Pairs(Sequence[Pair]):
         return self._session
 
     def settings(self, number: int) -> Document:
-        """Return the settings of a pair; they follow from the seed and the number alone."""
+        """Return the settings of a pair; they depend only on the seed and the number."""
         draw = np.random.Generator(np.random.Philox(key=[self.seed, number]))
         photograph = self.photographs[int(draw.integers(len(self.photographs)))]
         own = {one.key: _drawn(one, draw) for one in self.ranges}
@@ -107,7 +107,7 @@ def _planes(array: Any) -> Array:
 
 
 def _drawn(one: Range, draw: np.random.Generator) -> Any:
-    """Return a value of a range: uniform between its ends, or in its logarithm."""
+    """Return a random value of a range: uniform between its ends, in the value or in its logarithm."""
     if one.choices:
         return one.choices[int(draw.integers(len(one.choices)))]
     if one.whole:
@@ -119,12 +119,12 @@ def _drawn(one: Range, draw: np.random.Generator) -> Any:
 
 
 def photographs_of(place: str | Path | Iterable[str | Path]) -> tuple[str, ...]:
-    """Return the picture files of a folder, or given ones, sorted by name.
+    """Return the picture files of a folder, or the given files, sorted by name.
 
     Raises
     ------
     RequestError
-        There is none.
+        There is no picture file.
     """
     if isinstance(place, str | Path):
         folder = Path(place)
@@ -162,7 +162,7 @@ def pairs_of(
     Raises
     ------
     RequestError
-        With what is wrong: ranges, variables, photographs, the pipeline.
+        A range, a variable, the photographs or the pipeline are invalid.
     """
     registry, names = installed_stages(), tuple(dict.fromkeys(variables))
     ranges = read_ranges(pipeline, registry, over)
@@ -183,5 +183,7 @@ def pairs_of(
 def pairs(
     pipeline: Pipeline, photographs: str | Path | Iterable[str | Path], over: Iterable[str] = (), **how: Any
 ) -> Pairs:
-    """Return pictures of random cameras with their truth: ``pairs[n]`` makes pair ``n``, on any worker the same."""
+    """Return pictures of random cameras with their noise-free values: ``pairs[n]`` makes pair ``n``, equal on every
+    worker.
+    """
     return pairs_of(pipeline.written(), photographs, over, **how)

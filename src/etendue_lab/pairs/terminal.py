@@ -1,7 +1,7 @@
 """Terminal output of pairs.
 
 In:  the document of a call.
-Out: how many pairs there are, how fast they were made, and what is in a block.
+Out: the number of pairs, the pairs per second, and the content of a block.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from etendue_lab.pairs.drawing import VARIABLES, pairs_of
 
 
 def print_pairs(document: Document) -> None:
-    """Print what was written."""
+    """Print the number of pairs, the pairs per second, and the content of a block."""
     console = _out()
     shapes = ", ".join(f"{name} {'x'.join(map(str, shape))}" for name, shape in document["shapes"].items())
     rate = f", {document['pairs_a_second']:.2g} pairs a second" if document["made"] else ""

@@ -1,4 +1,4 @@
-"""Differences between a picture and that of the ideal camera: every metric of one cell.
+"""Differences between a camera's picture and the ideal camera's picture: every metric of one cell.
 
 In:  two ``Shot``: the pictures of one scene by a camera and by its ideal.
 Out: metrics by name, NaN where there is nothing to measure; the map of colour differences.
@@ -72,8 +72,8 @@ def figures(shot: Shot, ideal: Shot, samples_per_degree: float) -> tuple[dict[st
     """
     if shot.rgb_camera.shape != ideal.rgb_camera.shape:
         raise ValueError(
-            f"the picture has shape {shot.rgb_camera.shape}, that of the ideal camera {ideal.rgb_camera.shape}; they "
-            "do not match"
+            f"the picture has shape {shot.rgb_camera.shape}, but the picture of the ideal camera has shape "
+            f"{ideal.rgb_camera.shape}"
         )
     found = dict.fromkeys(UNITS, float("nan"))
     brightest = float(np.max(ideal.rgb_camera))
@@ -112,7 +112,8 @@ def figures(shot: Shot, ideal: Shot, samples_per_degree: float) -> tuple[dict[st
 
 
 def flat_region(xyz: Array) -> Flat | None:
-    """Return the largest uniform square of a noise-free picture; of several, the one closest to a grey card.
+    """Return the largest uniform square of a noise-free picture; if there are several, the square closest to a grey
+    card.
 
     Uniform means that in the square and 3 pixels around it no plane's standard deviation exceeds 0.2 % of its mean, and
     luminance is between 0.02 and 0.95 of white.
@@ -158,7 +159,7 @@ def _as_exposed(shot: Shot, ideal: Shot) -> Any:
 
 
 def _box_means(planes: Array, size: int) -> Any:
-    """Return means over every inner square of a size, at its first corner."""
+    """Return the mean over every square of a size inside the picture, indexed by the first corner."""
     means = scipy.ndimage.uniform_filter(planes, (0, size, size), mode="nearest")
     before = size // 2
     rows, columns = (n - size + 1 for n in planes.shape[1:])

@@ -1,13 +1,13 @@
 """The ideal camera of the same scene: the same pipeline with a perfect lens, without noise, converter and mosaic.
 
 In:  a pipeline as written.
-Out: another pipeline, what was left out of it, and notes for the comparison.
+Out: another pipeline, the omitted stages, and notes for the comparison.
 
-Left out are stages that spread or move light before the pixel (blur, aberrations, distortion, glare, the low-pass
+Omitted are stages that spread or move light before the pixel (blur, aberrations, distortion, glare, the low-pass
 filter), stages that work on camera primaries after the demosaicer (sharpening, denoising: the ideal picture needs
 none), and stages that estimate white from the mosaic or balance it there, because the ideal camera uses the true white
 of its light. The demosaicer is replaced by three stages that work on every channel at every pixel: no mask, an ideal
-exposure, no demosaicing; stages that only the demosaicer needed are then not computed. The ideal camera keeps the
+exposure, no demosaicing; stages that only the demosaicer needed are not computed. The ideal camera keeps the
 scene, transmission and fall-off, the pixel with its aperture and diffusion, crosstalk behind the filters, colour and
 encoding.
 """
@@ -55,9 +55,9 @@ def ideal_of(
         As written; the planner reports its faults.
     registry : Registry
     without : names of stages
-        Also left out, such as ``diffusion``.
+        Additional stages to omit, such as ``diffusion``.
     keep : names of stages
-        Not left out, although they spread light.
+        Stages to keep although they spread light.
 
     Raises
     ------
@@ -104,13 +104,14 @@ def _pixel_and_demosaicer(pipeline: PipelineFile, kinds: Kinds) -> tuple[str, st
     if pixel is None or demosaic is None:
         lacking = "no stage that writes photon_rate" if pixel is None else "no demosaicer (no stage writes rgb_camera)"
         raise RequestError(
-            f"the pipeline has {lacking}: no picture to compare with that of the ideal camera", pipeline.file
+            f"the pipeline has {lacking}: it has no picture to compare with the picture of the ideal camera",
+            pipeline.file,
         )
     return pixel, demosaic
 
 
 def _why_out(entry: StageEntry, kinds: Kinds, names: list[str], pixel: str, demosaic: str, shaded: bool) -> str:
-    """Return why a stage is left out of the ideal camera; '' if it stays."""
+    """Return the reason why a stage is omitted from the ideal camera; '' if it is kept."""
     kind, own = kinds[entry.name], _reads(kinds, entry) & _writes(kinds, entry)
     if kind is None:
         return ""
@@ -175,13 +176,13 @@ def _notes(pipeline: PipelineFile, kinds: Kinds, out: Mapping[str, str], shaded:
     moved = [name for name in out if roles.get(name) == DISTORTION]
     if moved:
         notes.append(
-            f"{', '.join(moved)} moves the picture and the ideal camera does not: pixel-wise metrics count that as "
+            f"{', '.join(moved)} moves the picture, but the ideal camera does not: pixel-wise metrics count that as "
             f"error (--keep {moved[0]} gives the ideal camera the same geometry)"
         )
     if shaded:
-        notes.append("the camera corrects shading, so the ideal one has none")
+        notes.append("the camera corrects shading, so the ideal camera has no shading")
     if _first(pipeline, lambda e: TIME in _writes(kinds, e) and _reads(kinds, e) and e.name not in out):
-        notes.append("the ideal camera does its own metering, on its own sharper light")
+        notes.append("the ideal camera meters its own, sharper light")
     unknown = [name for name, why in out.items() if why == "the lens" and roles.get(name) not in LENS]
     if unknown:
         notes.append(f"{', '.join(unknown)} is treated as part of the lens; use --keep {unknown[0]} if it is not")

@@ -13,5 +13,5 @@ if TYPE_CHECKING:
 
 
 def quality(pipeline: Pipeline, **how: Any) -> IdealComparison:
-    """Compare the camera with the ideal one, as ``etendue quality`` does."""
+    """Compare the camera with the ideal camera, as ``etendue quality`` does."""
     return measured(pipeline.written(), installed_stages(), **how)

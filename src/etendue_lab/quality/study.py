@@ -45,7 +45,7 @@ Show = Callable[[int, AxisValues, Shot, Shot, Any], tuple[str, bytes]]
 
 @dataclass
 class IdealComparison:
-    """A camera compared with its ideal: a row for each cell, and the pictures that were compared."""
+    """A camera compared with the ideal camera: a row for each cell, and the compared pictures."""
 
     pipeline: str
     ideal: Ideal
@@ -87,7 +87,7 @@ def quality(
     folder: Path | None = None,
     most: int = MOST,
 ) -> IdealComparison:
-    """Run a camera and its ideal, and measure how they differ.
+    """Run a camera and the ideal camera, and measure their differences.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def quality(
     leave_out : bool
         Whether stages may be left out where their effect on the scene is within the tolerance of the pipeline.
     progress : callable
-        Makes the progress of a plan; the camera and the ideal one run one after the other.
+        Returns the progress display of a plan; called for the camera and then for the ideal camera.
     show : callable
         Called for each chosen row with its number, the axis values, the two pictures, the map of differences.
         Returns the name of a PNG and its bytes.
@@ -236,7 +236,7 @@ def _ref(outcome: Outcome, name: str, place: Mapping[str, int]) -> Any:
 
 
 def _why_not(outcome: Outcome, place: Mapping[str, int]) -> str:
-    """Return why a cell has no pictures; '' if it has."""
+    """Return the reason why a cell has no pictures; '' if it has pictures."""
     lacking = [v for v in PICTURES if _writer(outcome.plan, v) and _array(outcome, place, v) is None]
     if not lacking:
         return ""
@@ -278,7 +278,9 @@ def _shot(outcome: Outcome, place: Mapping[str, int]) -> Shot:
 
 
 def _display_matrix(plan: Plan, place: Mapping[str, int]) -> Any:
-    """Return the matrix of the display that the picture is meant for; if no stage declares one, that of sRGB."""
+    """Return the matrix of the display that the picture is made for; if no stage declares a display, the matrix of
+    sRGB.
+    """
     if _writer(plan, "rgb_linear") is None:
         return None
     writers = [node for node in reversed(plan.nodes) if "rgb_linear" in node.writes]

@@ -62,7 +62,7 @@ LEAST_SCALE = 5.0  # minimum CIEDE2000 at the top of the colour bar
 
 
 def print_quality(document: Document) -> None:
-    """Print one line for each cell, and what was compared."""
+    """Print one line for each cell, and a description of the comparison."""
     console = _out()
     known: list[Column] = [c for c in COLUMNS if any(_known(row[c[2]]) for row in document["rows"])]
     if not any(_known(row["clipped_fraction"]) and row["clipped_fraction"] > 0 for row in document["rows"]):
@@ -129,7 +129,7 @@ def _rows(rows: list[Document], columns: list[Column]) -> Table:
 
 
 def _width(console: Console, table: Table) -> int:
-    """Return the columns that a table takes without limits."""
+    """Return the width (characters) of a table without a limit."""
     return console.measure(table, options=console.options.update(max_width=UNBOUNDED)).maximum
 
 

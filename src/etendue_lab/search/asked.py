@@ -31,7 +31,7 @@ _LIMIT = re.compile(r"(.+?)\s*(<=|>=)\s*(.+)")
 
 @dataclass(frozen=True)
 class Metric:
-    """A variable of which one number counts; ``pick``: which, if it has several."""
+    """A variable that gives one number; ``pick`` selects the number if the variable has several values."""
 
     name: str
     pick: str = ""
@@ -83,14 +83,14 @@ class Limit:
         return f"{self.metric} {'<=' if self.most else '>='} {self.bound:g}"
 
     def excess(self, value: float) -> float:
-        """Return by how much a value is beyond the bound, as a share of the bound; 0 or less if it is met."""
+        """Return the excess of a value over the bound, relative to the bound; 0 or less if the limit is met."""
         over = value - self.bound if self.most else self.bound - value
         return over / (abs(self.bound) or 1.0)
 
 
 @dataclass(frozen=True)
 class Range:
-    """The values that a setting may have: numbers between two ends, or one of some choices."""
+    """The allowed values of a setting: numbers between two ends, or a list of choices."""
 
     key: str
     low: float = 0.0
@@ -195,7 +195,7 @@ class _Reader:
             return None
         logarithmic = parts[2:] == ["log"]
         if not low < high or (logarithmic and low <= 0):
-            self.faults.append(Fault(f"--over {text}", "expected two ends, the lower one first; for log both above 0"))
+            self.faults.append(Fault(f"--over {text}", "expected two ends, the lower end first; for log both above 0"))
             return None
         return Range(name, low, high, logarithmic, declared[1] is int, unit=declared[0].units)
 
@@ -207,7 +207,9 @@ class _Reader:
             return None
 
     def limit(self, text: str, ranges: dict[str, Range]) -> Limit | None:
-        """Return a limit on a metric. One on a setting narrows its range, so that nothing beyond it is computed."""
+        """Return a limit on a metric. A limit on a setting narrows its range instead, so that no value beyond the limit
+        is computed.
+        """
         place, found = f"--subject {text}", _LIMIT.fullmatch(text.strip())
         if found is None:
             self.faults.append(Fault(place, "expected METRIC <= NUMBER or METRIC >= NUMBER"))
@@ -236,7 +238,9 @@ class _Reader:
             self.faults.append(Fault(place, f"cannot be met: {own}"))
         elif (low, high) != (own.low, own.high):
             ranges[name] = replace(own, low=low, high=high)
-            self.notes.append(f"{place.removeprefix('--subject ')}: {ranges[name]}; nothing beyond is computed")
+            self.notes.append(
+                f"{place.removeprefix('--subject ')}: {ranges[name]}; no value beyond the limit is computed"
+            )
 
 
 def read_request(

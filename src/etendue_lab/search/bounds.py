@@ -1,7 +1,8 @@
-"""The facts about limits before the goals are computed: bounds that stages declare, and metrics that take little time.
+"""Limits that can be checked before the goals are computed: by bounds that stages declare, or by metrics that take
+little time.
 
 In:  the plan of a trial, the limits.
-Out: limits that cannot be met; limits whose metrics cost at most half of all.
+Out: limits that cannot be met; limits whose metrics take at most half of the total time.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ CHEAP = 0.5  # share of the seconds of all metrics up to which limits are comput
 
 @dataclass(frozen=True)
 class First:
-    """The limits that a search checks before the goals. ``bounded``: whether there are bounds of a limit."""
+    """The limits that a search checks before the goals. ``bounded``: whether stages declare bounds for a limit."""
 
     bounded: bool
     cheap: tuple[Limit, ...]
@@ -32,11 +33,12 @@ def of_a_search(plan: Plan, limits: Iterable[Limit]) -> First:
 
 
 def bounded(plan: Plan, limits: Iterable[Limit]) -> dict[Limit, float]:
-    """Return by how much limits are exceeded at least, as a share of their bounds; 0 or less if they may be met. Limits
-    on variables without a known bound are not in it.
+    """Return the smallest possible excess of each limit, relative to its bound; 0 or less if the limit may be met.
+    Limits on variables without a known bound are omitted.
 
-    A bound is the smallest and the largest value of a stage's first variable without noise, as far as the stage knows
-    them. It counts where nothing before draws or rounds; the margin is the tolerance for every cell before.
+    A bound is the smallest and the largest value of a stage's first variable without noise, if the stage knows them.
+    The bound is used if no earlier stage draws random numbers or rounds. The margin is the tolerance times the number
+    of earlier cells.
     """
     found = {}
     for limit in limits:
@@ -66,7 +68,7 @@ def _ends(plan: Plan, limit: Limit) -> tuple[float, float, float] | None:
 
 
 def cheap(plan: Plan, limits: Iterable[Limit]) -> tuple[Limit, ...]:
-    """Return the limits whose metrics together cost at most half of the seconds of all wanted ones."""
+    """Return the limits whose metrics together take at most half of the time of all wanted variables."""
     own = {limit: {cell.ref for stage in _stages(plan, limit) for cell in plan.of(stage)} for limit in limits}
     whole = _seconds(plan, {cell.ref for stage, _ in plan.wanted for cell in plan.of(stage)})
     chosen: list[Limit] = []

@@ -1,5 +1,5 @@
-"""The history of a search as a plot: every trial, and the best so far; of two goals, their front. Beside it the
-importance of the settings.
+"""The history of a search as a plot: every trial and the best trial so far or, for two goals, their Pareto front; next
+to it the importance of the settings.
 
 In:  the document of a search.
 Out: a plot.
@@ -45,7 +45,7 @@ def _importance(axes: Any, document: Document, goal: str) -> None:
 
 
 def _apart(finished: list[Document]) -> list[tuple[str, str, list[Document]]]:
-    """Return the trials within the limits and the others, each with a label and a colour."""
+    """Return two groups, the trials within the limits and the other trials, each with a label and a colour."""
     kinds = (("within the limits", "C0", True), ("beyond a limit", "0.7", False))
     found = [
         (label, colour, [one for one in finished if one["allowed"] is allowed]) for label, colour, allowed in kinds
@@ -73,5 +73,11 @@ def _front(axes: Any, document: Document, finished: list[Document], goals: list[
     for label, colour, own in _apart(finished):
         axes.plot([o["values"][0] for o in own], [o["values"][1] for o in own], "o", ms=3, color=colour, label=label)
     front = [list(one["values"].values()) for one in document["best"]]
-    axes.plot([one[0] for one in front], [one[1] for one in front], "o-", color="C1", label="none is better in both")
+    axes.plot(
+        [one[0] for one in front],
+        [one[1] for one in front],
+        "o-",
+        color="C1",
+        label="Pareto front: no trial is better in both",
+    )
     axes.set(xlabel=goals[0], ylabel=goals[1])

@@ -1,7 +1,7 @@
 """The trials of a search on disk: a stopped search continues and gives the same trials.
 
 In:  a folder, the request and the pipeline.
-Out: finished trials by number; a line more for each new one.
+Out: finished trials by number; each new trial adds a line to the file.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Memory:
     Raises
     ------
     RequestError
-        The folder cannot be written to, or is of another search.
+        The folder cannot be written to, or belongs to another search.
     """
 
     def __init__(self, folder: Path | None, request: DocumentView) -> None:
@@ -44,7 +44,7 @@ class Memory:
         self.trials = self._read(folder / TRIALS)
 
     def _read(self, path: Path) -> list[Document]:
-        """Return the trials; cut off a last line that was not written to its end."""
+        """Return the trials; remove an incomplete last line from the file."""
         if not path.exists():
             return []
         whole, found = 0, list[Document]()
@@ -78,8 +78,8 @@ class Memory:
                 [
                     Fault(
                         str(self.folder),
-                        f"trial {number} had other settings, {known['settings']}; this version searches "
-                        f"otherwise: choose another --output",
+                        f"trial {number} had other settings, {known['settings']}; this version searches in "
+                        "another way: choose another --output",
                     )
                 ]
             )

@@ -1,10 +1,10 @@
 """The next settings of a search, from a model of its trials: Gaussian processes for the goal and for every limit, and
 the expected improvement times the probability that all limits are met.
 
-In:  the trials so far, as points of a unit cube with what they gave; the seed and the number of the trial.
-Out: the next point. It follows from these alone.
+In:  the trials so far, as points of a unit cube with their results; the seed and the number of the trial.
+Out: the next point, which depends only on these inputs.
 Sources: Jones et al. (1998), expected improvement; Gardner et al. (2014), with constraints; Knowles (2006), several
-goals by a random scale for each trial.
+goals, weighted at random in each trial.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Process:
 
 @dataclass
 class Model:
-    """A search over a unit cube of so many dimensions, for the smallest goals."""
+    """A search over a unit cube with ``size`` dimensions; goals are minimised."""
 
     size: int
     seed: int
@@ -98,9 +98,9 @@ class Model:
         ----------
         points : (trial, size) array
         goals : (trial, goal) array
-            NaN where a trial has none.
+            NaN if a trial has no result.
         excess : (trial, limit) array
-            Above 0 where a limit is exceeded; NaN where it is not known.
+            Above 0 if a limit is exceeded; NaN if unknown.
         """
         number = len(points)
         draw = np.random.Generator(np.random.Philox(key=[self.seed, number]))
@@ -145,7 +145,7 @@ class Model:
 
 
 def _scaled(goals: FloatArray, among: Array, draw: np.random.Generator) -> FloatArray:
-    """Return one goal as it is, or several as one, weighted at random: the augmented Chebyshev norm."""
+    """Return a single goal unchanged; combine several goals with random weights (augmented Chebyshev norm)."""
     if goals.shape[1] == 1:
         return goals[:, 0]
     low, high = goals[among].min(axis=0), goals[among].max(axis=0)

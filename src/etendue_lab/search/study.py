@@ -1,7 +1,7 @@
 """A search: optuna chooses settings, a session evaluates them, and optuna receives the results.
 
-In:  a pipeline, what is asked for, the number of trials.
-Out: the trials, the best of them, or the front of several goals.
+In:  a pipeline, the request, the number of trials.
+Out: the trials, and the best trial or, for several goals, the Pareto front.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ FEW = 30  # trials below which nothing is said of the importance of settings
 
 @dataclass(frozen=True)
 class Trial:
-    """One evaluation. ``excess``: by how much each limit is exceeded, as a share of its bound. ``spared``: the limit
-    that is exceeded for certain, so that the goals were not computed.
+    """One evaluation. ``excess``: the excess of each limit, relative to its bound. ``spared``: the limit that is
+    certainly exceeded, so that the goals were not computed.
     """
 
     number: int
@@ -67,7 +67,9 @@ class Found:
 
     @property
     def best(self) -> list[Trial]:
-        """The best trial within the limits; of several goals, those that no other beats in all, by the first goal."""
+        """The best trial within the limits; for several goals, the trials that no other trial beats in all goals,
+        sorted by the first goal.
+        """
         allowed = [one for one in self.trials if one.allowed]
         front = [one for one in allowed if not any(self._beats(other, one) for other in allowed)]
         first = self.asked.goals[0]
@@ -105,7 +107,7 @@ class Found:
         reasons = dict.fromkeys(one.failed for one in self.trials if one.failed)
         yield from (f"failed: {text}" for text in list(reasons)[:3])
         spared = Counter(one.spared for one in self.trials if one.spared)
-        yield from (f"{count} trials: {text}; nothing else was computed" for text, count in spared.items())
+        yield from (f"{count} trials: {text}; other variables were not computed" for text, count in spared.items())
         if not self.best:
             yield "no trial meets all limits; more trials, other limits or wider ranges may help"
 
@@ -120,12 +122,12 @@ def search(
     folder: Path | None = None,
     told: Told = lambda trial, best: None,
 ) -> Found:
-    """Make trials, or read them from a folder where an earlier call has made them.
+    """Run the trials; trials that an earlier call stored in the folder are read instead.
 
     Raises
     ------
     RequestError
-        optuna is not installed, the folder is of another search, or a metric is not there or has several values.
+        optuna is not installed, the folder belongs to another search, or a metric does not exist or has several values.
     """
     optuna = _optuna()
     session = Session(pipeline)
@@ -169,8 +171,9 @@ def search(
 
 
 def _importance(made: list[Trial], asked: Asked) -> dict[str, float]:
-    """Return by how much each setting, with its interactions, changes the first goal over the ranges, by a model of the
-    trials: its total share of the variance (Sobol'), of a sum of 1; largest first. Nothing of few trials.
+    """Return the importance of each setting for the first goal, largest first: its total share of the variance over the
+    ranges (Sobol', including interactions), from a model of the trials and scaled to a sum of 1. Empty if there are few
+    trials.
     """
     whole = [one for one in made if one.values]
     if len(whole) < FEW or len(asked.ranges) < 2:
@@ -190,7 +193,9 @@ def _importance(made: list[Trial], asked: Asked) -> dict[str, float]:
 
 
 def _evaluated(session: Session, asked: Asked, first: bounds.First, number: int, settings: Document) -> Trial:
-    """Return a trial: bounds of its limits first, then limits that cost little, then the rest."""
+    """Run a trial and return it: check declared bounds first, then limits that take little time, then compute
+    the rest.
+    """
     if first.bounded and (spared := _bounded(session, asked, number, settings)) is not None:
         return spared
     if first.cheap:
@@ -216,7 +221,7 @@ def _bounded(session: Session, asked: Asked, number: int, settings: Document) ->
         return Trial(number, settings, failed=str(error))
     if not any(over > 0 for over in known.values()):
         return None
-    return _spared(asked, number, settings, known, "cannot be met by what its stage declares")
+    return _spared(asked, number, settings, known, "cannot be met, according to the declarations of the stage")
 
 
 def _spared(asked: Asked, number: int, settings: Document, known: Mapping[Limit, float], why: str) -> Trial:
@@ -232,12 +237,12 @@ def _as_trial(known: DocumentView) -> Trial:
 
 
 def _places(one: Range) -> int:
-    """Return how many dimensions of the model's cube a range takes: one for each choice."""
+    """Return the number of dimensions of the model's cube for a range: 1, or one for each choice."""
     return len(one.choices) or 1
 
 
 def _modelled(model: Model, asked: Asked, made: list[Trial]) -> Document:
-    """Return the settings of the next trial by the model of those before."""
+    """Return the settings of the next trial from the model of the earlier trials."""
     points = np.array([_point(asked, one.settings) for one in made])
     signs = [-1.0 if goal.largest else 1.0 for goal in asked.goals]
     goals = [np.multiply(signs, t.values) if t.values else np.full(len(signs), np.nan) for t in made]

@@ -1,7 +1,7 @@
 """Terminal output of a search.
 
 In:  the document of a search.
-Out: the best settings, or the front of several goals, and how many trials met the limits.
+Out: the best settings or, for several goals, the Pareto front, and the number of trials that met the limits.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from etendue_lab.search.study import Trial, search
 
 
 def print_search(document: Document) -> None:
-    """Print what a search has found."""
+    """Print the result of a search."""
     console, best = _out(), document["best"]
     goals = [*document["minimise"], *document["maximise"]]
     names = [text.partition(" = ")[0] for text in document["over"]]

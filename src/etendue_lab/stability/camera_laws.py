@@ -5,11 +5,9 @@ Out: for each law, the variants of the camera (twins) on which it is tested, and
 
 bounded      everything is finite, unless declared undefined; display in [0, 1]; raw within the converter's codes
 monotone     noise-free: more time or more light never darkens a pixel: the balanced mosaic of any scene, the display of
-             a uniform one
-white        noise-free: a pixel whose whole support is clipped is (1, 1, 1)
-neutral      a uniform grey card is grey on the display, at every exposure
-flux         a uniform plane passes lens and diffusion unchanged: what leaves a pixel's place arrives at another
-linear       ten times the light gives ten times the photocurrent
+a uniform scene white        noise-free: a pixel whose whole support is clipped is (1, 1, 1) neutral      a uniform grey
+card is grey on the display, at every exposure flux         a uniform plane passes lens and diffusion unchanged: what
+leaves a pixel's place arrives at another linear       ten times the light gives ten times the photocurrent
 """
 
 from __future__ import annotations
@@ -75,7 +73,7 @@ def of(document: Document, slot: str) -> Document | None:
 def twin(document: Document, wanted: list[str], axis: str, values: list[float]) -> Document:
     """Return the same camera noise-free and unrounded, with neutral highlights, swept along one axis.
 
-    If the camera is metered, its time is swept; white is that of the light, not of the picture.
+    If the camera is metered, its time is swept; white is taken from the light, not from the picture.
     """
     made = copy.deepcopy(document)
     first = min(n for n, stage in enumerate(made["stages"]) if stage["name"] in (*EXPOSING, METER))
@@ -181,7 +179,7 @@ def bounded(document: Document, tree: xarray.DataTree) -> Iterator[Broken]:
 
 
 def over_time(document: Document) -> Document:
-    """Return the scene at seven times around its own."""
+    """Return the scene at seven exposure times around the camera's own."""
     time = document["camera"].get("integration_time", 0.01)
     wanted = ["ideal.mosaic_linear", "encode.rgb_display"]
     made = twin(document, [*wanted, LIFTED, MATRIX], "integration_time", [time * k for k in TIMES])
@@ -210,7 +208,7 @@ def same_white(made: Document) -> bool:
 
 
 def grey_over(document: Document, axis: str) -> Document:
-    """Return a grey card at seven times, or in seven lights."""
+    """Return a grey card at seven exposure times, or at seven light levels."""
     now = document["camera"].get(axis, 0.01) if axis == "integration_time" else of(document, "scene")["white_luminance"]  # type: ignore[index]
     made = uniform(
         twin(document, ["ideal.mosaic_linear", "encode.rgb_display", LIFTED, MATRIX], axis, [now * k for k in TIMES])

@@ -1,7 +1,7 @@
 """Kernels below the stages compared with closed forms of 60 digits, at stiff and extreme points of the physics.
 
 In:  ``data/closed_forms.json``: inputs, results and condition numbers.
-Out: a row per case; the stage is the one that uses the kernel.
+Out: a row per case; the stage uses the kernel.
 
 The bound is 1e-14, or 3e-7 in single precision, times the condition number: the error that rounding of the inputs alone
 may cause.

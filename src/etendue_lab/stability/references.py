@@ -5,8 +5,8 @@ Out: a row per case.
 
 The references are this project's own results in double precision, recorded by ``python benchmarks/stage_references.py``
 once the laws and the closed forms held. They reveal changes by a mistake or by another version of a library. They do
-not show that the recorded result was right; the closed forms do. Random stages are compared by mean, variance and data
-sheet, because another version of a generator may draw other numbers.
+not show that the recorded result was correct; the comparison with closed forms does. Random stages are compared by
+mean, variance and data sheet, because another version of a generator may draw other numbers.
 """
 
 from __future__ import annotations

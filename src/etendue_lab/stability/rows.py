@@ -48,7 +48,7 @@ class LawCases:
 
 
 def groups(rows: Iterable[LawCase]) -> list[LawCases]:
-    """Group rows in order; if some failed, the worst is among the failures."""
+    """Group rows in order; if some rows failed, the worst row is the worst of these."""
     together: dict[tuple[str, str], list[LawCase]] = {}
     for row in rows:
         together.setdefault((row.stage, row.law), []).append(row)

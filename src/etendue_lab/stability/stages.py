@@ -162,7 +162,7 @@ def wanted(word: str, case: Case) -> bool:
 
 
 def largest_allowed(stage: Stage) -> bool:
-    """Return whether a case is not refused and small enough to be computed here."""
+    """Return whether the stage accepts a case and the case fits into memory."""
     try:
         return largest(Bench(stage)) <= MOST_VALUES
     except Exception:

@@ -76,7 +76,7 @@ def stability(
 ) -> list[LawCase]:
     """Return every row, in the order of the parts: the number of processes only affects the time.
 
-    ``seed`` of the random numbers in statistical laws; other results do not depend on it.
+    ``seed``: seed of the random numbers in statistical laws; other results do not depend on it.
     """
     every = parts(names, seed)
     found: dict[WorkShare, list[LawCase]] = {}
@@ -112,7 +112,7 @@ def done(every: list[WorkShare], workers: int) -> Iterator[tuple[WorkShare, list
                             "its process lives",
                             "",
                             False,
-                            why="a worker process died during this test or one beside it",
+                            why="a worker process died during this test or during a simultaneous test",
                         )
                     ],
                 )

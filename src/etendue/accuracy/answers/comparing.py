@@ -1,6 +1,6 @@
-"""Compare evaluations of a point that differ in one discretisation or in several.
+"""Compare evaluations of a point that differ in one or several discretisations.
 
-In:  evaluations that are made as far as the budget lasts, and variables.
+In:  evaluations, computed on demand within the budget, and variables.
 Out: the change of each variable, as a part of its error; or the reason why it is unknown.
 """
 
@@ -71,9 +71,9 @@ def computed_alike(own: Plan, other: Plan) -> bool:
 def attempt(
     evaluations: Evaluations, missing: Texts, name: str, wanted: Iterable[StageVariable], ways: list[Way]
 ) -> tuple[Compared | None, float]:
-    """Return the evaluations of the first way that fits into the budget, and 0. If no way fits, return the evaluations
-    of as many variables as possible (wanted and cheap ones first) and the seconds that all would take, and record the
-    others in ``missing``.
+    """Return the evaluations of the first `Way` that fits into the budget, and 0 seconds. If no way fits, return the
+    evaluations of as many variables as possible (wanted and cheap variables first) and the seconds that all variables
+    would take, and record the other variables in ``missing``.
 
     The result is None if the stages refuse every way, and contains no evaluations if none fits.
     """

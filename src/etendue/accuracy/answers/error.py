@@ -154,7 +154,7 @@ def part_between(found: Array, reference: Array, declaration: Declaration, stage
     if not is_number(declaration):
         own = difference(found, reference, declaration, stage)
         if own.relative is None or own.largest_relative is None:
-            return own.why or "undefined at different places than the reference"
+            return own.why or "undefined at other places than in the reference"
         return Part(own.relative, own.largest_relative)
     one, other = (np.ravel(np.asarray(array, dtype=float)) for array in (found, reference))
     if one.shape != other.shape:
@@ -162,11 +162,11 @@ def part_between(found: Array, reference: Array, declaration: Declaration, stage
     away = apart(one, other)
     known = np.isfinite(other)
     if not np.isfinite(away[known]).all():
-        return "it is undefined in one of the two"
+        return "it is undefined in one of the two results"
     if not known.any() and np.array_equal(one, other):
         return Part(0.0, 0.0)  # infinite in both evaluations
     if not known.any():
-        return "it is undefined without noise, or here"
+        return "it is undefined in the noise-free or in the present result"
     return Part(float(away[-1] if known[-1] else away[known].max()), float(away[known].max()))
 
 

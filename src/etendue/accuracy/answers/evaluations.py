@@ -1,7 +1,7 @@
 """Evaluations of one point of a pipeline, each made once, within a budget of seconds and the available memory.
 
 In:  a point (`refinement`), seconds that remain.
-Out: plans and values; ``TooDear`` before one that would exceed the budget.
+Out: plans and values; ``TooDear`` is raised before an evaluation that would exceed the budget.
 """
 
 from __future__ import annotations
@@ -46,14 +46,15 @@ class TooDear(Exception):
 
 
 class Rates:
-    """Measured seconds of the stages of a pipeline relative to predicted ones, and the overhead of the engine per cell.
+    """Ratio of measured to predicted seconds for the stages of a pipeline, and the overhead of the engine per cell (s).
 
     A small cell takes longer than predicted because of overhead that does not depend on its size. Therefore an excess
     of up to ``FIXED`` seconds is added to predictions, and a larger excess scales them.
 
     Parameters
     ----------
-    plan, reports : of a run. Its seconds include work that a stage does once per process, such as imports and tables.
+    plan, reports : plan and reports of a run. Its seconds include work that a stage does once per process, such as
+    imports and tables.
         They count only if they are below the prediction, or exceed it by more than ``ONCE``.
     """
 
@@ -90,7 +91,7 @@ class Evaluations:
     Parameters
     ----------
     point : the point to evaluate
-    rates : seconds of its stages
+    rates : measured seconds of the stages, see `Rates`
     until : ``time.process_time()`` at which the budget ends
     shown : returns the progress to show of a plan, or None
     """
@@ -123,7 +124,8 @@ class Evaluations:
         return self._plans[key]
 
     def all_of(self, *which: Which, asked: Asked = None) -> list[Evaluated] | None:
-        """Return some evaluations, of all wanted variables or of ``asked`` ones; None if the stages refuse one.
+        """Return some evaluations, for all wanted variables or for ``asked`` variables; None if the stages refuse one
+        of the evaluations.
 
         Raises
         ------
@@ -147,7 +149,7 @@ class Evaluations:
 
     def affordable(self, *which: Which) -> frozenset[StageVariable]:
         """Return the variables whose evaluations fit into the remaining budget. Variables in the pipeline's ``wanted``
-        are chosen first, and cheaper ones before others.
+        are chosen first, and cheaper variables before more expensive ones.
         """
         plans = [(one, self.plan(*one)) for one in which if self._known(one, None) is None]
         made = [(one, plan) for one, plan in plans if plan is not None]

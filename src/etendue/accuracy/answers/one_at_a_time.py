@@ -80,7 +80,7 @@ def measure_each(
 
 
 def _take(parts: Parts, missing: Texts, one: StageVariable, name: str, known: KnownParts) -> bool:
-    """Add the known part of a discretisation for a variable; return whether there is one."""
+    """Add an already known error of a discretisation to the parts of a variable; return False if it is not known."""
     stage, variable = one
     own = known.get(name, {})
     found = own.get(variable, own.get(f"{stage}.{variable}"))
@@ -107,10 +107,11 @@ def _bases(name: str) -> tuple[Factors, Factors]:
 
 
 def _refined(name: str, base: Factors) -> list[Way]:
-    """Return the evaluations from which the error of a discretisation follows; ``base``: factors of the others.
+    """Return the evaluations from which the error of a discretisation follows; ``base``: factors of the other
+    discretisations.
 
     The first way is one refinement. A cheaper way is to coarsen once: for convergence of first or higher order, the
-    error is at most the change that this causes. A margin can also be widened on a coarser grid.
+    error is at most the change caused by coarsening. A margin can also be widened on a coarser grid.
     """
     ways = [Way(((base, ""), ({**base, name: 2}, "")), SAFETY.get(name, FIRST_ORDER))]
     if name in ("spacing", "bins"):
@@ -123,8 +124,8 @@ def _refined(name: str, base: Factors) -> list[Way]:
 
 def _omitted(evaluations: Evaluations) -> list[Way]:
     """Return the evaluations from which the error of omissions and coarser settings follows. One evaluation is as
-    planned; the other is of the reference or of settings one step towards it, both perhaps with few bands. If plan and
-    reference have the same cells, only the first is returned.
+    planned; the other uses the reference, or settings one step towards the reference. Both may use few bands. If plan
+    and reference have the same cells, only the first is returned.
     """
     own = evaluations.point.base
     try:

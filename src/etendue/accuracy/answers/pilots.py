@@ -45,11 +45,11 @@ def state_errors(
 
     Parameters
     ----------
-    plan, reports : of the run; without reports, the predicted seconds of plans are used
-    budget : seconds at most
+    plan, reports : plan and reports of the run; without reports, the predicted seconds of plans are used
+    budget : maximum number of seconds
     shown : returns the progress to show of a plan
     places : largest number of points of a sweep
-    known : parts that need not be measured: the largest over these points
+    known : parts that need not be measured; the largest value over the points
     """
     began, at, wanted = time.process_time(), shown_place(plan), answers(plan)
     rates, dear, longest = Rates(plan, reports), 0.0, 0.0
@@ -104,8 +104,8 @@ def _noise(evaluations: Evaluations, parts: Parts, missing: Texts) -> tuple[dict
     """Return the half width of the 95 % interval about one draw of the noise, for numbers that depend on noise; and the
     predicted seconds of evaluations that exceeded the budget.
 
-    Some numbers, such as the noise itself, are shifted by noise far more than they scatter. The errors of the
-    noise-free path do not apply to them, so these errors count as not measured.
+    For some numbers, such as the noise itself, noise causes a bias that is much larger than their scatter. The errors
+    of the noise-free path do not apply to such numbers and count as not measured.
     """
     noisy = evaluations.point.noisy
     if not noisy:

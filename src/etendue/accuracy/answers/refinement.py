@@ -44,10 +44,10 @@ class Point:
 
     Parameters
     ----------
-    plan : of the whole pipeline
-    registry : of installed stages
+    plan : plan of the whole pipeline
+    registry : registry of installed stages
     place : axis values of the point, by dim
-    wanted : variables to compute there
+    wanted : variables to compute at this point
     """
 
     def __init__(self, plan: Plan, registry: Registry, place: AxisValues, wanted: tuple[StageVariable, ...]) -> None:
@@ -62,8 +62,8 @@ class Point:
         self.silent = [name for name, one in here.items() if isinstance(one, Source) and name not in self.stages]
 
     def fixed(self) -> dict[str, str]:
-        """Return what cannot be refined, each with the reason: discretisations, and knobs whose finer settings are too
-        costly, where their stage states an error above the tolerance.
+        """Return the discretisations that cannot be refined, each with the reason; also the knobs whose finer settings
+        are too costly, if their stage states an error above the tolerance.
         """
         found = {name: why for _, name, why in self._discretisations() if why}
         for cell in self.base.cells.values():
@@ -72,7 +72,7 @@ class Point:
             if knobs and cell.left_out is None and error > self.base.pipeline.tolerance:
                 costly = f"finer settings are too costly; the stage states an error of {error:.2g} of full scale"
                 found[f"{cell.node} ({', '.join(knobs)})"] = costly
-        return found | {f"discretisation of {name}": "the stage does not say how it is refined" for name in self.silent}
+        return found | {f"discretisation of {name}": "the stage does not say how to refine it" for name in self.silent}
 
     def names(self) -> list[str]:
         """Return the discretisations that can be refined."""
@@ -93,7 +93,7 @@ class Point:
         return [one for one in self.wanted if stages & in_front(plan, [one[0]])]
 
     def why_no_finer(self) -> str:
-        return f"one half as large is refused{f' ({self.refusal})' if self.refusal else ''}"
+        return f"half of this value is refused{f' ({self.refusal})' if self.refusal else ''}"
 
     def why_no_reference(self) -> str:
         return f"the reference is refused{f' ({self.refusal})' if self.refusal else ''}"
@@ -151,7 +151,9 @@ class Point:
         return [knob for knob in own if knob.settings]
 
     def _accepted(self, knob: PipelineKnob) -> PipelineKnob:
-        """Return a knob whose best setting is one that its stage accepts: with common draws, ``inf`` is none."""
+        """Return a knob whose best setting is the best that its stage accepts (with common draws, ``inf`` is
+        refused).
+        """
         stage = self.base.of(knob.stage)[0].stage
 
         def takes(setting: Value) -> bool:
@@ -170,8 +172,8 @@ class Point:
 
     @cached_property
     def nearer(self) -> dict[str, dict[str, Any]]:
-        """For each stage, settings of its knobs one step finer than in the run, or the reference if this is a closed
-        form.
+        """For each stage, settings of its knobs one step finer than in the run, or the setting of the reference if this
+        is a closed form.
         """
         return self._settings(lambda knob, own: knob.reference if knob.closed_form else knob.finer_than(own))
 
@@ -228,6 +230,6 @@ class Point:
         return collect(plan, needed, Options("serial"), progress, known)
 
     def values(self, plan: Plan, found: Collected | None = None) -> dict[StageVariable, Array]:
-        """Return the values of an evaluation, without those of cells that failed."""
+        """Return the values of an evaluation, without the values of failed cells."""
         arrays = (found or self.computed(plan)).arrays
         return {one: arrays[ref][one[1]] for one, ref in self.refs(plan).items() if one[1] in arrays.get(ref, ())}

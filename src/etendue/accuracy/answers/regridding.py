@@ -1,4 +1,4 @@
-"""Resample an array from a finer or wider grid to the grid of another, to compare the two.
+"""Resample an array from a finer or wider grid to the grid of another array, to compare both.
 
 In:  an array with its grid, and the grid to compare on.
 Out: the array on that grid: bands and cells are averaged, samples interpolated, a margin is cut off.
@@ -34,7 +34,7 @@ def on_grid(array: Array, dims: tuple[str, ...], own: Grid, other: Grid) -> Arra
 
 
 def _weights(own: Coordinate, other: Coordinate) -> Array | None:
-    """Return the matrix (other, own) that brings values from one coordinate to another."""
+    """Return the matrix (other, own) that converts values from one coordinate to another."""
     if isinstance(own, Bands) and isinstance(other, Bands):
         return _overlaps(np.array(own.edges), np.array(other.edges))
     if not (isinstance(own, Line) and isinstance(other, Line)) or own.units != other.units:
@@ -47,7 +47,9 @@ def _weights(own: Coordinate, other: Coordinate) -> Array | None:
 
 
 def _overlaps(own: Array, other: Array) -> Array | None:
-    """Return the share of each interval of ``other`` that each of ``own`` covers; None if some are not covered."""
+    """Return the share of each interval of ``other`` that each interval of ``own`` covers; None if an interval of
+    ``other`` is not covered.
+    """
     low, high = np.maximum(own[:-1], other[:-1, None]), np.minimum(own[1:], other[1:, None])
     weights = np.clip(high - low, 0, None) / np.diff(other)[:, None]
     covered = weights.sum(axis=1, keepdims=True)
@@ -59,7 +61,7 @@ def _edges(line: Line) -> Array:
 
 
 def _lagrange(first: Array, offset: Array, size: int) -> Array | None:
-    """Return weights of cubic interpolation between four samples; at the ends the outermost are repeated."""
+    """Return weights of cubic interpolation between four samples; at the ends the outermost samples are repeated."""
     if first.min() < -1 or first.max() > size:
         return None
     weights, t = np.zeros((first.size, size)), offset

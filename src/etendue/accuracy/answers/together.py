@@ -1,11 +1,11 @@
-"""The error of several discretisations at once, for budgets that do not allow one after the other.
+"""The error of several discretisations together, for budgets that are too small to measure one after the other.
 
 In:  evaluations of a point.
-Out: the parts of the errors of the wanted variables: of bins and spacing together, and of margin and omissions
-     together; each apart where the budget lasts for one evaluation more.
+Out: the parts of the errors of the wanted variables: one part for bins and spacing, and one for margin and omissions;
+     each discretisation has its own part if the budget allows one more evaluation.
 
-Evaluations form chains; each step of a chain changes one thing. The two ends tell the error of all steps, and an
-evaluation between them tells which step it comes from.
+Evaluations form chains; each step of a chain changes one thing. The difference between both ends gives the error of all
+steps; an evaluation in between separates the steps.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ BASES: tuple[Factors, ...] = ({**FEW_BANDS, **COARSE}, FEW_BANDS, COARSE, {})
 
 
 class Chain(NamedTuple):
-    """Evaluations, each of which refines one thing of the evaluation before it."""
+    """A chain of evaluations, each of which refines one discretisation of the evaluation before it."""
 
     names: tuple[str, ...]  # of these things
     which: tuple[Which, ...]  # one more
@@ -51,7 +51,7 @@ class Chain(NamedTuple):
         return " and ".join(sorted(name for name in self.names if one in affected[name]))
 
     def factor(self, label: str) -> float:
-        """Return the factor from the change by all steps of a label to their error."""
+        """Return the factor by which the change of all steps of a label is multiplied to give their error."""
         return max(STEPS.get(name, OTHER_STEPS) for name in label.split(" and "))
 
 
@@ -60,10 +60,10 @@ class Together:
 
     Parameters
     ----------
-    plan : of the whole pipeline
-    evaluations : of the point
-    parts, missing : by variable, to which parts and texts are added
-    fixed : to which the discretisations are added that cannot be refined
+    plan : plan of the whole pipeline
+    evaluations : evaluations of the point
+    parts, missing : mappings by variable to which parts and texts are added
+    fixed : mapping to which discretisations that cannot be refined are added
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class Together:
                     self.parts[one].update(own)
 
     def _grids(self, names: list[str]) -> Chain:
-        """Return the chain from coarser bins and spacing to those of the pipeline."""
+        """Return the chain from coarser bins and spacing to the bins and spacing of the pipeline."""
         own = [name for name in GRIDS if name in names]
         for chosen in (own, *([name] for name in own[::-1])):
             coarse = dict.fromkeys(chosen, -2)
@@ -123,7 +123,7 @@ class Together:
         return Chain((), ())
 
     def _set_apart(self, names: Iterable[str]) -> None:
-        """Note discretisations that cannot be coarsened: they may be refined all the same, or be fixed."""
+        """Record the discretisations that cannot be coarsened; they can perhaps be refined, or are fixed."""
         for name in names:
             if is_refinable(self.evaluations, name):
                 self.apart.append(name)
@@ -131,8 +131,8 @@ class Together:
                 self.fixed[name] = self.evaluations.point.why_no_finer()
 
     def _rest(self, names: list[str], grids: Chain) -> Chain:
-        """Return the chain to a wider margin and to knobs one step finer, nothing left out: from few bands or, where
-        light costs little, from the coarser grids, which are evaluated anyway.
+        """Return the chain to a wider margin, knobs one step finer and no omissions. It starts from few bands or, if
+        light is cheap to compute, from the coarser grids, which are evaluated anyway.
         """
         evaluations = self.evaluations
         coarse = [grids.which[0][0]] if grids.which and evaluations.planned_seconds < SMALL else []
@@ -174,7 +174,7 @@ class Together:
             self.measured.append(chain)
 
     def _lack(self, names: list[str], error: TooDear) -> None:
-        """Note that the plans alone exceed the budget."""
+        """Record that planning alone exceeds the budget."""
         self.dear += error.seconds
         for name in (*names, OMISSIONS):
             for one in self.affected[name]:

@@ -42,7 +42,7 @@ def refuse_changed(folder: Path, running: bool) -> None:
 
 @dataclass(frozen=True)
 class Checked:
-    """An archive without differences from the written state, except perhaps in chunks, which are not read."""
+    """An archive whose files, except the chunks of cells (which are not read), are as written."""
 
     listing: disk.Listing
     journal: Read
@@ -57,7 +57,7 @@ def checked(folder: Path) -> Checked:
     Raises
     ------
     ArchiveError
-        The folder is not an archive, or it is damaged; the message says what is and how to repair it.
+        The folder is not an archive, or it is damaged; the message names the damage and the command that repairs it.
     """
     root = folder / "data.zarr"
     manifest, records = read_manifest(folder), record_paths(folder) if folder.is_dir() else []
@@ -86,7 +86,7 @@ def describe_archive(folder: Path) -> Document:
     Raises
     ------
     ArchiveError
-        The folder is not an archive, or it is damaged; the message says what is and how to repair it.
+        The folder is not an archive, or it is damaged; the message names the damage and the command that repairs it.
     """
     found = checked(folder)
     root, listing, journal, record = folder / "data.zarr", found.listing, found.journal, found.record
@@ -155,19 +155,19 @@ def order_of(root: Path, record: Document) -> list[str]:
 
 
 def progress(journal: Read, began: str = "") -> Document:
-    """Return the progress of the last run: cells asked for, cells present, and, if it is active since ``began``, cells
-    per second and seconds left.
+    """Return the progress of the last run: number of cells requested, number of cells present and, if the run is active
+    since ``began``, cells per second and remaining seconds.
     """
     return {**_progress(journal, _ended(journal)), **(_pace(journal, began) if began else {"rate": None, "left": None})}
 
 
 def _ended(journal: Read) -> Mapping[str, int]:
-    """Return how many cells of each stage have ended in the last run."""
+    """Return the number of cells of each stage that have ended in the last run."""
     return Counter(cell.partition(" ")[0] for cell in journal.run.ended) if journal.run else Counter[str]()
 
 
 def _progress(journal: Read, ended: Mapping[str, int], of: Iterable[str] | None = None) -> Document:
-    """Return how many cells the last run was asked for, and how many of them are present or have ended."""
+    """Return the number of cells requested by the last run, and the number of these that are present or have ended."""
     if journal.run is None:
         return {"planned": None, "finished": None}
     stages = list({**ended, **journal.run.planned} if of is None else of)
@@ -179,9 +179,9 @@ def _progress(journal: Read, ended: Mapping[str, int], of: Iterable[str] | None 
 
 
 def _pace(journal: Read, began: str) -> dict[str, float | None]:
-    """Return cells per second since an active run began, and the seconds left; None if unknown.
+    """Return cells per second since an active run began, and the remaining seconds; None if unknown.
 
-    Cells that are left are weighted by the mean time of finished cells of their stage: early stages have few but
+    Remaining cells are weighted by the mean time of finished cells of their stage: early stages have few but
     expensive cells.
     """
     run, elapsed = journal.run, time.time() - _instant(began)

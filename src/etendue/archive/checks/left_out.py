@@ -30,11 +30,11 @@ def left_out_damage(stored: Stored) -> Iterator[Damage]:
             yield Damage("changed", JOURNAL, f"{node} has no array of its own, and {why}", node)
         for name in _cells(stored, one):
             if name not in reached:
-                yield Damage("changed", JOURNAL, f"no cell of equal key in {one.path} has its values", node, name)
+                yield Damage("changed", JOURNAL, f"no cell with an equal key in {one.path} has its values", node, name)
 
 
 def _named_otherwise(stored: Stored) -> Iterator[Damage]:
-    """Yield groups whose attribute differs from the journal."""
+    """Yield groups whose attribute ``same_as`` differs from the journal."""
     for group in sorted(stored.journal.axes.keys() | stored.journal.same.keys()):
         path = f"{DATA}/{group}/zarr.json"
         document = disk.read_document(stored.folder / path)
@@ -49,7 +49,9 @@ def _named_otherwise(stored: Stored) -> Iterator[Damage]:
 
 
 def _other_shape(stored: Stored, one: Followed) -> str:
-    """Return why the shape of an array differs from that of the coordinates of its group; '' if it does not."""
+    """Return a text that says how the shape of an array differs from the coordinates of its group; '' if it does not
+    differ.
+    """
     document = disk.read_document(stored.folder / DATA / one.path[1:] / "zarr.json") or {}
     dims, axes = document.get("dimension_names") or [], stored.journal.axes[one.source]
     inner = [str(dim) for dim in dims if dim not in axes]

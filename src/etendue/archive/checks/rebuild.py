@@ -2,7 +2,7 @@
 mark the rest to be recomputed.
 
 In:  the folder of an archive, the damage found in it, and places where its inputs may be found.
-Out: an archive that a run of its own pipeline can complete; a list of what was done, in words.
+Out: an archive that a run of its own pipeline can complete; a list of texts that describe each step.
 
 Files that do not belong to an archive are moved into ``strays``, never deleted.
 """
@@ -63,7 +63,7 @@ def prepare(found: Verified, sources: Iterable[Path]) -> list[str]:
         store.journal.set_axes(axes)
         store.journal.set_blocks(blocks)
         done += [f"the axis values of {group} were taken from its coordinates" for group in axes]
-        done += [f"how the variables of {group} are cut was taken from their metadata" for group in blocks]
+        done += [f"the blocks of the variables of {group} were taken from their metadata" for group in blocks]
         for path, text in _unkept(folder, kept, store.manifest):
             store.journal.record(path, text)
         lost = [name for name in found.lost if name in store.journal.entries]
@@ -103,7 +103,7 @@ def _records(folder: Path, kept: Mapping[str, str], damaged: Iterable[str]) -> I
 
 
 def _unkept(folder: Path, kept: Mapping[str, str], manifest: Manifest | None) -> Iterator[tuple[str, str]]:
-    """Yield intact records of which the journal has no copy."""
+    """Yield intact run records that have no copy in the journal."""
     for file in past_runs.record_paths(folder):
         path = f"runs/{file.name}"
         if path not in kept and manifest and manifest.files.get(path) == digest_of(file):
@@ -138,7 +138,7 @@ def _blocks(
 
 
 def _block(document: DocumentView, axes: int) -> Document:
-    """Return the entry that the journal has for a block."""
+    """Return the journal's entry for a block."""
     outer, shape = document["chunk_grid"]["configuration"]["chunk_shape"], document["shape"][axes:]
     shard = next((one["configuration"] for one in document["codecs"] if one["name"] == "sharding_indexed"), None)
     inner = shard["chunk_shape"][axes:] if shard else outer[axes:]

@@ -1,8 +1,8 @@
-"""Check that every byte of an archive is the one that its runs wrote. Everything is read, nothing is changed, and no
-stage is loaded.
+"""Check that every byte of an archive is as its runs wrote it. Everything is read, nothing is changed, and no stage is
+loaded.
 
 In:  the folder of an archive.
-Out: ``Verified``: what is damaged, by file, array and cell; foreign files; bytes and seconds.
+Out: ``Verified``: the damage by file, array and cell; foreign files; bytes and seconds.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ STRAYS = "strays"  # folder into which a repair moves files that do not belong t
 def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | None = None) -> Verified:
     """Read an archive and report everything that differs from what was written.
 
-    ``told`` is called with the bytes read and the total; ``journal`` is passed if it has been read already.
+    ``told``: called with the number of bytes read and the total; ``journal``: the journal, if it has been read already.
 
     Raises
     ------
     ArchiveError
-        The folder is no archive.
+        The folder is not an archive.
     ArchiveInUse
         A run is writing to it.
     """
@@ -73,7 +73,7 @@ def sha256_of(folder: Path) -> str:
     Raises
     ------
     ArchiveError
-        Something in it is not a regular file.
+        The archive contains something other than regular files.
     """
     listing, found = disk.Listing(folder), hashlib.sha256()
     beside = [name for name in disk.FILES if name not in ("lock", "run.id") and (folder / name).is_file()]

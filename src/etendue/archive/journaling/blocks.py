@@ -1,8 +1,8 @@
-"""The shards of a run, managed by its owner: the chunks that each must contain, and the time at which it is put in its
-place.
+"""The shards of a run, managed by its owner: the chunks that each shard must contain, and the moment at which the shard
+is put in its place.
 
 In:  valid stored chunks, cells to be computed, and their results.
-Out: shards in their places, as soon as nothing in them is left to compute, or when the run ends.
+Out: shards in their places, as soon as all their cells are computed, or when the run ends.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Slots = Iterable[tuple[str, int, int]]  # shard, slot, slots of the shard
 
 
 class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
-    """The chunks that one shard has to hold, by slot, in columns: 60 bytes per chunk, where objects take 400."""
+    """The chunks that one shard has to hold, by slot, in columns: 60 bytes per chunk instead of 400 as objects."""
 
     def __init__(self, path: str, slots: int) -> None:
         self.path = path
@@ -49,7 +49,7 @@ class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
         self.offset.append(place.offset)
 
     def add_written(self, one: WrittenChunk, file: str) -> None:
-        """Add a chunk that lies in its part, ``file``, where it was written."""
+        """Add a chunk that is still in the part ``file`` to which it was written."""
         if file not in self.files:
             self.files.append(file)
         self.rows[one.slot] = len(self.written)
@@ -58,7 +58,7 @@ class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
         self.offset.append(one.offset)
 
     def add_all(self, chunks: WrittenChunks, numbers: Array, offset: Array) -> None:
-        """Add chunks of which none is here yet, and which lie in the shard itself."""
+        """Add new chunks that are stored in the shard itself."""
         if self.path not in self.files:
             self.files.append(self.path)
         begin = len(self.written)
@@ -95,7 +95,9 @@ class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
         return ((slot, row) for slot, row in enumerate(self.rows) if row >= 0)
 
     def lies_as(self, index: Mapping[int, tuple[int, int]]) -> bool:
-        """Return True if all chunks lie in the shard itself where an index says, and the index has no others."""
+        """Return True if all chunks are in the shard itself, at the positions given by its index, and the index
+        contains no other chunks.
+        """
         rows = np.array(self.rows)
         slots = np.flatnonzero(rows >= 0)
         rows = rows[slots]
@@ -112,7 +114,7 @@ class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
         return {self.files[number] for number in {self.file[row] for _, row in self._every()}}
 
     def put(self, places: Mapping[int, tuple[int, int]]) -> None:
-        """Record that all chunks now lie in the shard."""
+        """Record that all chunks are now in the shard."""
         self.files = [self.path]
         for slot, row in self._every():
             self.file[row], self.offset[row] = 0, places[slot][0]
@@ -123,7 +125,7 @@ class Blocks:
 
     Attributes
     ----------
-    moved : existing shards that were rewritten, bytes copied, bytes of computed chunks
+    moved : number of rewritten existing shards, bytes copied, bytes of computed chunks
     """
 
     def __init__(self, folder: Path, journal: Journal, finder: Finder, durable: bool) -> None:
@@ -141,14 +143,14 @@ class Blocks:
         return own
 
     def keep(self, chunks: Slots, stored: Stored) -> None:
-        """Add chunks that stay as they are."""
+        """Add stored chunks that do not change."""
         for path, slot, slots in chunks:
             own, found = self._of(path, slots), stored.get((path, slot))
             if found is not None:
                 own[slot] = found
 
     def keep_all(self, path: str, slots: int, chunks: WrittenChunks, numbers: Array, offset: Array) -> None:
-        """Add chunks that stay as they are, at these offsets in the shard itself."""
+        """Add stored chunks that do not change, at these offsets in the shard itself."""
         self._of(path, slots).add_all(chunks, numbers, offset)
 
     def drop(self, chunks: Slots) -> None:
@@ -162,7 +164,7 @@ class Blocks:
         return {(path, slot): own[slot] for path, slot, own in there if own is not None and slot in own}
 
     def expect(self, chunks: Slots, held: Iterable[WrittenChunk] = ()) -> None:
-        """Register chunks that will be computed, except those in ``held``, which are stored already."""
+        """Register chunks that will be computed, except chunks in ``held``, which are stored already."""
         there = {(one.path, one.slot) for one in held}
         for path, slot, slots in chunks:
             if (path, slot) not in there:
@@ -170,7 +172,7 @@ class Blocks:
                 self.waiting[path] = self.waiting.get(path, 0) + 1
 
     def ended(self, chunks: Slots, written: Iterable[WrittenChunk]) -> list[str]:
-        """Add the chunks of a cell that has ended; return the shards in which nothing is left to compute."""
+        """Add the chunks of a cell that has ended; return the shards whose cells are all computed."""
         there, complete = {(one.path, one.slot): one for one in written}, []
         for path, slot, slots in chunks:
             one, own = there.get((path, slot)), self._of(path, slots)
@@ -188,7 +190,7 @@ class Blocks:
         return complete
 
     def changed(self, path: str) -> bool:
-        """Return True if a shard on disk lacks chunks that it must contain, or contains others."""
+        """Return True if a shard on disk lacks required chunks or contains other chunks."""
         state, own, slots = self.finder.state(path, self.slots[path]), self.wanted[path], self.slots[path]
         if state is None or not own:
             return bool(state) or bool(own)
@@ -197,11 +199,11 @@ class Blocks:
         return state.index is None or not own.lies_as(state.index)
 
     def odd(self) -> list[str]:
-        """Return shards on disk that differ from the written ones."""
+        """Return shards on disk that differ from their written state."""
         return [path for path, slots in self.slots.items() if self.finder.odd(path, slots)]
 
     def unsettled(self) -> list[str]:
-        """Return the shards in which nothing is left to compute but whose content is not yet correct."""
+        """Return the shards whose cells are all computed but whose content is not yet correct."""
         return [path for path in self.wanted if self.waiting.get(path, 0) <= 0 and self.changed(path)]
 
     def put(self, paths: Iterable[str]) -> None:

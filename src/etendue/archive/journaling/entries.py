@@ -1,5 +1,5 @@
-"""The latest state of every cell of an archive, in columns: about 100 bytes a cell plus its name, where objects would
-take a thousand.
+"""The latest state of every cell of an archive, in columns: about 100 bytes per cell plus its name, instead of a
+thousand bytes as objects.
 
 In:  the lines of a journal, one after the other.
 Out: an ``Entry`` by name of a cell, created on demand.
@@ -168,7 +168,7 @@ class Entries(MutableMapping[str, Entry]):
             self.rest[row] = clipped, clipped_flux, floored, platform
 
     def close(self) -> None:
-        """Mark everything as confirmed: the run has ended in order, so nothing has to be read back."""
+        """Mark all entries as confirmed: the run ended normally, so no data has to be read back."""
         self.fresh = bytearray(len(self.fresh))
 
     def key_at(self, row: int) -> str:
@@ -178,19 +178,21 @@ class Entries(MutableMapping[str, Entry]):
         return map(self.files.__getitem__, self._numbers(row))
 
     def standing(self, name: str, key: str) -> str:
-        """Return the status of a cell with this key; '' if it has begun again, has another key or is unknown."""
+        """Return the status of a cell with this key; '' if the cell is being recomputed, has another key or
+        is unknown.
+        """
         row = self.rows.get(name)
         if row is None or self.event[row] == _EVENT["start"] or self.key_at(row) != key:
             return ""
         return STATUS[self.status[row]]
 
     def first_file(self, name: str) -> str:
-        """Return the shard in which the first chunk of a cell lies; '' if none of it is stored."""
+        """Return the shard that contains the first chunk of a cell; '' if no chunk is stored."""
         row = self.rows.get(name)
         return "" if row is None or not self.count[row] else self.files.texts[self.files.path[self.first[row]]]
 
     def took(self, name: str) -> float:
-        """Return the seconds of a cell; 0 if it is unknown."""
+        """Return the run time of a cell (s); 0 if unknown."""
         row = self.rows.get(name)
         return 0.0 if row is None else self.seconds[row]
 
@@ -211,7 +213,7 @@ class Entries(MutableMapping[str, Entry]):
         return self.having("done")
 
     def having(self, event: str) -> Iterator[str]:
-        """Return the names of the cells whose latest event is this one."""
+        """Return the names of the cells whose latest event is ``event``."""
         number = _EVENT[event]
         return (name for name, row in self.rows.items() if self.event[row] == number)
 
@@ -250,7 +252,7 @@ class Entries(MutableMapping[str, Entry]):
         return found
 
     def shards(self, beside: Collection[str] = ()) -> dict[str, int]:
-        """Map each shard that holds chunks of done cells to the number of one of them; cells in ``beside`` are
+        """Map each shard that holds chunks of done cells to the number of one of these chunks; cells in ``beside`` are
         ignored.
         """
         numbers = self._of_done(beside)
@@ -278,7 +280,7 @@ class Entries(MutableMapping[str, Entry]):
         return np.repeat(first - np.cumsum(count) + count, count) + np.arange(int(count.sum()))
 
     def rows_of_chunks(self) -> Array:
-        """Return by number of a chunk the row of its cell; -1 if another has taken its place."""
+        """Return, by number of the chunk, the row of its cell; -1 if another chunk has replaced it."""
         found = np.full(len(self.files), -1)
         first, count = np.asarray(self.first), np.asarray(self.count)
         ends = np.cumsum(count)
@@ -287,7 +289,7 @@ class Entries(MutableMapping[str, Entry]):
         return found
 
     def cell_of(self, number: int) -> str:
-        """Return the cell that a chunk belongs to, by the number of the chunk; '' if another has taken its place."""
+        """Return the cell that a chunk belongs to, by the number of the chunk; '' if another chunk has replaced it."""
         return next((name for name, row in self.rows.items() if number in self._numbers(row)), "")
 
     def _numbers(self, row: int) -> range:

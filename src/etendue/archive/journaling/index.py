@@ -1,11 +1,13 @@
-"""The content of a journal as columns in the user's cache: to read it again takes one digest, not a line for each cell.
+"""The content of a journal as columns in the user's cache: reading it again requires one digest instead of parsing a
+line for each cell.
 
-In:  the path of a journal; what its first bytes say.
-Out: the same, if these bytes are still those that were read.
+In:  the path of a journal; the content of its first bytes.
+Out: the same content, if these bytes have not changed since.
 
-There is one entry for each path. It holds the length and the digest of the bytes that it stands for, and begins with a
-digest of itself; lines appended since are read on top of it. A journal is read anew if any of these bytes differs or
-its entry is damaged: only an equal digest of other bytes could give a wrong answer. The newest entries stay.
+There is one entry for each path. It holds the length and the digest of the journal bytes that it represents, and begins
+with a digest of itself; lines that were appended later are read in addition. A journal is read completely if any of
+these bytes differs or its entry is damaged: only a collision of the digest could give a wrong answer. The newest
+entries are kept.
 """
 
 from __future__ import annotations
@@ -61,8 +63,8 @@ def fresh_digest() -> Digest:
 
 
 def known(path: Path, file: BinaryIO, size: int) -> tuple[Index | None, Digest]:
-    """Return what the first bytes of an open journal say, with their digest, and leave the file behind them; None (and
-    the file at its start) if that is not known.
+    """Return the cached content of the first bytes of an open journal, with their digest, and position the file after
+    them; return None, and position the file at its start, if no entry is valid.
     """
     data = cache.read(KIND, _key(path)) if size >= SMALLEST else None
     try:
@@ -81,7 +83,7 @@ def known(path: Path, file: BinaryIO, size: int) -> tuple[Index | None, Digest]:
 
 
 def keep(path: Path, length: int, digest: bytes, index: Index) -> None:
-    """Keep an entry for the first bytes of a journal."""
+    """Store an entry for the first bytes of a journal."""
     index.length, index.digest = length, digest
     data = _encode(index)
     cache.write(KIND, _key(path), _sum(data) + data)
@@ -93,7 +95,7 @@ def _sum(data: bytes) -> bytes:
 
 
 def index_of(entries: Entries, ended: set[str], outdated: set[str], lines: list[bytes]) -> Index:
-    """Return the state of all cells as an entry."""
+    """Return an entry with the state of all cells."""
     rows, files = entries.rows, entries.files
     everything = len(ended) == len(rows) and ended == rows.keys()
     return Index(
@@ -119,7 +121,7 @@ def entries_of(index: Index) -> Entries:
     Raises
     ------
     ValueError
-        Its columns are not of one length.
+        The columns have different lengths.
     """
     found = Entries()
     found.rows = {name: row for row, name in enumerate(index.names)}

@@ -1,14 +1,14 @@
-"""The journal: the only record of which cells are finished.
+"""The journal: the only record of the finished cells.
 
 One JSON line per event, appended only by the owner of the archive. A cell is finished if its **last** line is ``done``
-with the wanted key, and its chunks lie where the lines say, with the recorded size. Each line ends in a checksum of
-itself; lines that fail it, and an incomplete last line, count as absent. That a file exists proves nothing. A ``done``
-line names the part of a shard to which each chunk was appended; a ``shard`` line lists the parts, and the bytes of
-them, that a shard holds. The journal also holds the axis values of each group (a coordinate array damaged by a kill is
-rewritten from them), the arrays created in each group, how each is split into shards, the variables without an array
-and the arrays they equal, the record of each run, and how many cells it has to compute. ``closed`` says that a run has
-ended in order: the data of earlier lines need not be read back. ``outdated`` names the cells that a run is about to
-replace: their chunks remain until it does, but readers do not see them.
+with the wanted key, and its chunks are where the lines say, with the recorded size. Each line ends with its checksum;
+lines with a wrong checksum, and an incomplete last line, are ignored. The existence of a file proves nothing. A
+``done`` line names the part of a shard to which each chunk was appended; a ``shard`` line lists the parts, and the
+bytes of them, that a shard holds. The journal also holds the axis values of each group (a coordinate array damaged by a
+kill is rewritten from them), the arrays created in each group, how each is split into shards, the variables without an
+array and the arrays they equal, the record of each run, and the number of cells it has to compute. ``closed`` says that
+a run ended normally: the data of earlier lines need not be read back. ``outdated`` names the cells that a run is about
+to replace: their chunks remain until they are replaced, but readers do not see them.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Read:
         return self.entries
 
     def close(self) -> None:
-        """Mark everything as confirmed: a run has ended in order, so nothing has to be read back."""
+        """Mark all entries as confirmed: a run ended normally, so no data has to be read back."""
         self.said.close()
         self.shards = {path: replace(one, fresh=False) if one.fresh else one for path, one in self.shards.items()}
 
@@ -164,7 +164,7 @@ class Journal:
         self.end((name, Entry("removed", self.entries[name].key, (), "not_computed")) for name in cells)
 
     def set_outdated(self, cells: Iterable[str]) -> None:
-        """Record which done cells this run is about to replace; this supersedes the previous list."""
+        """Record the done cells that this run is about to replace; the list replaces the previous list."""
         names = set(cells)
         if names != self.outdated:
             self._append([{"event": "outdated", "cells": sorted(names)}])
@@ -184,7 +184,7 @@ class Journal:
         self.axes.update(changed)
 
     def forget_axes(self, groups: Iterable[str]) -> None:
-        """Record that these groups are gone."""
+        """Record that these groups have been removed."""
         gone = [group for group in groups if group in self.axes]
         self._append({"event": "axes", "group": group, "axes": None} for group in gone)
         for group in gone:
@@ -208,7 +208,7 @@ class Journal:
         self.blocks.update(changed)
 
     def set_same(self, same: Mapping[str, Mapping[str, str]]) -> None:
-        """Record which variables of each group have no array, and which arrays they equal."""
+        """Record the variables of each group without an array, and the arrays that they equal."""
         every = {group: dict(same.get(group, {})) for group in sorted({*self.same, *same})}
         changed = {group: own for group, own in every.items() if self.same.get(group, {}) != own}
         self._append({"event": "same", "group": group, "same": own} for group, own in changed.items())
@@ -226,15 +226,15 @@ class Journal:
         self._append([{"event": "record", "path": path, "text": text}])
 
     def closed(self) -> None:
-        """Record that a run has ended in order."""
+        """Record that a run ended normally."""
         self._append([{"event": "closed"}])
 
     def begins(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> bool:
-        """Return True if a run has to be recorded; not if it repeats the last one and computes nothing."""
+        """Return True if a run has to be recorded; False if it repeats the last run and computes nothing."""
         return bool(todo) or self.run is None or self.run.planned != planned
 
     def begin_run(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> None:
-        """Record how many cells of each stage a run is asked for, and how many of them it has to compute."""
+        """Record, by stage, the number of cells that a run requests and the number that it has to compute."""
         if self.begins(planned, todo):
             self._append([{"event": "run", "planned": dict(planned), "todo": dict(todo)}])
             self.run = Going(dict(planned), dict(todo))
@@ -280,8 +280,8 @@ def read(path: Path) -> Read:
 
 
 def _begun(path: Path, file: BinaryIO) -> tuple[Read, list[bytes], index.Digest]:
-    """Return what the first lines say, if the cache knows these very bytes, those of them about no cell, and their
-    digest.
+    """Return the cached content of the first lines, if the cache has exactly these bytes, the lines that are not about
+    cells, and the digest of the bytes.
     """
     known, digest = index.known(path, file, os.fstat(file.fileno()).st_size)
     if known is not None:
@@ -300,7 +300,9 @@ def _begun(path: Path, file: BinaryIO) -> tuple[Read, list[bytes], index.Digest]
 
 
 def _take_own(found: Read, line: bytes) -> bool:
-    """Take a line about a cell with the right checksum, decoded in one step; return whether the line was one."""
+    """Process a line about a cell if its checksum is correct, decoding it in one step; return False for any
+    other line.
+    """
     if line[-SUM:-10] != b',"sum":"' or b"%08x" % zlib.crc32(b"}", zlib.crc32(memoryview(line)[:-SUM])) != line[-10:-2]:
         return False
     try:
@@ -337,7 +339,7 @@ def _checked(line: bytes) -> Document:
     Raises
     ------
     ValueError, msgspec.DecodeError
-        It is not a JSON object, or its checksum does not match.
+        The line is not a JSON object, or its checksum does not match.
     """
     value = msgspec.json.decode(line)
     if not isinstance(value, dict):
@@ -351,7 +353,7 @@ def _checked(line: bytes) -> Document:
 
 
 def _take(found: Read, value: DocumentView) -> None:
-    """Take one line; raise ``ValueError`` or ``TypeError`` if it lacks the form of its event."""
+    """Process one line; raise ``ValueError`` or ``TypeError`` if it does not have the form of its event."""
     event = value["event"]
     if not set(value) <= FIELDS[event]:
         raise ValueError("unknown keys")
@@ -387,7 +389,7 @@ def _take(found: Read, value: DocumentView) -> None:
 
 
 def _take_of_a_cell(found: Read, value: DocumentView) -> None:
-    """Take a line about a cell, in the form of this or any earlier version."""
+    """Process a line about a cell, in the form of this or any earlier version."""
     files, a_cell = files_of(value.get("files", ()))
     event, status = value["event"], value.get("status", "done")
     if status not in STATUS:

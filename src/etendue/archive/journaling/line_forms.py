@@ -42,7 +42,7 @@ Number = Annotated[int, msgspec.Meta(ge=0, le=LARGEST)]
 
 @dataclass
 class Going:
-    """The last run: cells asked for and cells to compute, by stage; the cells that have ended since."""
+    """The last run: requested cells and cells to compute, by stage; the cells that have ended since."""
 
     planned: Mapping[str, int]
     todo: Mapping[str, int]
@@ -69,8 +69,8 @@ decode_of_a_cell = msgspec.json.Decoder(OfACell).decode
 
 
 def files_of(written: Any) -> tuple[tuple[WrittenChunk, ...], int]:
-    """Return the chunks of a cell, and how many of them have a file of their own; for those, old archives recorded
-    only the size.
+    """Return the chunks of a cell, and the number of chunks with a separate file; for these, old archives recorded only
+    the size.
     """
     files, a_cell = [], 0
     for one in written:

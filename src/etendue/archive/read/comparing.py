@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Compared(WrittenChunk):
-    """Takes the place of a written chunk: how far a variable is from the stored one; ``damage`` says why the stored one
-    cannot be read.
+    """The difference between a computed and a stored variable, used in place of a written chunk; ``damage`` says why
+    the stored variable cannot be read.
     """
 
     difference: Difference | None = None
@@ -48,7 +48,7 @@ class Comparing:
     cell: StoredArrays
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[WrittenChunk, ...]:
-        """Compare arrays with the stored ones."""
+        """Compare arrays with the stored arrays."""
         found = []
         for variable in self.cell.variables:
             try:
@@ -70,8 +70,8 @@ class Comparing:
         return self.cell.read(variable)
 
     def read_band(self, variable: str, band: int) -> Any:
-        """Return one band of the stored array. Light that is too large to hold in memory is read back from here by
-        the next stage, once it has been compared.
+        """Return one band of the stored array. If light does not fit into memory, the next stage reads it from here
+        after the comparison.
         """
         return self.cell.read_band(variable, band)
 

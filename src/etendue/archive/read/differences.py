@@ -1,10 +1,11 @@
-"""Compare two archives: which cells differ, by how much, and since which parameter, code or input.
+"""Compare two archives: the cells that differ, the size of the difference, and the parameter, code or input that caused
+it.
 
 In:  the folders of two archives.
 Out: a ``StageDifference`` for every stage of either archive.
 
-Cells are matched by stage and axis values. An axis that only one archive has is matched at the value to which the other
-fixes the parameter. Cells whose stored bytes have the same size and digest are not read.
+Cells are matched by stage and axis values. An axis that only one archive has is matched at the value that the parameter
+has in the other archive. Cells whose stored bytes have the same size and digest are not read.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ class StageDifference:
     Attributes
     ----------
     cells : number of cells that both archives have
-    same : how many of these have equal arrays
-    since : what differs in the stage itself, or which of its inputs differs; '' if nothing recorded differs
+    same : number of these cells that have equal arrays
+    since : the difference in the stage itself, or the input that differs; '' if nothing recorded differs
     """
 
     name: str
@@ -154,8 +155,8 @@ def differences(
 
 
 def _unswept(nodes: DocumentView, axes: set[str]) -> Document:
-    """Return the records of stages without the parameters that either archive sweeps: cells are matched by those
-    values.
+    """Return the records of stages without the parameters that either archive sweeps: cells are matched by the values
+    of these parameters.
     """
     return {
         name: {
@@ -195,7 +196,7 @@ def _cells(one: Stored, name: str, other: Stored, twin: str) -> list[CellDiffere
 
 
 def _bytes(cell: StoredArrays) -> list[tuple[Any, ...]]:
-    """Return what is recorded about the bytes of a cell."""
+    """Return the recorded sizes and digests of a cell."""
     return [
         (c.variable, c.window, c.form.dtype, c.form.shape, c.form.codec, c.written.size, c.written.digest)
         for c, _ in cell.chunks

@@ -1,4 +1,4 @@
-"""Measure how far two arrays of one variable differ.
+"""Measure the difference between two arrays of one variable.
 
 In:  two arrays, or parts of them.
 Out: ``Difference``: whether the bits agree; if not, the largest and the rms difference and the full scale.
@@ -26,11 +26,11 @@ class Difference:
     Attributes
     ----------
     same : whether shape, type and every bit agree
-    why : why the two cannot be compared: other shapes or types, or one of them is missing; '' if they can
-    values : how many values were compared
-    differing : how many of them differ
-    undefined : how many are NaN or infinite in one of the arrays alone, or differently
-    defined : how many are finite in both arrays
+    why : reason why the arrays cannot be compared (different shapes or types, or a missing array); '' if they can
+    values : number of compared values
+    differing : number of values that differ
+    undefined : number of values that are NaN or infinite in only one of the arrays, or differ in this
+    defined : number of values that are finite in both arrays
     largest : largest absolute difference of the defined values
     rms : root mean square difference of the defined values
     scale : full scale: the largest absolute value of the first array, unless it is given
@@ -91,8 +91,8 @@ def _piece(one: Array, other: Array, scale: float | None) -> Difference:
 
 
 def apart(one: Array, other: Array) -> FloatArray:
-    """Return the absolute difference of each pair of values: 0 if both are NaN or the same infinity, infinite if one of
-    them alone is.
+    """Return the absolute difference of each pair of values: 0 if both are NaN or the same infinity, infinite if only
+    one of them is.
     """
     one, other = np.asarray(one, np.float64), np.asarray(other, np.float64)
     with np.errstate(invalid="ignore", over="ignore"):

@@ -1,4 +1,4 @@
-"""The pictures of an earlier run: a table that not every run rewrites, so it carries a digest of itself.
+"""The pictures of an earlier run: a table that not every run rewrites and that therefore contains its own digest.
 
 In:  the files of the group ``frames``.
 Out: whether they are intact, and the keys of the cells they show.

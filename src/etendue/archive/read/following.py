@@ -1,11 +1,11 @@
-"""Variables without an array, because all their cells are left out: where the values of each cell lie.
+"""Variables without an array, because all their cells are left out: the places of the values of each cell.
 
 In: the journal's lines about the groups, and the finished cells.
 Out: for every such cell the chunks of the cell that has its values.
 
 The values of a cell are taken only from a cell with an equal key whose variable has an array, so the result is the same
-and one step suffices. A forged journal therefore cannot cause an endless loop, or lead out of the archive or to other
-values.
+and one step suffices. A forged journal therefore cannot cause an endless loop, give wrong values, or lead out of the
+archive.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Followed:
 
 
 def fault_of(journal: Read, group: str, variable: str) -> str:
-    """Return why the array that has the values of a variable cannot be the one that the journal names; '' if it can."""
+    """Return the reason why the array named by the journal cannot have the values of a variable; '' if it can."""
     path = journal.same[group][variable]
     source, _, name = path[1:].rpartition("/")
     if group not in journal.axes:

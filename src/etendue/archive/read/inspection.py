@@ -59,7 +59,7 @@ class Verified:
     Attributes
     ----------
     beside : files and groups that no run has written and that may stay where they are
-    partial : the folder left beside it by a killed ``compact``; '' if there is none
+    partial : the folder that a killed ``compact`` left beside the archive; '' if there is none
     """
 
     folder: Path
@@ -134,8 +134,8 @@ class Inspection:
             yield from self._forgotten()
 
     def _forgotten(self) -> Iterator[Damage]:
-        """Yield cells that are finished according to their status but not to the journal, and cells on which journal
-        and ledger disagree.
+        """Yield cells that are finished according to ``status`` but not according to the journal, and cells for which
+        journal and ledger disagree.
         """
         ledger = self.stored.by_ledger()
         for name, cell in self.stored.archive.held.items() if ledger is not None else ():
@@ -302,7 +302,7 @@ class Inspection:
                 yield Damage("added", name, "no run has written it")
 
     def _stranger(self, path: str) -> Iterator[Damage]:
-        """Report an unknown file where a run writes files: it is foreign, or its journal lines are lost."""
+        """Report an unknown file at a place where runs write files: it is foreign, or its journal lines are lost."""
         array = _array(path)
         if self.known is None and (
             path.startswith(tuple(f"{DATA}/{t}/" for t in TABLES)) or re.search("/c(/|$)", path)
@@ -322,7 +322,7 @@ def _array(path: str) -> str:
 
 
 def _size(path: str | Path) -> int | None:
-    """Return the bytes of a file, 0 for a folder, None if there is nothing."""
+    """Return the size of a file (bytes); 0 for a folder; None if it does not exist."""
     try:
         state = os.lstat(path)
     except OSError:

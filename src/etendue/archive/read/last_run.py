@@ -1,6 +1,6 @@
 """The state in which the last run left an archive, and what has changed since.
 
-In:  an archive opened for a run, with a plan laid out over it.
+In:  an archive opened for a run, with the layout of a plan.
 Out: whether the archive is intact and matches the plan; the files that differ from the manifest.
 """
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def in_order(store: ArchiveWriter) -> bool:
-    """Return True if a run with nothing to compute would change no file."""
+    """Return True if a run that computes nothing would change no file."""
     known = store.manifest
     if known is None or store.mended or store.journal.torn or not store.recorded or known.changed(store.folder):
         return False
@@ -37,7 +37,7 @@ def in_order(store: ArchiveWriter) -> bool:
 
 
 def _laid_out_alike(store: ArchiveWriter) -> bool:
-    """Return True if the groups are those of the plan, with the same axis values and the same blocks."""
+    """Return True if the groups equal the groups of the plan, with the same axis values and the same blocks."""
     journal, laid = store.journal, store.laid
     blocks = {group: journal.blocks.get(group) for group in journal.axes}
     others = (node for node in store.ours - store.nodes if node.split("/")[0] not in TABLES)

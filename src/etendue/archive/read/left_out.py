@@ -1,11 +1,12 @@
-"""Add variables without an array to trees that xarray has opened: their group names the array with their values.
+"""Add variables without an array to trees that xarray has opened: the group of each variable names the array with its
+values.
 
 In:  the groups of a tree, opened by plain xarray or from an object store.
-Out: the same groups, with lazy variables for those that are left out in all cells.
+Out: the same groups, with lazy variables for variables whose cells are all left out.
 
 The named array must have the same name, be stored in a group of the same tree, and have no other axes; an array that
-was itself added in this way is not accepted. Attributes that somebody has changed can therefore cause no endless loop
-and not lead out of the tree.
+was itself added in this way is not accepted. Therefore changed attributes cannot cause an endless loop or lead out of
+the tree.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def tree_with_left_out(tree: xarray.DataTree) -> xarray.DataTree:
 
 
 def _shared(group: xarray.Dataset, source: xarray.Dataset, name: str) -> xarray.Variable | None:
-    """Return the variable of another group over the axes of this one; None if their coordinates differ."""
+    """Return the variable of another group, extended to the axes of this group; None if their coordinates differ."""
     variable, axes = source.variables[name], [str(dim) for dim in group["status"].dims]
     there = [str(dim) for dim in source["status"].dims] if "status" in source else []
     if not set(there) <= set(axes) or any(dim not in group.sizes for dim in variable.dims):

@@ -1,7 +1,7 @@
-"""The arrays that variables without one would have, for the verified store: metadata, and the chunks of other arrays.
+"""Virtual arrays of variables without an array, for the verified store: metadata, and the chunks of other arrays.
 
 In:  an archive open for reading.
-Out: by array, its metadata and where its chunks lie; every cell is a file of its own.
+Out: for each array, its metadata and the places of its chunks; every cell is a separate file.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 
 class LeftOutArrays:
-    """``by_node``: by path of the array that a variable would have, the cells that have its values."""
+    """Virtual arrays. ``by_node``: by path of the virtual array, the cells that have its values."""
 
     def __init__(self, archive: StoredArchive) -> None:
         self.archive = archive
         self.by_node = {f"{one.group}/{one.variable}": one for one in archive.followed}
 
     def form(self, node: str) -> StoredForm:
-        """Return the form of such an array: the form of the chunks that have its values, with one cell per file."""
+        """Return the form of a virtual array: the form of the chunks that have its values, with one cell per file."""
         one = self.by_node[node]
         return replace(self.archive.form(one.source, one.variable), block=(1,) * len(self._axes(one)))
 
@@ -78,7 +78,7 @@ class LeftOutArrays:
         return tree.held[f"{node}/{ROOT}"]
 
     def consolidated(self, root: bytes) -> bytes:
-        """Return the root's metadata with that of these arrays."""
+        """Return the metadata of the root, including the metadata of these arrays."""
         whole = json.loads(root)
         nodes = (whole.get("consolidated_metadata") or {}).get("metadata")
         if not isinstance(nodes, dict):

@@ -1,7 +1,7 @@
-"""Read an archive without its plan: every cell that the journal calls done, and where each of its chunks lies.
+"""Read an archive without its plan: every cell that is done according to the journal, and the place of each chunk.
 
 In:  the folder of an archive, finished, interrupted or being written.
-Out: cells with their chunks; arrays; what is damaged. Nothing is written.
+Out: cells with their chunks; arrays; the damage. Nothing is written.
 
 The journal records the part or shard that holds the bytes of a chunk, the chunk's size and digest, and how the
 variables of a group are split and encoded. Metadata of the store is consulted only for archives with one file per
@@ -61,7 +61,9 @@ class StoredForm:
 
     @cached_property
     def most_bytes(self) -> int:
-        """Largest plausible size of a chunk in bytes: its numbers plus what a codec adds to incompressible data."""
+        """Largest plausible size of a chunk in bytes: its numbers plus the overhead of a codec for
+        incompressible data.
+        """
         try:
             size = np.dtype(self.dtype).itemsize
         except TypeError:
@@ -76,7 +78,7 @@ class StoredForm:
 
 @dataclass(frozen=True)
 class StoredChunk:
-    """One chunk of a cell: its variable, and where the journal says its bytes were put."""
+    """One chunk of a cell: its variable, and the place of its bytes according to the journal."""
 
     group: str
     variable: str
@@ -105,7 +107,7 @@ class StoredChunk:
 
 @dataclass(frozen=True)
 class StoredCell:
-    """A cell that the journal calls done."""
+    """A cell that is done according to the journal."""
 
     name: str  # "sharpen gain=2.0 pitch=3.0"
     entry: Entry
@@ -134,7 +136,7 @@ class StoredArchive:
     ----------
     journal : the content of its journal
     cells : the cells that are done, by name
-    held : also those that a run was about to replace, by name: their chunks remain until it does
+    held : as ``cells``, plus the cells that a run was about to replace; their chunks remain until they are replaced
     """
 
     def __init__(self, folder: Path, journal: Read | None = None, linked: frozenset[str] = frozenset()) -> None:
@@ -158,7 +160,7 @@ class StoredArchive:
         return StoredCell(name, entry, tuple(map(self.chunk, self._own(entry))))
 
     def cell(self, name: str) -> StoredCell:
-        """Return one of ``cells``, without making all of them."""
+        """Return one of ``cells`` without building the others."""
         entry = self.journal.entries[name]
         if entry.event != "done" or name in self.journal.outdated:
             raise KeyError(name)
@@ -180,11 +182,11 @@ class StoredArchive:
 
     @cached_property
     def _gone(self) -> set[str]:
-        """The folders of arrays that an earlier run has written and the last one has removed as copies."""
+        """The folders of arrays that an earlier run wrote and that the last run removed as copies."""
         return {f"{DATA}/{group}/{name}" for group, names in self.journal.same.items() for name in names}
 
     def _own(self, entry: Entry) -> Iterable[WrittenChunk]:
-        """Return the chunks of a cell without copies that an earlier run has written and the last one has removed."""
+        """Return the chunks of a cell without copies that an earlier run wrote and the last run removed."""
         gone = self._gone
         return [file for file in entry.files if file.path.rpartition("/")[0] not in gone] if gone else entry.files
 
@@ -203,12 +205,14 @@ class StoredArchive:
         return found
 
     def chunks_of(self, cell: StoredCell) -> tuple[StoredChunk, ...]:
-        """Return the chunks of all variables of a cell: its own, and those of other cells that have its values."""
+        """Return the chunks of all variables of a cell: its own chunks, and the chunks of other cells that have its
+        values.
+        """
         return (*cell.chunks, *self._elsewhere.get(cell.name, ())) if self.journal.same else cell.chunks
 
     def place(self, chunk: StoredChunk, fresh: bool = False) -> ChunkPlace | None:
-        """Return where the bytes of a chunk lie now; None if they are lost. ``fresh`` reads them and checks their
-        digest.
+        """Return the present place of the bytes of a chunk; None if they are lost. ``fresh`` reads them and checks
+        their digest.
         """
         if self.journal.files_a_cell:
             return (
@@ -224,7 +228,7 @@ class StoredArchive:
         Raises
         ------
         ArchiveError
-            It was not kept, or it is damaged.
+            The variable was not kept, or it is damaged.
         """
         own = [chunk for chunk in self.chunks_of(cell) if chunk.variable == variable]
         if not own:
@@ -263,7 +267,7 @@ class StoredArchive:
                 )
 
     def _lies(self, chunk: StoredChunk) -> ChunkPlace:
-        """Return where a chunk lies, or should lie."""
+        """Return the place where a chunk is, or should be."""
         written, place = chunk.written, self.place(chunk)
         if place is not None:
             self.files.add(place.file)
@@ -279,7 +283,7 @@ class StoredArchive:
         if self.finder.behind_link(place.file):
             return "missing"
         if place.size > chunk.form.most_bytes:
-            return f"its recorded size of {place.size} bytes exceeds what its numbers can take"
+            return f"its recorded size of {place.size} bytes exceeds the size that its numbers can take"
         try:
             data = files.read(place)
         except OSError:
@@ -313,7 +317,7 @@ class StoredArchive:
         return decode(data, chunk.form.dtype, chunk.form.stored, chunk.form.codec)
 
     def slots_of(self, paths: Iterable[str]) -> dict[str, int]:
-        """Return how many chunks each shard has room for, if the journal has the form of its array."""
+        """Return the number of chunks for which each shard has room, if the journal has the form of its array."""
         found = {}
         for path in paths:
             group, _, variable = path.removeprefix(f"{DATA}/").rpartition("/")[0].rpartition("/")
@@ -360,7 +364,7 @@ class StoredArchive:
 
 @contextmanager
 def metadata_of(folder: Path) -> Iterator[None]:
-    """Wrap calls of a library that reads metadata of a store: if it fails, the metadata is not what a run writes.
+    """Wrap calls of a library that reads metadata of a store: if it fails, the metadata was not written by a run.
 
     Raises
     ------
@@ -374,14 +378,15 @@ def metadata_of(folder: Path) -> Iterator[None]:
     except Exception as error:
         text = " ".join(str(error).split())[:200] or type(error).__name__
         raise ArchiveError(
-            f"{folder / DATA}: its metadata is not what a run writes ({text}). Find changes with: etendue "
+            f"{folder / DATA}: its metadata differs from the metadata that a run writes ({text}). Find changes "
+            "with: etendue "
             f"verify {folder}; "
             f"if digests were recomputed after the change, with: etendue reproduce {folder}"
         ) from error
 
 
 def open_archive(folder: Path, journal: Read | None = None) -> StoredArchive:
-    """Open an archive for reading. ``journal``: passed if it has been read already.
+    """Open an archive for reading. ``journal``: the journal, if it has been read already.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""The chunks of a shard as one array: small ones are read and checked together.
+"""The chunks of a shard as one array: small chunks are read and checked together.
 
 In:  an archive opened for reading, one of its shards.
-Out: the values of all its finished cells, in the order of ``by_shard``; None if a chunk needs a closer look.
+Out: the values of all its finished cells, in the order of ``by_shard``; None if a chunk must be examined separately.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ GAPS = 4  # a shard is read as a whole if it is at most this many times as large
 
 
 def shard_column(archive: StoredArchive, path: str, files: ShardFiles) -> Array | None:
-    """Return the chunks of a shard as one array, each checked against its digest; None if one of them is not where
-    journal and index say, or is damaged.
+    """Return the chunks of a shard as one array, each checked against its digest; None if a chunk is damaged, or is not
+    at the place given by journal and index.
     """
     group, _, variable = path.removeprefix(f"{DATA}/").rpartition("/")[0].rpartition("/")
     form, said = archive.form(group, variable), archive.journal.said.files

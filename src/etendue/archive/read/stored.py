@@ -1,4 +1,4 @@
-"""The finished cells of an archive by name, with all that is needed to read them elsewhere, for example in a worker.
+"""The finished cells of an archive by name, with all data needed to read them in another process, such as a worker.
 
 In:  the folder of an archive.
 Out: names, and arrays checked against the digests in the journal: data that differs is refused, never replaced by fill
@@ -51,7 +51,7 @@ class StoredArrays:
         Raises
         ------
         ArchiveError
-            Part of it is missing or differs from what was written.
+            Part of the array is missing or differs from what was written.
         """
         own = [one for one in self.chunks if one[0].variable == variable]
         return joined(
@@ -135,13 +135,15 @@ class Stored:
         return {(cell.stage, chunk.variable) for cell in cells for chunk in self.archive.chunks_of(cell)}
 
     def cell(self, name: str) -> StoredArrays:
-        """Return a finished cell, without arrays that were given up since (``keep``)."""
+        """Return a finished cell, without arrays that were removed since because of ``keep``."""
         chunks = self.archive.chunks_of(self.archive.cell(name))
         there = tuple((chunk, self.archive.place(chunk)) for chunk in chunks if self.keeps(chunk.group, chunk.variable))
         return StoredArrays(str(self.folder), there, not self.journal.files_a_cell)
 
     def keeps(self, group: str, variable: str) -> bool:
-        """Return True if the archive still has an array; lines of cells also name arrays given up since."""
+        """Return True if the archive still has an array; journal lines of cells also name arrays that were removed
+        since.
+        """
         return self.manifest is None or f"{group}/{variable}" in self.nodes
 
     def axes(self) -> dict[str, dict[str, list[Any]]]:
@@ -167,8 +169,8 @@ class Stored:
         return found
 
     def by_status(self) -> Iterator[tuple[str, str]]:
-        """Yield (group, name) of every cell that is finished according to ``status``, where status and coordinates
-        are intact.
+        """Yield (group, name) of every cell that is finished according to ``status``, for groups whose status and
+        coordinates are intact.
         """
         for group, axes in self.axes().items():
             if not self._hold(self._files(group, "status")):

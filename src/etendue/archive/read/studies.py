@@ -1,12 +1,12 @@
-"""Groups of a study in the store of an archive, next to those of stages: its results, and the cells that they were
-computed from.
+"""Groups of a study in the store of an archive, next to the groups of stages: its results, and the cells from which
+they were computed.
 
 In:  the folder of an archive, its journal.
-Out: which studies are stored, and how many of their cells have other results now.
+Out: the stored studies, and the number of their cells whose results have changed since.
 
 A study has its own group, with a group for each result; these groups name the cells from which the result was computed,
-and their keys. A run leaves them as they are. They may therefore describe earlier results; a comparison of keys shows
-this.
+and their keys. A run does not change these groups. They may therefore describe earlier results; a comparison of keys
+shows this.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ CELLS, KEYS = "cell", "cell_key"
 
 @dataclass(frozen=True)
 class StoredStudy:
-    """One thing that a study found."""
+    """One stored result of a study."""
 
     path: str  # of its group
     command: str
@@ -40,7 +40,7 @@ class StoredStudy:
 
     @property
     def stale(self) -> str:
-        """The reason why it does not describe the archive's present results; '' if it does."""
+        """The reason why the result does not describe the archive's present cells; '' if it does."""
         parts = [f"{self.other} of its {self.cells} cells have changed"] if self.other else []
         parts += [f"{self.since} cells were finished since"] if self.since else []
         return " and ".join(parts)
@@ -60,7 +60,7 @@ def is_study(document: Document | None) -> bool:
 
 
 def stored_studies(folder: Path, journal: Read | None = None) -> Iterator[StoredStudy]:
-    """Yield everything that studies have stored."""
+    """Yield all stored results of studies."""
     for top in sorted(path for path in (folder / DATA).glob(f"*/{ROOT}") if path.is_file()):
         if not is_study(disk.read_document(top)):
             continue

@@ -1,4 +1,4 @@
-"""The expected store: every file of it except chunks of cells, built in memory.
+"""The expected store: every file of the store except chunks of cells, built in memory.
 
 In:  groups, arrays, coordinates, tables.
 Out: bytes by path. The expected content of a file is known before the file is read or written, so damaged files are
@@ -33,11 +33,11 @@ class Tree:
         self.nodes: dict[str, DocumentView] = {}  # the metadata among ``held`` that was built here
 
     def files(self, below: str = "") -> dict[str, bytes]:
-        """Return every file by path, or only those of one group."""
+        """Return every file by path, or only the files of one group."""
         return {path: data for path, data in self.held.items() if not below or path.startswith(f"{below}/")}
 
     def take(self, files: Mapping[str, bytes]) -> None:
-        """Add files that are on disk already."""
+        """Add files that already exist on disk."""
         self.held.update(files)
         for path in files:
             self.nodes.pop(path, None)
@@ -71,8 +71,8 @@ class Tree:
         self._put(path, array_node(form.dtype, shape, *chunks, form.codec, dims, ".", attrs))
 
     def consolidated(self, others: Mapping[str, bytes]) -> bytes:
-        """Return the root's metadata including that of all nodes; ``others``: metadata of foreign groups, left out if
-        zarr cannot read it.
+        """Return the metadata of the root, including the metadata of all nodes; ``others``: metadata of foreign groups,
+        omitted if zarr cannot read it.
         """
         if others:
             try:
@@ -86,7 +86,7 @@ class Tree:
 
 
 def _consolidated(files: Mapping[str, bytes]) -> bytes:
-    """Consolidate with zarr, which can read foreign metadata; its slow import is avoided if there is none."""
+    """Consolidate with zarr, which can read foreign metadata; without foreign metadata its slow import is avoided."""
     import zarr
     from zarr.core.buffer import default_buffer_prototype
     from zarr.storage import MemoryStore
@@ -100,16 +100,16 @@ def _consolidated(files: Mapping[str, bytes]) -> bytes:
 
 
 def content_first(path: str) -> list[str]:
-    """Return a key that sorts files of the store folder by folder, the metadata of a group or array after all below it:
-    readers find an array through its metadata.
+    """Return a key that sorts files of the store folder by folder, the metadata of a group or array after everything
+    below it, because readers find an array through its metadata.
     """
     *folders, name = path.split("/")
     return [*folders, f"\U0010ffff{name}"]
 
 
 def incompatible(old: DocumentView | None, new: DocumentView) -> bool:
-    """Return True if chunks written for the old metadata of an array cannot be read with the new one. Unknown metadata
-    counts as incompatible.
+    """Return True if chunks written for the old metadata of an array cannot be read with the new metadata. Unknown
+    metadata counts as incompatible.
     """
     if old is None:
         return True

@@ -1,7 +1,7 @@
 """The values that the last run into an archive chose for open parameters of a pipeline. Later runs keep these values.
 
 In:  a pipeline as written, the folder of an archive.
-Out: the pipeline with these values, and a note on each that would be finer now.
+Out: the pipeline with these values, and a note on each value that would be finer now.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ NEAR = 1e-9  # relative: values closer than this are equal
 def with_kept_choices(
     pipeline: PipelineFile, registry: Registry, folder: Path | None
 ) -> tuple[PipelineFile, list[str]]:
-    """Return the pipeline with the values of the last run into an archive for all that it leaves open, and notes."""
+    """Return the pipeline with the last run's values for all open parameters, and notes."""
     values = kept_choices(pipeline, registry, folder) if folder is not None else {}
     if not values:
         return pipeline, []
@@ -60,7 +60,7 @@ def _notes(
 
 
 def kept_choices(pipeline: PipelineFile, registry: Registry, folder: Path) -> dict[str, dict[str, float]]:
-    """Return, by stage and parameter, the values of the last run; empty if there is no readable record of one."""
+    """Return, by stage and parameter, the values of the last run; empty if there is no readable record of a run."""
     open_ = left_open(pipeline, registry)
     try:
         stages: list[Document] = tomllib.loads(recorded(folder).text)["stages"] if open_ else []

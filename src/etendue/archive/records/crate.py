@@ -3,10 +3,10 @@
 
 In:  a plan, the records of all runs, the copies in ``inputs/``.
 Out: ``ro-crate-metadata.json``: the pipeline of every run as a workflow, and every run as an action with its inputs and
-     results; for the last run also every stage with its distribution, version and code digest, what it read, and where
-     its results are.
+     results; for the last run also every stage with its distribution, version and code digest, its inputs, and the
+     place of its results.
 
-No user, host or path of the machine is recorded; persons are those that the pipeline file names.
+No user, host or path of the machine is recorded; only persons named in the pipeline file are listed.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def _workflow(run: Recorded) -> str:
 
 
 def _ids(names: Iterable[str]) -> Document | list[Document]:
-    """Return references; a single one without a list, as RO-Crate recommends."""
+    """Return references; a single reference is not put into a list, as RO-Crate recommends."""
     found = [{"@id": name} for name in names]
     return found[0] if len(found) == 1 else found
 
@@ -112,7 +112,7 @@ def _graph(folder: Path, plan: Plan, runs: list[Recorded], ended: Mapping[str, s
         "conformsTo": _ids(uri for uri, _, _ in PROFILES),
         "name": about.title or pipeline.name,
         "description": pipeline.description
-        or f"Simulation '{pipeline.name}': every variable of every stage, and how it was made",
+        or f"Simulation '{pipeline.name}': every variable of every stage, with its provenance",
         "datePublished": _date(runs),
         "license": {"@id": _license(about)},
         **({"author": _ids(_persons(about))} if about.authors else {}),
@@ -278,7 +278,7 @@ def _inputs(folder: Path) -> Iterator[Entity]:
         if path.is_dir():
             yield {"@id": f"inputs/{path.name}/", "@type": "Dataset", "name": "a scene", "sha256": path.name[:64]}
         elif path.suffix == ".json" and not re.fullmatch("[0-9a-f]{64}", path.stem):
-            said = {"name": "what a large input is", "encodingFormat": "application/json"}
+            said = {"name": "description of a large input", "encodingFormat": "application/json"}
             yield {"@id": f"inputs/{path.name}", "@type": "File", **said}
         else:
             size = str(path.stat().st_size)
@@ -296,7 +296,7 @@ def _beside(folder: Path, about: About) -> Iterator[Entity]:
         "@id": "journal.jsonl",
         "@type": "File",
         "encodingFormat": "application/jsonl",
-        "name": "what is finished, with digests",
+        "name": "the finished cells, with digests",
     }
     yield {
         "@id": "manifest.json",
@@ -312,7 +312,12 @@ def _beside(folder: Path, about: About) -> Iterator[Entity]:
             "name": "a picture of every stage",
         }
     if about.authors:
-        yield {"@id": CITATION, "@type": "File", "encodingFormat": "application/yaml", "name": "how to cite it"}
+        yield {
+            "@id": CITATION,
+            "@type": "File",
+            "encodingFormat": "application/yaml",
+            "name": "citation of the archive",
+        }
 
 
 def _license(about: About) -> str:

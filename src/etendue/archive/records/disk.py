@@ -4,8 +4,8 @@ In:  the folder of an archive (itself not a link), paths below it as text, bytes
 Out: files that appear complete in their place or not at all; a listing without links.
 
 Folders are opened one after the other and never through a link, so that the system itself refuses a link that is put
-there during a run. A file is written beside its place and renamed: a second (hard) link to the old one keeps the old
-bytes. Files are removed by name, folders only if they are empty.
+there during a run. A file is written beside its place and renamed: a second (hard) link to the old file keeps the old
+bytes. Files are removed by name, and folders only if they are empty.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ FOLDERS = ("data.zarr", "inputs", "runs")
 
 @contextmanager
 def _place(root: str | Path, path: str, make: bool = False, durable: bool = False) -> Iterator[tuple[int, str]]:
-    """Give an open handle of a file's folder, and the file's name in it."""
+    """Yield an open handle of a file's folder, and the file's name in it."""
     with Folders(root, make, durable) as folders:
         yield folders.of(path)
 
@@ -71,7 +71,7 @@ def put(
     durable: bool = False,
     change: Callable[[], None] | None = None,
 ) -> None:
-    """Write the files that differ from those in their places, one after the other; ``change`` is called before."""
+    """Write the files whose content differs from the files on disk, one after the other; ``change`` is called first."""
     with Folders(root, True, durable, change) as folders:
         for path, data in files:
             if not _holds(folders, path, data):
@@ -311,7 +311,7 @@ class Listing:
         self.odd[path] = str(error)
 
     def _walk(self, root: Path, path: str) -> None:
-        """List a folder and those below it. ``scandir`` returns entry types with the names: no file needs a
+        """List a folder and all folders below it. ``scandir`` returns entry types with the names: no file needs a
         ``stat``.
         """
         open_ = [path]
@@ -352,7 +352,7 @@ class Listing:
 
 
 def read_document(path: Path) -> Document | None:
-    """Return a JSON object from a file; None if there is none or it is damaged."""
+    """Return a JSON object from a file; None if the file does not exist or is damaged."""
     try:
         found = json.loads(plain_files.content(path, links=False))
     except (OSError, ValueError, RecursionError):
@@ -361,7 +361,7 @@ def read_document(path: Path) -> Document | None:
 
 
 def content_of(path: Path) -> bytes | None:
-    """Return the content of a file; None if there is none."""
+    """Return the content of a file; None if the file does not exist."""
     try:
         return plain_files.content(path, links=False)
     except FileNotFoundError:

@@ -1,7 +1,7 @@
 """The folders of an archive on the way to its files, opened one after the other and never through a link.
 
 In:  the folder of an archive (itself not a link), paths below it as text.
-Out: open handles of folders, kept for the next path; the errors about what an archive must not hold.
+Out: open handles of folders, kept for the next path; the errors about content that an archive must not hold.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ _LINKED = (errno.ELOOP, errno.ENOTDIR)  # the error codes for a link or a file i
 
 
 class Folders:
-    """Open handles of the folders on the way to a file. Paths in order share most of them with the one before.
+    """Open handles of the folders on the way to a file. In a sorted list of paths, each path shares most handles with
+    the previous path.
 
-    ``make``: a folder that is missing is created, after a call of ``change``; with ``durable`` it survives a power cut.
+    ``make``: create missing folders, after a call of ``change``; with ``durable`` it survives a power cut.
     Use as a context manager.
     """
 
@@ -74,7 +75,7 @@ class Folders:
             return os.open(part, FOLDER, dir_fd=here)
 
     def _close(self, kept: int) -> None:
-        """Close all handles but those of the first folders of the path."""
+        """Close all handles except the handles of the leading folders that the next path shares."""
         while len(self.parts) > kept:
             self.parts.pop()
             os.close(self.handles.pop())
@@ -98,9 +99,13 @@ def in_place_of_folder(root: Path, path: str) -> ArchiveError:
     """Return the error about a link or file where an archive has a folder."""
     if (root / path).is_symlink():
         return link_at(root, path)
-    return ArchiveError(f"{root / path} is not a folder, where an archive has one; move it elsewhere")
+    return ArchiveError(
+        f"{root / path} is not a folder, although an archive has a folder at this place; move it elsewhere"
+    )
 
 
 def in_place_of_file(root: Path, path: str) -> ArchiveError:
     """Return the error about a folder or special file where an archive has a file."""
-    return ArchiveError(f"{root / path} is not a regular file, where an archive has one; move it elsewhere")
+    return ArchiveError(
+        f"{root / path} is not a regular file, although an archive has a file at this place; move it elsewhere"
+    )

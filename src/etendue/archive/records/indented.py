@@ -9,7 +9,7 @@ import msgspec
 
 
 def indented(value: Any, indent: int, sort_keys: bool = False) -> bytes:
-    """Return the bytes of ``json.dumps``, which takes five times as long because of its indenting."""
+    """Return the same bytes as ``json.dumps`` with indentation, in a fifth of the time."""
     try:
         return msgspec.json.format(json.dumps(value, sort_keys=sort_keys).encode(), indent=indent)
     except msgspec.DecodeError:  # an attribute from a plugin is NaN, which is not valid JSON

@@ -1,4 +1,5 @@
-"""The pipeline of a run with all overrides, and the files it names: they make an archive rerunnable on its own.
+"""The pipeline of a run with all overrides, and the files it names: with them, an archive can be rerun from its own
+files.
 
 In:  a plan.
 Out: TOML with every override applied, whose files are copies in ``inputs/`` named by their SHA-256; the copies.
@@ -61,7 +62,7 @@ class _Resolver:
                     self.shared.update({n: p for n, p in own.items() if p[0].shared})
 
     def value(self, value: Any, parameter: Parameter | None) -> Any:
-        """Return a value; the name of a file is replaced by one derived from its content."""
+        """Return a value; the name of a file is replaced by a name derived from its content."""
         if isinstance(value, list | tuple):
             return [self.value(one, parameter) for one in value]
         if parameter is None or not isinstance(value, str) or not value:
@@ -81,7 +82,7 @@ class _Resolver:
         return {name: self.value(value, own[name][0] if name in own else None) for name, value in values.items()}
 
     def named(self, name: str, word: str) -> str:
-        """Return the name of a preset as an archive has it: one of a file is the name of the file's copy."""
+        """Return the name of a preset as written in an archive: for a file, the name of its copy."""
         path = preset_at(name, self.pipeline.table.kind_of(word), self.pipeline.folder).file
         if not path:
             return name
@@ -90,7 +91,9 @@ class _Resolver:
         return f"../inputs/{copy}"
 
     def preset(self, table: DocumentView, word: str) -> Document:
-        """Return an axis preset with the values its name stands for: a later version may define it differently."""
+        """Return an axis preset with its values written out, because a later version may define the name
+        differently.
+        """
         whose = self.pipeline.table.kind_of(word)
         named = preset_at(table[word], whose, self.pipeline.folder).values() if word in table else {}
         known = {
@@ -204,7 +207,7 @@ def as_recorded(value: Any, written: Mapping[str, str]) -> str:
 
 
 def copy_inputs(folder: Path, inputs: Mapping[str, str], durable: bool = False) -> list[str]:
-    """Copy every file and folder that a pipeline names into ``inputs/``; describe very large ones instead. Return the
+    """Copy every file and folder that a pipeline names into ``inputs/``; describe very large files instead. Return the
     damaged copies that were replaced.
     """
     mended = []

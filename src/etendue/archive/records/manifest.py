@@ -24,8 +24,8 @@ DIGITS = 64  # hex digits of the SHA-256 with which the name of an input begins
 
 @dataclass(frozen=True)
 class Manifest:
-    """SHA-256 by path below the archive: of metadata, coordinates, status and tables of the store; of other files
-    beside it.
+    """SHA-256 by path below the archive: of metadata, coordinates, status and tables of the store, and of files beside
+    the store.
     """
 
     metadata: Mapping[str, str]
@@ -58,7 +58,7 @@ def digest_of(path: Path) -> str:
 
 
 def read_manifest(folder: Path) -> Manifest | None:
-    """Return the manifest of an archive; None if there is none or it is damaged."""
+    """Return the manifest of an archive; None if it does not exist or is damaged."""
     found = disk.read_document(folder / NAME) or {}
     metadata, files, journal = found.get("metadata"), found.get("files", {}), found.get("journal", "")
     if not isinstance(metadata, dict) or not isinstance(files, dict) or not isinstance(journal, str):
@@ -97,7 +97,7 @@ def write_manifest(folder: Path, metadata: Mapping[str, bytes], durable: bool = 
 
 
 def rewrite_manifest(folder: Path, known: Manifest, metadata: Mapping[str, bytes]) -> None:
-    """Write a manifest again in which some files of the store are other ones."""
+    """Rewrite a manifest after some files of the store have changed."""
     changed = {path: hashlib.sha256(data).hexdigest() for path, data in metadata.items()}
     _write(folder, Manifest({**known.metadata, **changed}, known.files, known.journal), False)
 
@@ -117,6 +117,5 @@ def damaged(folder: Path, paths: Sequence[str]) -> ArchiveError:
     more = f" and {len(paths) - 1} more {'file' if len(paths) == 2 else 'files'}" if len(paths) > 1 else ""
     return ArchiveError(
         f"{folder / paths[0]}{more} {'are missing or differ' if more else 'is missing or differs'} "
-        f"from what was written: "
-        f"the archive is damaged. Repair it with: etendue verify {folder} --repair"
+        f"from the written state: the archive is damaged. Repair it with: etendue verify {folder} --repair"
     )

@@ -1,4 +1,4 @@
-"""Names that an archive consists of: what reads one needs no plan for them.
+"""Names in an archive; they can be derived without a plan.
 
 In:  stages and axis values, attributes of groups, the folder of an archive.
 Out: names of cells, statuses, files and folders.
@@ -41,6 +41,6 @@ def aside_of(folder: Path) -> Path:
 
 
 def left_by_compact(folder: Path) -> str:
-    """Return the folder in which a killed ``compact --in-place`` has begun the new archive; '' if there is none."""
+    """Return the folder that a killed ``compact --in-place`` left; '' if there is none."""
     aside = aside_of(folder)
     return str(aside) if aside.is_dir() and not aside.is_symlink() else ""

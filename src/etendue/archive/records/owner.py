@@ -27,7 +27,7 @@ class Behind:
 
     Attributes
     ----------
-    running : whether a run is writing to the store now (only the store knows)
+    running : whether a run is writing to the store now (known only from the store)
     """
 
     def __init__(self, running: bool = False) -> None:
@@ -40,7 +40,7 @@ class Behind:
         """Called when everything known before computing has been written."""
 
     def sealed(self, paths: Iterable[str]) -> None:
-        """Called when these shards are complete. An earlier error of a background thread may be raised here."""
+        """Called when these shards are complete. It may raise an earlier error of a background thread."""
 
 
 NOBODY = Behind()
@@ -80,7 +80,7 @@ def take(lock: int) -> None:
     Raises
     ------
     BlockingIOError
-        It has an owner.
+        Another process owns the archive.
     """
     for _ in range(20):
         try:
@@ -109,7 +109,7 @@ def is_running(folder: Path) -> bool:
 
 
 def owner_of(folder: Path) -> bytes:
-    """Return the content of ``run.id``: the last run that has written to the archive."""
+    """Return the content of ``run.id``: the name of the last run that has written to the archive."""
     try:
         return plain_files.content(folder / "run.id", 4096, links=False)
     except (OSError, ValueError):
@@ -123,12 +123,12 @@ def is_written(folder: Path, before: bytes) -> bool:
 
 @contextmanager
 def unless_written(folder: Path) -> Iterator[None]:
-    """Treat losses that a reader sees while a run is replacing cells as work in progress, not as damage.
+    """Report losses that a reader sees while a run is replacing cells as work in progress, not as damage.
 
     Raises
     ------
     ArchiveInUse
-        Instead of another ``ArchiveError``, if a run is writing to the archive or has begun since.
+        A run is writing to the archive, or has begun since; raised instead of another ``ArchiveError``.
     """
     before = owner_of(folder)
     try:

@@ -1,7 +1,7 @@
-"""The records of the runs of an archive, as they stand there.
+"""The records of the runs of an archive, as stored.
 
 In:  the folder of an archive.
-Out: records, the newest first; those that are damaged count as absent.
+Out: records, the newest first; damaged records are ignored.
 """
 
 from __future__ import annotations

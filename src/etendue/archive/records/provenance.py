@@ -81,7 +81,7 @@ def node_records(plan: Plan) -> Document:
 
 
 def _digits(plan: Plan, node: Node) -> str:
-    """Return in words how the pictures of a stage are rounded."""
+    """Return a text that says how the pictures of a stage are rounded."""
     rounds = plan.digits > 0 and any(map(is_rounded, node.writes.values()))
     return f"stated, tolerance {plan.digits:g}" if rounds else ALL_DIGITS
 
@@ -105,7 +105,8 @@ def write_record(
     """Record a run before it starts, as ``runs/<number>.json`` with its pipeline in ``runs/<number>.toml``; return the
     path of the record.
 
-    ``plan`` holds the axis values of earlier runs too, ``asked`` those of this one; ``resolved`` is its pipeline.
+    ``plan`` also holds the axis values of earlier runs, ``asked`` only the values of this run; ``resolved`` is its
+    pipeline.
     """
     number = max((int(p.stem) for p in (folder / "runs").glob("*.*") if p.stem.isdigit()), default=0) + 1
     record = record_of(plan, asked, resolved, options)
@@ -115,7 +116,7 @@ def write_record(
 
 
 def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: DocumentView) -> Document:
-    """Return the record of a run. ``studies.checked`` compares it with a recomputed one, so new fields are checked
+    """Return the record of a run. ``studies.checked`` compares it with a recomputed record, so new fields are checked
     without further code.
     """
     text = asked.pipeline.text
@@ -144,7 +145,7 @@ def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: DocumentView
 
 
 def _changed(folder: str) -> tuple[str, int]:
-    """Return a folder of the path, and when a distribution was last added to it or removed from it."""
+    """Return a folder of the path, and the time at which a distribution was last added to it or removed from it."""
     try:
         return folder, os.stat(folder or ".").st_mtime_ns
     except OSError:
@@ -153,12 +154,14 @@ def _changed(folder: str) -> tuple[str, int]:
 
 @lru_cache(maxsize=1)
 def _distributions(path: tuple[tuple[str, int], ...]) -> DocumentView:
-    """Return the version of every installed distribution; ``path``: the folders in which they lie."""
+    """Return the version of every installed distribution; ``path``: the folders that contain them."""
     return {name: version for name, version in map(named, importlib.metadata.distributions()) if name}
 
 
 def preset_said(pipeline: PipelineFile) -> str:
-    """Return the name of the first kind of preset; the title of one in a file, whose name differs in the archive."""
+    """Return the name of the first kind of preset; for a preset in a file, whose name differs in the archive, its
+    title.
+    """
     name = pipeline.preset_name
     if not name:
         return name
@@ -167,8 +170,8 @@ def preset_said(pipeline: PipelineFile) -> str:
 
 
 def stated_values(pipeline: PipelineFile) -> Document:
-    """Return where the values of every preset in a file come from, by the key and title of the preset: source, licence
-    and note of each quantity. Packaged presets have theirs in the distribution.
+    """Return the origin of the values of every preset in a file, by the key and title of the preset: source, licence
+    and note of each quantity. The origins of packaged presets are in the distribution.
     """
     found: Document = {}
     for kind in pipeline.table.kinds():
@@ -186,7 +189,7 @@ def stated_values(pipeline: PipelineFile) -> Document:
 
 
 def reasons(old: DocumentView | None, plan: Plan) -> dict[str, str]:
-    """Return why each stage would be recomputed: the field that changed, with its old and new value."""
+    """Return the reason why each stage would be recomputed: the field that changed, with its old and new value."""
     if not old:
         return {}
     found = node_changes(old["nodes"], node_records(plan))
@@ -207,8 +210,8 @@ def sources_of(nodes: Iterable[Node]) -> dict[str, str]:
 
 
 def node_changes(old: DocumentView, new: DocumentView) -> dict[str, str]:
-    """Return, by stage, which ingredient of its keys differs, old and new; for stages downstream of such a stage, which
-    input has changed.
+    """Return, by stage, the ingredient of its keys that differs, with old and new value; for stages after such a stage,
+    the input that has changed.
     """
     found: dict[str, str] = {}
     for name, after in new.items():

@@ -53,7 +53,9 @@ def forget(folder: Path, kind: str) -> None:
 
 
 def remember(folder: Path, key: str, document: DocumentView) -> None:
-    """Store a document of plain values under its key. Of documents that name a ``kind`` only the last one stays."""
+    """Store a document of plain values under its key. If documents name a ``kind``, only the last document of each kind
+    is kept.
+    """
     kind = document.get("kind")
     known = {k: v for k, v in documents(folder).items() if k != key and (kind is None or v.get("kind") != kind)}
     _write(folder, dict(list(known.items())[-(MOST - 1) :]) | {key: dict(document)})

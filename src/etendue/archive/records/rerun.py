@@ -40,7 +40,8 @@ class Recorded:
         return list(dict.fromkeys(_INPUT.findall(self.text)))
 
     def pipeline(self, most_cells: int | None = None) -> PipelineFile:
-        """Return the resolved pipeline; ``most_cells`` is the limit set by the reader and overrides its own.
+        """Return the resolved pipeline; ``most_cells`` is the limit set by the reader and overrides the limit in the
+        pipeline.
 
         Raises
         ------

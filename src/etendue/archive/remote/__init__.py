@@ -1,1 +1,1 @@
-"""Archives on object stores: whole objects, the lease of a writer, stubs that stand for remote shards."""
+"""Archives on object stores: whole objects, the lease of a writer, stubs in place of remote shards."""

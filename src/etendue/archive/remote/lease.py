@@ -1,10 +1,10 @@
 """The right to write to an archive on an object store: one object, put on the condition that it has not changed.
 
 In:  the store, and ``owner.json`` as it was last read.
-Out: the right to write for as long as it is renewed; the final mark that an archive is in order.
+Out: the right to write as long as it is renewed; the final mark that an archive is complete.
 
-A killed run cannot give its lease up: it expires ``LEASE`` seconds after the last renewal. Every put has different
-content, so that the object's tag shows whether anybody has written since.
+A killed run cannot release its lease, which expires ``LEASE`` seconds after the last renewal. Every put has different
+content, so that the tag of the object shows whether another run has written since.
 """
 
 from __future__ import annotations
@@ -52,8 +52,7 @@ def look(objects: Objects) -> SeenOwner:
 
 def in_use(url: str, seen: SeenOwner) -> ArchiveInUse:
     return ArchiveInUse(
-        f"{url} is in use by another run; if that run was killed, the archive is free in {seen.held():.0f} s: "
-        f"run again then"
+        f"{url} is in use by another run; if that run was killed, its lease ends in {seen.held():.0f} s: run again then"
     )
 
 
@@ -62,7 +61,7 @@ class Lease:
 
     Attributes
     ----------
-    guarded : whether the store enforces the condition, so that nobody else can write meanwhile
+    guarded : whether the store enforces the condition, so that no other run can write at the same time
     """
 
     def __init__(self, objects: Objects, seen: SeenOwner) -> None:
@@ -72,12 +71,12 @@ class Lease:
         self.lock = threading.Lock()
 
     def take(self) -> None:
-        """Become the owner, if nobody else has since ``seen``.
+        """Become the owner, unless another run has become the owner since ``seen``.
 
         Raises
         ------
         ArchiveInUse
-            Somebody else has.
+            Another run has become the owner.
         """
         try:
             self.say(RUNNING)
@@ -129,7 +128,7 @@ class Lease:
         except Conflict:
             # Otherwise our own earlier put succeeded and only its response was lost.
             if look(self.objects).run != self.run:
-                raise ArchiveInUse(f"{self.objects.url} now belongs to another run; this one stops") from None
+                raise ArchiveInUse(f"{self.objects.url} now belongs to another run; this run stops") from None
             self.tag = self.objects.put(OWNER, data)
         self.renewed = time.time()
 

@@ -1,11 +1,11 @@
 """Access to an object store: put, fetch, list and remove whole objects below one URL, with readable errors.
 
-In:  ``s3://bucket/prefix/name`` (``file:///folder`` and ``memory:///name`` for trials), the usual AWS_* environment
-     variables.
+In:  ``s3://bucket/prefix/name`` (``file:///folder`` and ``memory:///name`` for trying things out), the usual AWS_*
+     environment variables.
 Out: bytes, tags of objects (ETag), one clear line per error.
 
 A put replaces an object completely or not at all. A conditional put (``if_tag``) does not overwrite an object that
-somebody else has put.
+another process has put.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _memory: Document = {}  # stores in memory, by URL
 
 
 class Conflict(Exception):
-    """Another process has written the object in the meantime."""
+    """Another process has written the object since it was read."""
 
 
 class Unconditional(Exception):
@@ -112,7 +112,7 @@ class Objects:
         return {path: one for path, one in found.items() if not {"", ".", ".."} & set(path.split("/"))}
 
     def get(self, path: str) -> tuple[bytes, StoredObject]:
-        """Return an object; raise ``FileNotFoundError`` if there is none."""
+        """Return an object; raise ``FileNotFoundError`` if it does not exist."""
         with self._asked(f"fetching {path}"):
             self.counts["get"] += 1
             found = self.api.get(self.store, path)
@@ -122,7 +122,7 @@ class Objects:
             )
 
     def part(self, path: str, start: int, length: int) -> bytes:
-        """Return a byte range of an object; fewer bytes if it ends earlier."""
+        """Return a byte range of an object; fewer bytes if the object ends earlier."""
         with self._asked(f"fetching {path}"):
             self.counts["get"] += 1
             return bytes(self.api.get_range(self.store, path, start=start, length=length)) if length else b""
@@ -135,8 +135,8 @@ class Objects:
                 yield bytes(piece)
 
     def put(self, path: str, data: bytes | Path, if_tag: str | None = None) -> str:
-        """Put an object and return its tag. ``if_tag``: only if the present object has this tag; '': only if there is
-        none.
+        """Put an object and return its tag. ``if_tag``: only if the present object has this tag; '': only if the object
+        does not exist.
 
         Raises
         ------
@@ -163,7 +163,7 @@ class Objects:
                 raise
 
     def delete(self, paths: Iterable[str]) -> None:
-        """Remove objects by name; missing ones are ignored."""
+        """Remove objects by name; missing objects are ignored."""
         gone = list(paths)
         with self._asked("removing objects"):
             self.counts["delete"] += len(gone)
@@ -175,7 +175,7 @@ class Objects:
 
     @contextmanager
     def _asked(self, doing: str) -> Iterator[None]:
-        """Turn errors of the store into readable ones."""
+        """Replace errors of the store by errors with a readable message."""
         try:
             yield
         except self.api.exceptions.BaseError as error:
@@ -237,7 +237,7 @@ def endpoint_of(url: str) -> str:
 
 
 def zarr_store(url: str) -> Any:
-    """Return the store of an archive for zarr and xarray, read-only; one in memory is copied as it is now.
+    """Return the store of an archive for zarr and xarray, read-only; a store in memory is copied in its present state.
 
     Raises
     ------

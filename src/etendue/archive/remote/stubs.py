@@ -1,10 +1,10 @@
-"""Stand-ins: local files for shards whose bytes lie on an object store. A stand-in has the shard's size and holds only
-its index.
+"""Stubs: local files in place of shards whose bytes are on an object store. A stub has the shard's size and
+holds only its index.
 
 In:  the folder of an archive beside ``store.json``, which names the store.
 Out: bytes of chunks, fetched on demand; whole shards, fetched before they are copied from.
 
-A stand-in is recognised by its mtime, which no other file has. Code that reads a stand-in as an ordinary file gets
+A stub is recognised by its mtime, which no other file has. Code that reads a stub as an ordinary file gets
 zeros, which fail every checksum.
 """
 
@@ -28,12 +28,12 @@ _windows: OrderedDict[tuple[str, int, int], bytes] = OrderedDict()
 
 
 def is_stand_in(handle: int) -> bool:
-    """Return True if the bytes of an open file lie on the store."""
+    """Return True if the bytes of an open file are on the store."""
     return os.fstat(handle).st_mtime_ns == disk.ELSEWHERE
 
 
 def store_behind(root: Path) -> Objects:
-    """Return the store that holds the bytes of stand-ins; one client per process."""
+    """Return the store that holds the bytes of stubs; one client per process."""
     key = (os.getpid(), str(root))
     with _lock:
         if key not in _stores:
@@ -49,9 +49,9 @@ def forget(root: Path) -> None:
 
 
 def read(root: Path, path: str, handle: int, offset: int, size: int) -> bytes:
-    """Return bytes of the object that a file stands for; ``FileNotFoundError`` if the object is gone.
+    """Return bytes of the object that a stub replaces; ``FileNotFoundError`` if the object is gone.
 
-    Chunks of a shard that lie close together are fetched together: reading all of it costs one request per 4 MiB.
+    Chunks of a shard that lie close together are fetched together: reading the whole shard costs one request per 4 MiB.
     """
     store, state = store_behind(root), os.fstat(handle)
     if size >= DIRECT:
@@ -82,7 +82,7 @@ def _window(store: Objects, name: str, path: str, state: os.stat_result, start: 
 
 
 def opened(root: Path, path: str) -> int:
-    """Return a handle to a shard that holds its bytes; a stand-in is replaced by the fetched object first."""
+    """Return a handle to a shard that holds its bytes; a stub is replaced by the fetched object first."""
     flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     handle = os.open(root / path, flags)
     if is_stand_in(handle):
@@ -93,7 +93,7 @@ def opened(root: Path, path: str) -> int:
 
 
 def stand_for(root: Path, path: str, index: int) -> None:
-    """Replace a shard that is on the store by a stand-in; its last ``index`` bytes are kept."""
+    """Replace a shard that is on the store by a stub; its last ``index`` bytes are kept."""
     handle = os.open(root / path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         size = os.fstat(handle).st_size

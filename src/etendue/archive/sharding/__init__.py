@@ -1,1 +1,1 @@
-"""Cells as chunks, chunks in shards: how they are cut, written, found and unpacked."""
+"""Cells as chunks, and chunks in shards: splitting, writing, locating and decoding."""

@@ -1,7 +1,8 @@
 """Chunks, byte for byte as zarr would write them; encoded, checksummed and appended by the worker that computed them.
 
 In:  arrays of one cell; the shards and slots of its chunks.
-Out: where they were put (``Written``); arrays read back. A test compares the bytes with those of zarr's own API.
+Out: the places of the chunks (``Written``); arrays read back. A test compares the bytes with the bytes that zarr's own
+     API writes.
 
 zarr-python sends every write through one event loop and rewrites a whole shard for each chunk added to it; here a chunk
 costs its checksum and one write.
@@ -78,7 +79,7 @@ def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) 
 
 
 def decode_all(chunks: Sequence[bytes], dtype: str, shape: tuple[int, ...], codec: str) -> Array | None:
-    """Return the arrays of chunks whose checksums match as one array; None if one of them has another size."""
+    """Return the arrays of chunks whose checksums match as one array; None if a chunk has another size."""
     size = prod(shape) * np.dtype(dtype).itemsize
     if codec != RAW:
         return np.array([decode(data, dtype, shape, codec) for data in chunks], dtype).reshape(-1, *shape)
@@ -99,7 +100,7 @@ class Spent:
             self.bytes, self.seconds = self.bytes + size, self.seconds + seconds
 
     def taken(self) -> tuple[int, float]:
-        """Return both, and reset them."""
+        """Return the bytes and the time (s), and reset both."""
         with self.lock:
             found, self.bytes, self.seconds = (self.bytes, self.seconds), 0, 0.0
         return found
@@ -138,7 +139,7 @@ class CellFiles:
     places: dict[tuple[str, int], tuple[WrittenChunk, ChunkPlace | None]] = field(default_factory=dict)
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[WrittenChunk, ...]:
-        """Append every chunk to this process's part of its shard; return where they were put."""
+        """Append every chunk to this process's part of its shard; return the places of the chunks."""
         began, size_in_memory = time.thread_time(), 0
         written = list(self.held)
         there = {(file.path, file.slot) for file in self.held}
@@ -166,7 +167,7 @@ class CellFiles:
         return tuple(written)
 
     def settle(self) -> None:
-        """Make sure that everything the cells of a batch have written is in its files."""
+        """Write all buffered chunks of the cells of a batch to their files."""
         PARTS.settle(self.root, self.run_id)
 
     def read(self, variable: str) -> Any:
@@ -196,7 +197,7 @@ class CellFiles:
         raise ArchiveError(f"{chunk.path}: chunk {chunk.slot} is missing, or its bytes do not match their checksum")
 
     def _where(self, chunk: Chunk, written: WrittenChunk, place: ChunkPlace | None) -> Iterator[ChunkPlace]:
-        """Yield the places where a chunk may lie: its part may have become a shard meanwhile."""
+        """Yield the possible places of a chunk: its part, and the shard that the part may have become since."""
         if place is not None:
             yield place
         yield ChunkPlace(part_path(written), written.offset, written.size, written.digest)

@@ -3,8 +3,8 @@
 In:  the folder of an archive, its journal.
 Out: the place of a chunk, or None if it is lost.
 
-After a run that ended in order no chunk has to be read: the size of a shard matches the journal, and its index gives
-the same place. Chunks written since, and chunks in a shard that does not match the journal, are read back and checked
+After a run that ended normally, no chunk has to be read: the size of a shard matches the journal, and its index gives
+the same place. Chunks written later, and chunks in a shard that does not match the journal, are read back and checked
 against their digests; a flipped bit in an index therefore costs no cell.
 """
 
@@ -24,7 +24,7 @@ from etendue.types.arrays import Array
 
 
 class Journalled(Protocol):
-    """A journal, open or only read."""
+    """A journal that is open for writing, or for reading only."""
 
     shards: dict[str, Shard]
 
@@ -46,11 +46,11 @@ class Finder:
         self.states: dict[str, State | None] = {}
 
     def state(self, path: str, slots: int) -> State | None:
-        """Return the state of a shard; None if there is none."""
+        """Return the state of a shard; None if it does not exist."""
         if path not in self.states:
             try:
                 if self.behind_link(path):
-                    raise OSError(errno.ELOOP, "it lies behind a link", path)
+                    raise OSError(errno.ELOOP, "its path leads through a link", path)
                 self.states[path] = State(*read_index(self.folder / path, slots))
             except OSError:
                 self.states[path] = None
@@ -68,8 +68,8 @@ class Finder:
         return state is None or state.size != shard.size or state.index is None
 
     def all_at(self, path: str, slots: int, slot: Array, parts: Sequence[str], offset: Array, size: Array) -> Array:
-        """Return where in their shard many chunks lie, by slot and by where each was written; -1 for a chunk of which
-        journal and index do not say the same.
+        """Return the offsets of many chunks in their shard, from their slots and the places to which they were written;
+        -1 if journal and index disagree about a chunk.
         """
         shard, state = self.journal.shards.get(path), self.state(path, slots)
         if shard is None or state is None or state.size != shard.size or not isinstance(state.index, Index):
@@ -78,7 +78,7 @@ class Finder:
         return np.where((there[:, 0] == at) & (there[:, 1] == size), at, -1)
 
     def find(self, written: WrittenChunk, slots: int, fresh: bool = False) -> ChunkPlace | None:
-        """Return where the bytes of a chunk are; ``fresh`` reads them in any case."""
+        """Return the place of the bytes of a chunk; ``fresh``: read and check them in any case."""
         state, shard = self.state(written.path, slots), self.journal.shards.get(written.path)
         if self.behind_link(written.path):
             return None

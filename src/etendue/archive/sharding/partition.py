@@ -1,6 +1,6 @@
 """Parts of a cell that is stored in several chunks: whole, by band, in bands of rows, or both.
 
-In:  the shape of a cell and that of its chunks.
+In:  the shapes of a cell and of its chunks.
 Out: the part of the cell that each chunk covers; arrays split this way and rejoined.
 
 A reader of a window of a large frame decodes only the row bands that overlap it, and a writer never holds the whole
@@ -56,7 +56,7 @@ def window_of(shape: Shape, chunk: Shape, at: Sequence[int]) -> Window:
 
 
 class Cutter:
-    """Splits a cell; a cell computed by band (``Banded``) is asked for each band only once."""
+    """Splits a cell; each band of a cell that is computed by band (``Banded``) is computed only once."""
 
     def __init__(self, array: Any) -> None:
         self.array, self.band, self.plane = array, -1, None
@@ -84,7 +84,7 @@ class Cutter:
 
 
 def joined(parts: Iterable[tuple[Window | None, Array]], windows: Sequence[Window | None]) -> Any:
-    """Join the stored parts at these windows: the whole cell, or the bands that they cover."""
+    """Join the stored parts at these windows: the result is the whole cell, or the bands that they cover."""
     around = [
         (min(begin), max(end))
         for begin, end in (zip(*one, strict=True) for one in zip(*filter(None, windows), strict=True))

@@ -1,12 +1,12 @@
-"""Parts: unfinished shards. Every process appends its chunks to part files of its own, next to the shards' places.
+"""Parts: unfinished shards. Every process appends its chunks to its own part files, next to the places of the shards.
 
 In:  encoded chunks, and the shard each belongs to.
-Out: where they were put. The owner of the run turns parts into shards (``shards.put_shard``); no byte is copied if one
-     process wrote the whole shard.
+Out: the places of the chunks. The owner of the run turns parts into shards (``shards.put_shard``); no byte is copied if
+     one process wrote the whole shard.
 
-All threads of a process append to the same parts. Small chunks are collected as they are and written together by one
-vectored write, at the latest when a batch ends (``settle``). A part that the owner has taken is not touched again: this
-process notices because the file's size no longer matches what it wrote, and starts a new part.
+All threads of a process append to the same parts. Small chunks are collected without copying and written together by
+one vectored write, at the latest when a batch ends (``settle``). A process never appends to a part that the owner has
+taken: it notices that the size of the file differs from the size that it wrote, and starts a new part.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ class ShardSegment:
 
 
 class Parts:
-    """The parts of this process; of one run at a time for each archive."""
+    """The parts of this process, for one run at a time in each archive."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
@@ -164,9 +164,7 @@ class Parts:
                 offset = part.append(pieces, size)
             except Taken:
                 if part.waiting:
-                    raise ArchiveInUse(
-                        f"{root}: {path} already holds what another batch has written; run again"
-                    ) from None
+                    raise ArchiveInUse(f"{root}: {path} already contains results of another batch; run again") from None
                 self._drop(root, path, part)
                 continue
             with self.lock:  # after the bytes are taken: another thread may be settling
@@ -174,10 +172,10 @@ class Parts:
             return part.name, offset
 
     def settle(self, root: str, run_id: str) -> None:
-        """Write everything that the threads of this process have appended to its files.
+        """Write all chunks that the threads of this process have appended.
 
-        A part stays listed until it is settled. A thread whose part is gone reports its cells as finished, and the
-        owner makes a shard of them.
+        A part stays listed until it is settled. If the part of a thread is gone, the thread reports its cells as
+        finished, and the owner makes a shard of them.
         """
         check_owner(root, run_id)
         with self.lock:
@@ -186,7 +184,7 @@ class Parts:
             try:
                 part.settle()
             except Taken:
-                raise ArchiveInUse(f"{root} now belongs to another run; this one stops") from None
+                raise ArchiveInUse(f"{root} now belongs to another run; this run stops") from None
             with self.lock:
                 if part.settled():  # no other thread has appended to it since
                     self.unsettled.get(root, {}).pop(part.name, None)
@@ -244,7 +242,7 @@ def check_owner(root: str, run_id: str) -> None:
     except FileNotFoundError:
         owner = b""
     if owner != run_id.encode():
-        raise ArchiveInUse(f"{root} now belongs to another run; this one stops")
+        raise ArchiveInUse(f"{root} now belongs to another run; this run stops")
 
 
 PARTS = Parts()

@@ -1,10 +1,10 @@
-"""Shards: many chunks of one variable in one file, followed by an index of where each of them lies.
+"""Shards: many chunks of one variable in one file, followed by an index of their places.
 
 In:  chunks by their number in a shard (slot), and the files that hold their bytes.
-Out: a complete shard in its place, and which bytes of which files it holds.
+Out: a complete shard in its place, and the byte ranges of the files that it holds.
 
 The format is Zarr's ``sharding_indexed`` with the index at the end: offset and length of every slot as little-endian
-uint64 (all ones if there is no chunk), and the crc32c of these bytes. Chunks may lie in any order, with gaps between
+uint64 (all ones if there is no chunk), and the crc32c of these bytes. Chunks may be in any order, with gaps between
 them.
 """
 
@@ -36,8 +36,8 @@ NOTHING = 2**64 - 1
 
 
 def block_of(sizes: tuple[int, ...], cell_bytes: int, pieces: int = 1, largest: int = LARGEST) -> tuple[int, ...]:
-    """Return how many values of each axis share a shard: the innermost axes whole, as far as bytes and chunks allow,
-    the next one split evenly.
+    """Return the number of values of each axis that share a shard: all values of the innermost axes, as far as bytes
+    and chunks allow, and an even part of the next axis.
     """
     block, room = [1] * len(sizes), max(min(largest // max(cell_bytes, 1), MOST // pieces), 1)
     for number in reversed(range(len(sizes))):
@@ -53,7 +53,7 @@ def block_of(sizes: tuple[int, ...], cell_bytes: int, pieces: int = 1, largest: 
 
 
 def index_size(slots: int) -> int:
-    """Return the bytes of the index of a shard; a chunk file without slots has none."""
+    """Return the bytes of the index of a shard; a chunk file without slots has no index (0)."""
     return 16 * slots + 4 if slots else 0
 
 
@@ -95,7 +95,7 @@ def read_index(path: Path, slots: int) -> tuple[int, Mapping[int, tuple[int, int
     Raises
     ------
     OSError
-        There is no such file.
+        The file does not exist.
     """
     handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
@@ -120,7 +120,7 @@ LARGEST_CHUNK = 1 << 31  # bytes; the limit of Blosc
 
 @dataclass(frozen=True, slots=True)
 class ChunkPlace:
-    """Where the bytes of a chunk lie now: in a shard or in a part."""
+    """The present place of the bytes of a chunk: in a shard or in a part."""
 
     file: str  # below the archive
     offset: int
@@ -147,7 +147,7 @@ class Shard:
         return to + written.offset - start if written.offset + written.size <= start + length else None
 
     def all_at(self, parts: Sequence[str], offset: Array, size: Array) -> Array:
-        """Return the same of many chunks, -1 for None."""
+        """Return the offsets of many chunks; -1 if the shard does not hold a chunk."""
         found, named = np.full(len(parts), -1), np.array(parts, dtype=object)
         for part in set(parts):
             runs = self._runs.get(part)
@@ -175,7 +175,7 @@ def part_path(written: WrittenChunk) -> str:
 
 
 def holds(root: Path, place: ChunkPlace) -> bool:
-    """Return True if the bytes of a chunk are there and match their digest."""
+    """Return True if the bytes of a chunk are at the place and match their digest."""
     try:
         data = read_bytes(root, place)
     except OSError:
@@ -197,9 +197,7 @@ def read_bytes(root: Path, place: ChunkPlace) -> bytes:
 
 
 class ShardFiles:
-    """Reads chunks of several files; a file stays open while consecutive chunks come from it. Use as a context
-    manager.
-    """
+    """A context manager that reads chunks of several files; a file stays open while consecutive chunks come from it."""
 
     def __init__(self, root: Path) -> None:
         self.root, self.file, self.handle, self.stands_in = root, "", -1, False
@@ -251,10 +249,10 @@ class Put:
 def put_shard(
     root: Path, path: str, slots: int, chunks: Mapping[int, tuple[WrittenChunk, ChunkPlace]], durable: bool = False
 ) -> Put:
-    """Make a shard of chunks that lie in parts or in an existing shard, and put it in its place.
+    """Make a shard of chunks in parts or in an existing shard, and put it in its place.
 
-    The part that holds most becomes the shard: other chunks are appended to it, then the index, then it is renamed.
-    An existing shard in that place is replaced, never modified.
+    The part with most of the bytes becomes the shard: other chunks are appended to it, then the index, then it is
+    renamed. An existing shard in that place is replaced, never modified.
     """
     base = _base(root, path, slots, chunks)
     folder, _, name = path.rpartition("/")
@@ -299,8 +297,8 @@ def kept_of(chunks: Mapping[int, tuple[WrittenChunk, ChunkPlace]]) -> tuple[tupl
 
 
 def _base(root: Path, path: str, slots: int, chunks: Mapping[int, tuple[WrittenChunk, ChunkPlace]]) -> str:
-    """Return the part that becomes the shard: the one that holds most; '' if too much of it is waste or it has a second
-    name.
+    """Return the part that becomes the shard: the part with most of the bytes; '' if too many of its bytes are unused
+    or it has a second name.
     """
     held: dict[str, int] = {}
     for _, place in chunks.values():
@@ -317,7 +315,7 @@ def _base(root: Path, path: str, slots: int, chunks: Mapping[int, tuple[WrittenC
 
 
 def _copied(root: Path, target: int, end: int, places: Mapping[int, ChunkPlace]) -> Iterable[tuple[int, int]]:
-    """Append chunks of other files in the order in which they lie there; yield slot and new offset of each."""
+    """Append chunks of other files in the order of their offsets there; yield slot and new offset of each."""
     opened: dict[str, int] = {}
     try:
         runs: list[tuple[str, int, int]] = []

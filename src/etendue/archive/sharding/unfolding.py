@@ -1,7 +1,7 @@
 """Check the decompressed size of a chunk, from its first bytes, before memory is allocated.
 
 In:  the stored bytes of a chunk; the metadata of a node.
-Out: nothing, or an ``ArchiveError`` if it decompresses beyond any plausible size or uses a codec that no run uses.
+Out: nothing, or an ``ArchiveError`` if its decompressed size is implausible or it uses a codec that no run uses.
 """
 
 from __future__ import annotations

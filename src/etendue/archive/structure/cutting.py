@@ -1,13 +1,14 @@
-"""How the variables of a plan are split into shards and encoded. Decided once, when an array is created, and recorded
-in the journal.
+"""Decide how the variables of a plan are split into shards and encoded. The decision is made once, when an array is
+created, and recorded in the journal.
 
 In:  a plan and its layout, and the axes as stored.
 Out: for every variable, the block of axis values that share a shard, and the codec of its chunks.
 
 A shard holds the innermost axes. Axes that grow later get further shards of the same block: Zarr's grid is regular,
-and stored chunks stay where they are; ``etendue compact`` recuts an archive. Integers and smooth data are compressed.
-Floats after a stage that draws random numbers look like noise to a compressor, which would take longer than everything
-else and save little: they are stored raw, and so are small chunks (``benchmarks/archive.py`` prints the bytes).
+and stored chunks keep their places; ``etendue compact`` splits an archive again. Integers and smooth data are
+compressed. Floats after a stage that draws random numbers look like noise to a compressor, which would take longer than
+everything else and save little. They are stored uncompressed, and so are small chunks (``benchmarks/archive.py`` prints
+the bytes).
 """
 
 from __future__ import annotations
@@ -62,7 +63,9 @@ def bytes_of(variable: VariableLayout) -> int:
 def cut(
     plan: Plan, layout: Layout, axes: Mapping[str, Mapping[str, list[AxisValue]]], known: Blocks
 ) -> dict[str, dict[str, Document]]:
-    """Return block and codec of every variable; known ones are kept unless the variable's form has changed."""
+    """Return block and codec of every variable; known blocks and codecs are kept unless the variable's form has
+    changed.
+    """
     noisy = _noisy(plan)
 
     def dense(path: str, variable: VariableLayout) -> bool:
@@ -125,15 +128,15 @@ def _noisy(plan: Plan) -> set[str]:
 def chunk_shapes(
     shape: tuple[int, ...], block: Sequence[int], chunk: tuple[int, ...]
 ) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
-    """Return the shapes of a chunk and its shard from that of a cell; no shard for a single number. The chunks cover
-    the rows of the cell, rounded up to whole bands.
+    """Return the shapes of a chunk and of its shard from the shape of a cell; a single number has no shard. The chunks
+    cover the rows of the cell, rounded up to whole bands.
     """
     room = (count * own for count, own in zip(counts_of(shape, chunk), chunk, strict=True))
     return (*(1 for _ in block), *chunk), (*block, *room) if block or shape else None
 
 
 class Whereabouts:
-    """Where the chunks of one variable of a group lie: file and slot by the position of a cell."""
+    """The places of the chunks of one variable of a group: file and slot by the position of a cell."""
 
     def __init__(self, path: str, variable: VariableLayout, known: DocumentView) -> None:
         self.variable, self.block, self.codec = variable, tuple(known["block"]), known["codec"]
@@ -146,7 +149,7 @@ class Whereabouts:
         self.files: dict[tuple[int, ...], str] = {}  # each name is built once: a shard has many chunks
 
     def at(self, place: tuple[int, ...]) -> tuple[str, int]:
-        """Return the shard of a cell and the first of its slots there."""
+        """Return the shard of a cell and the first of its slots in this shard."""
         slot = 0
         for at, size in zip(place, self.block, strict=True):
             slot = slot * size + at % size
@@ -157,7 +160,9 @@ class Whereabouts:
         return file, slot * self.count
 
     def all_at(self, places: Array) -> tuple[list[str], Array, Array]:
-        """Return the shards of some cells; by cell, which of these it is, and the first of its slots there."""
+        """Return the shards of some cells and, for each cell, the index of its shard and the first of its
+        slots in it.
+        """
         slot, shard = np.zeros(len(places), np.int64), np.zeros(len(places), np.int64)
         for at, size in zip(places.T, self.block, strict=True):
             slot, shard = slot * size + at % size, shard * (int(at.max(initial=0)) // size + 1) + at // size

@@ -1,8 +1,8 @@
-"""Attributes that say how an array is drawn and which direction is better, so that programs without a plan draw it
-correctly.
+"""Attributes for drawing an array correctly without a plan, and for the better direction of its values.
 
 In:  a plan, one of its stages, some cells of that stage, and one of its variables.
-Out: attributes: those of ``spec.drawn.Drawn``, with what varies along axes in ``drawn_by``; ``better`` (higher, lower).
+Out: the attributes of ``spec.drawn.Drawn``, with the attributes that vary along axes in ``drawn_by``; ``better``
+     (higher, lower).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from etendue.types.documents import Document
 
 
 def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> Document:
-    """Return the attributes common to all cells, and in ``drawn_by`` those that vary."""
+    """Return the attributes common to all cells and, in ``drawn_by``, the attributes that vary."""
     better = variable(name).better
     found: Document = {"better": better} if better else {}
     if drawn_of(plan, cells[0], name) is None:
@@ -80,7 +80,7 @@ def _rows(pattern: str, start: tuple[int, int]) -> str:
 
 
 def _moving(found: Mapping[tuple[int, ...], Any], axes: int) -> list[int]:
-    """Return the axes along which something differs; all axes if there are too few cells to tell."""
+    """Return the axes along which something differs; all axes if there are too few cells to decide."""
     moving = []
     for number in range(axes):
         rest: dict[tuple[int, ...], Any] = {}

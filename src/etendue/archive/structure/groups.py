@@ -1,12 +1,12 @@
-"""Choose the group of the store for the cells of a stage, from their shapes and from where they are stored already.
+"""Choose the group of the store for the cells of a stage, from their shapes and from their present places.
 
-In:  the cells of a stage; where the journal says that cells are stored, and in which form.
+In:  the cells of a stage; the places and forms of stored cells according to the journal.
 Out: the group of every cell, and a group that has to be renamed.
 
-In a new archive a stage has one group, or one child per shape if its grids differ. Stored cells stay where they are:
+In a new archive a stage has one group, or one child per shape if its grids differ. Stored cells keep their places:
 cells of one shape stay in their group when more cells of this shape are added. Only if a second shape joins cells that
-are stored in the group of the stage itself do these move into a child, without rewriting their bytes: a group with
-children holds no arrays.
+are stored in the group of the stage itself do these move into a child, without rewriting their bytes, because a group
+with children holds no arrays.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from etendue.types.documents import DocumentView
 
 @dataclass(frozen=True)
 class ArchivedLayout:
-    """What an archive holds: its groups, how their variables are stored, and the shard in which a cell begins ('' if it
-    is not stored).
+    """The content of an archive: its groups, the stored form of their variables, and the shard in which a cell begins
+    ('' if it is not stored).
     """
 
     groups: Collection[str] = ()
@@ -33,7 +33,7 @@ class ArchivedLayout:
     shard: Callable[[CellRef], str] = lambda ref: ""
 
     def of(self, cells: Sequence[Cell], shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
-        """Return the groups in which some of the cells are stored with matching variable shapes, the one with most
+        """Return the groups in which some of the cells are stored with matching variable shapes, the group with most
         cells first.
         """
         shards = (self.shard(cell.ref) for cell in cells) if self.groups else ()
@@ -50,8 +50,8 @@ class ArchivedLayout:
 def groups_of(
     node: Node, cells: Sequence[Cell], kept: Sequence[str], before: ArchivedLayout
 ) -> tuple[str | dict[CellRef, str], str]:
-    """Return the group of all cells of a stage, or the group of each; and the child that the stage's own group has to
-    become, '' if it stays.
+    """Return the group of all cells of a stage, or the group of each cell; and the child group that the stage's own
+    group must become, '' if it is not moved.
     """
     same = alike(cells)
     if same and not any(group.startswith(f"{node.name}/") for group in before.groups):

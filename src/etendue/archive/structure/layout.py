@@ -1,7 +1,7 @@
-"""The layout of an archive (groups, arrays, dims and coordinates), from a plan and what is stored already.
+"""The layout of an archive (groups, arrays, dims and coordinates), from a plan and the stored cells.
 
-A stage is a group; its variables have the axes that reach it before their own dims. If an axis changes the grid, the
-group holds only attributes and one child per shape, named by the shape.
+A stage is a group; its variables have the axes that affect them, followed by their own dims. If an axis changes the
+grid, the group holds only attributes and one child per shape, named by the shape.
 """
 
 from __future__ import annotations
@@ -68,13 +68,13 @@ class GroupLayout:
 
     @property
     def every(self) -> tuple[str, ...]:
-        """All variables that can be read here, in the order of the declaration."""
+        """All readable variables, in the order of the declaration."""
         return (*self.variables, *self.same_as)
 
 
 @dataclass
 class Layout:
-    """All groups of a plan and the group of every cell; ``moves``: stored groups and what they must become."""
+    """All groups of a plan and the group of every cell; ``moves``: stored groups and their new form."""
 
     groups: dict[str, GroupLayout]
     parents: dict[str, Document]
@@ -83,7 +83,7 @@ class Layout:
 
 
 def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
-    """Return the layout of all kept variables of a plan; ``before`` describes what the archive already holds."""
+    """Return the layout of all kept variables of a plan; ``before`` describes the present content of the archive."""
     groups: dict[str, GroupLayout] = {}
     parents: dict[str, Document] = {}
     homes: dict[str, str | dict[CellRef, str]] = {}
@@ -121,7 +121,7 @@ def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
 
 
 def _shared(plan: Plan, layout: Layout) -> Layout:
-    """Record which variables of each group have no array because all cells are left out, and the arrays with their
+    """Record the variables of each group that have no array because all cells are left out, and the arrays with their
     values.
     """
     for group in layout.groups.values():
@@ -185,7 +185,7 @@ def _said_of(axis: Axis) -> Document:
 
 
 def _add_factors(plan: Plan, group: GroupLayout, axis: Axis) -> None:
-    """Add a coordinate for every factor along an axis of rows; for one of combinations, the one of every row."""
+    """Add a coordinate for every factor along an axis of rows; for an axis of combinations, the factor of every row."""
     there = dict(zip(axis.values, axis.rows, strict=True))
     for number, factor in enumerate(axis.factors):
         values = [factor.values[there[value][number]] for value in group.axes[axis.dim]]
@@ -212,7 +212,7 @@ def _flags(name: str, cell: Cell) -> Document:
 
 
 def coordinates_of(group: GroupLayout, own: VariableLayout) -> list[str]:
-    """Return the variables of a group that are coordinates of one of them."""
+    """Return the variables of a group that are coordinates of another variable."""
     return [
         v.name
         for v in group.variables.values()
@@ -251,7 +251,7 @@ def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[C
 
 
 def _positions(node: Node, group: GroupLayout, dim: str, lines: Mapping[CellRef, Line]) -> None:
-    """Add the coordinate ``y_um`` over the axes that change it; for a dim whose unit is not that of a frame,
+    """Add the coordinate ``y_um`` over the axes that change it; for a dim with another unit than a frame, add
     ``<dim>_at``.
     """
     moving = []

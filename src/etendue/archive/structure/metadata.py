@@ -1,7 +1,7 @@
 """Metadata of groups and arrays exactly as zarr writes it, without a store and its event loop.
 
 In:  attributes, shapes, dims, codecs.
-Out: the text of ``zarr.json``; chunks of texts. Tests check that they equal what zarr's own API writes.
+Out: the text of ``zarr.json``; chunks of texts. Tests check that they equal the output of zarr's own API.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def texts_of(data: bytes) -> list[str]:
     Raises
     ------
     ArchiveError
-        It does not hold texts.
+        The chunk does not hold texts.
     """
     from numcodecs import VLenUTF8, Zstd
 

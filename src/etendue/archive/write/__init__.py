@@ -1,1 +1,1 @@
-"""Archives written: the store of a run, what it keeps and removes, compaction, results in memory."""
+"""Archives written: the store of a run, keeping and removing results, compaction, results in memory."""

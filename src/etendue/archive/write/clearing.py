@@ -34,7 +34,7 @@ def sweep(folder: Path, listing: disk.Listing, kept: Collection[str]) -> None:
 
 
 def remove_node(folder: Path, listing: disk.Listing, node: str) -> None:
-    """Remove a group or array: its metadata, shards and chunks, by name. Files that somebody else added stay."""
+    """Remove a group or array: its metadata, shards and chunks, by name. Files that no run has written are kept."""
     place = f"{DATA}/{node}"
     for name in listing.files.get(place, ()):
         if name == ROOT or CHUNK.fullmatch(name) or PART.fullmatch(name):
@@ -56,7 +56,7 @@ def _remove_digits(folder: Path, listing: disk.Listing, place: str) -> None:
 
 
 def dims_on_disk(listing: disk.Listing, node: str) -> int:
-    """Return the number of dims of the single chunk of a plain array (nested folders of it); 0 if there is none."""
+    """Return the number of dims of the single chunk of a plain array (nested folders of it); 0 if there is no chunk."""
     place, count = f"{DATA}/{node}/c", int("c" in listing.folders.get(f"{DATA}/{node}", ()))
     while count and "0" in listing.folders.get(place, ()):
         place, count = f"{place}/0", count + 1

@@ -1,7 +1,7 @@
 """Rewrite an archive: axes sorted, shards cut as for a new sweep, every chunk with the same bytes.
 
-In:  the folder of an archive whose last run ended in order, in this format or with one file per chunk.
-Out: another archive beside it, complete or absent. The old one is only read.
+In:  the folder of an archive whose last run ended normally, in this format or with one file per chunk.
+Out: another archive beside it, complete or absent. The old archive is only read.
 
 Each chunk is checked against its checksum on the way. Groups and arrays in the store that no run has written are copied
 unchanged. ``in_place`` replaces the old archive by the new one: shards that need no change are shared by both (hard
@@ -31,7 +31,7 @@ def compact(old: Path, new: Path) -> Compacted:
     Raises
     ------
     ArchiveError
-        The old one is not an archive, is unfinished or damaged, or the new path exists.
+        The old folder is not an archive, or the archive is unfinished or damaged, or the new path exists.
     ArchiveInUse
         A run is writing to it.
     """

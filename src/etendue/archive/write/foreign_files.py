@@ -1,4 +1,4 @@
-"""Foreign files: distinguish an archive from other folders, and find files that others have put into it.
+"""Foreign files: distinguish an archive from other folders, and find files in it that no run has written.
 
 In:  a folder, and a listing of it.
 Out: ``ArchiveError`` if a run would overwrite, or write among, files that are not its own.
@@ -43,7 +43,7 @@ def check_folder(folder: Path) -> None:
 
 
 def check_ours(folder: Path) -> None:
-    """Refuse a folder that holds something else."""
+    """Refuse a folder that is not an archive."""
     names = {name for name in os.listdir(folder) if not ASIDE.fullmatch(name)} if folder.is_dir() else {""}
     begun = names <= {"lock", "journal.jsonl", "run.id", DATA} and not any(
         p.is_dir() for p in (folder / DATA).glob("*")
@@ -81,8 +81,8 @@ def other_stages(
     wanted: Iterable[str] | None,
     record: DocumentView | None,
 ) -> str:
-    """Return why a run with other stages or axes cannot continue in this archive, and the command to use instead.
-    ``wanted``: the stages that the run is limited to.
+    """Return the reason why a run with other stages or axes cannot continue in this archive, and the command to use
+    instead. ``wanted``: the stages that the run is limited to.
     """
     lacking, over = [n for n in new if n not in old], sorted(set(old) - set(new))
     axes = [n for n in new if n in old and old[n] != new[n]]
@@ -102,20 +102,22 @@ def other_stages(
 def _unlike(
     old: DocumentView, new: DocumentView, lacking: Sequence[str], over: Sequence[str], axes: Sequence[str]
 ) -> str:
-    """Return how the stages of an archive and of a run differ; ``axes``: stages of both that have different axes."""
+    """Return a text that says how the stages of an archive and of a run differ; ``axes``: stages of both that have
+    different axes.
+    """
     there, here = ({dim for dims in own.values() for dim in dims} for own in (old, new))
     parts = {
         "not in the archive": lacking,
         "not in this run": over,
         "swept only in this run": sorted(here - there) if axes else (),
         "swept only in the archive": sorted(there - here) if axes else (),
-        "axes reach other stages": axes if here == there else (),
+        "axes affect other stages": axes if here == there else (),
     }
     return "; ".join(f"{what}: {_some(names)}" for what, names in parts.items() if names)
 
 
 def _wanted_before(record: DocumentView | None) -> list[str]:
-    """Return the ``wanted`` stages in the record of the last run; empty if it has none."""
+    """Return the ``wanted`` stages in the record of the last run; empty if the record has no ``wanted``."""
     try:
         before = json.loads((record or {}).get("overrides", {}).get("wanted", "[]"))
     except (ValueError, TypeError, AttributeError):
@@ -128,8 +130,8 @@ def _some(names: Sequence[str]) -> str:
 
 
 def refuse_strangers(folder: Path, listing: disk.Listing, stages: set[str], ours: set[str]) -> None:
-    """Refuse foreign groups or arrays in the place of ours or inside ours, where they would be lost or break the tree.
-    Foreign groups beside ours may stay.
+    """Refuse foreign groups or arrays at the place of, or inside, groups that runs write, because they would be lost or
+    break the tree. Foreign groups beside these are allowed.
     """
     for name in sorted(listing.folders.get(DATA, ())):
         found = [name] if name not in stages and name not in TABLES else []
@@ -142,7 +144,7 @@ def refuse_strangers(folder: Path, listing: disk.Listing, stages: set[str], ours
             found = [node for node in inside if node not in ours]
         if found:
             raise ArchiveError(
-                f"{folder / DATA / found[0]} was not written by a run of this archive, but is where its own "
-                f"results belong; "
+                f"{folder / DATA / found[0]} was not written by a run of this archive, but lies at a place that "
+                "is reserved for results; "
                 f"move it elsewhere (a group of your own may be directly in {DATA})"
             )

@@ -1,11 +1,11 @@
-"""Compact an archive in its own place, such that one complete archive is there at every instant.
+"""Compact an archive in place, such that one complete archive exists at every instant.
 
-In:  the folder of an archive whose last run has ended in order.
-Out: the same cells, axes sorted, shards as of a new sweep; nothing is written if nothing would change.
+In:  the folder of an archive whose last run ended normally.
+Out: the same cells, with sorted axes and the shards of a new sweep; nothing is written if nothing would change.
 
 The new archive is built beside the old one, shard by shard; shards that need no change are hard links. Then the system
-exchanges the two folders atomically, and the old one is removed. If the command is killed at any instant, running it
-again continues with the existing files.
+exchanges the two folders atomically, and the old archive is removed. If the command is killed at any instant, running
+it again continues with the existing files.
 """
 
 from __future__ import annotations
@@ -32,14 +32,15 @@ AT_HERE, EXCHANGE = -100, 2  # AT_FDCWD; RENAME_EXCHANGE of Linux, and RENAME_SW
 
 
 def compact_in_place(folder: Path) -> Compacted:
-    """Compact an archive where it is. Interrupted by a signal, it leaves nothing beside it.
+    """Compact an archive in place. If interrupted by a signal, it leaves no files beside the archive.
 
     Raises
     ------
     ArchiveError
-        It is not an archive, is unfinished or damaged; or its file system cannot exchange two folders.
+        The folder is not an archive, the archive is unfinished or damaged, or its file system cannot exchange two
+        folders.
     ArchiveInUse
-        Somebody is writing to it.
+        A run is writing to the archive.
     MachineError
         The disk has too little free space.
     """

@@ -1,7 +1,7 @@
 """The archive as the storage backend of a run: find finished cells of a plan, store new ones, and close the archive.
 
-In:  the plan asked for; reports of cells as they end; tables and pictures at the end.
-Out: the cells left to compute; an archive that is consistent even if the run fails.
+In:  the requested plan; reports of cells as they end; tables and pictures at the end.
+Out: the cells that remain to be computed; an archive that is consistent even if the run fails.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class ArchiveKeeper:
-    """Use as a context manager: the archive is locked until it is closed."""
+    """A context manager that locks the archive until it is closed."""
 
     keeps_arrays, draws = False, True
 
@@ -55,12 +55,14 @@ class ArchiveKeeper:
         self.store.__exit__(*error)
 
     def begin(self, asked: Plan) -> Work:
-        """Lay a plan out over the stored cells, prepare the archive for the rest, and record the run.
+        """Determine the layout of a plan together with the stored cells, prepare the archive for the remaining cells,
+        and record the run.
 
         Raises
         ------
         ArchiveError
-            The archive is of another pipeline or platform, or finished results would be lost. It is left unchanged.
+            The archive belongs to another pipeline or platform, or finished results would be lost. The archive is not
+            changed.
         """
         store = self.store
         plan, stay, pruned = keeping.with_stored(asked, store, self.prune)
@@ -98,7 +100,7 @@ class ArchiveKeeper:
         )
 
     def _reasons(self, plan: Plan, again: Collection[str]) -> dict[str, str]:
-        """Return why stages are recomputed: the changes in them or, without changes, the damage."""
+        """Return the reasons why stages are recomputed: their changes or, without changes, the damage."""
         changed = provenance.reasons(self.store.record, plan) if self.store.journal.entries.any_done() else {}
         found = {name: why for name, why in changed.items() if name in again}
         for name, count in self.store.damaged.items():
@@ -107,7 +109,7 @@ class ArchiveKeeper:
         return found
 
     def _is_elsewhere(self, old: DocumentView | None, now: DocumentView) -> bool:
-        """Return True if the archive was begun on another platform; raise an error if continuing could mix different
+        """Return True if the archive was started on another platform; raise an error if continuing could mix different
         bits.
         """
         folder, mixed = self.store.folder, not (self.accept_platform or self.recompute)
@@ -115,13 +117,14 @@ class ArchiveKeeper:
         if old is None:
             if mixed and self.store.journal.entries.any_done():
                 raise ArchiveError(
-                    f"no readable record in {folder / 'runs'} says on which platform its cells were computed. {way_out}"
+                    f"no readable record in {folder / 'runs'} names the platform on which its cells were "
+                    f"computed. {way_out}"
                 )
             return False
         then = old["platform"]
         if mixed and then != dict(now):
             changed = ", ".join(f"{k} {then.get(k)} -> {now[k]}" for k in now if then.get(k) != now[k])
-            raise ArchiveError(f"{folder} was begun on another platform ({changed}), so bits may differ. {way_out}")
+            raise ArchiveError(f"{folder} was started on another platform ({changed}), so bits may differ. {way_out}")
         return bool(then != dict(now))
 
     def target(self, cell: Cell) -> CellFiles:

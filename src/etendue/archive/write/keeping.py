@@ -23,12 +23,12 @@ from etendue.types.documents import DocumentView
 
 def with_stored(asked: Plan, store: ArchiveWriter, prune: bool) -> tuple[Plan, list[str], int]:
     """Return the plan extended by the stored variables of an archive, the stages that are kept only for this reason,
-    and the number of cells given up.
+    and the number of cells to remove.
 
     Raises
     ------
     ArchiveError
-        It was made with other stages or axes; or finished results would be lost without ``prune``.
+        The archive was made with other stages or axes, or finished results would be lost without ``prune``.
     """
     refuse_regrown(asked, store.record, str(store.folder))
     swapped = any(is_of_names(axis.key) for axis in asked.axes)
@@ -52,7 +52,7 @@ def refuse_regrown(asked: Plan, record: DocumentView | None, folder: str) -> Non
     Raises
     ------
     ArchiveError
-        It is one, and the archive holds another.
+        The design is a Latin hypercube, and the archive holds another one.
     """
     own, sweep = asked.pipeline.design, sweep_of(record, Path(folder), "design") if record else {}
     if own.get("method") == "lhs" == sweep.get("method") and own.get("points") != sweep.get("points"):

@@ -28,8 +28,8 @@ _Column = tuple[Sequence[str], Array, Document]  # dims, values and attributes
 
 
 class Standing(Mapping[CellRef, CellArrays]):
-    """The arrays of the cells that have ended, as views into the results; ``others``: cells that returned more than is
-    kept.
+    """The arrays of the cells that have ended, as views into the results; ``others``: cells that returned more
+    variables than are kept.
     """
 
     def __init__(self, keeper: MemoryKeeper, others: Mapping[CellRef, dict[str, Array]]) -> None:
@@ -63,7 +63,7 @@ class MemoryKeeper(Passing):
         self.missing: dict[tuple[str, str], Any] = {}
 
     def begin(self, asked: Plan) -> Work:
-        """Allocate the arrays of everything that is kept."""
+        """Allocate the arrays of all kept variables."""
         # In memory nothing is copied, also where ``keep`` names it.
         shared = replace(asked, copied=frozenset()) if asked.copied else asked
         asked = shared if shared.same_as else asked
@@ -156,7 +156,7 @@ class MemoryKeeper(Passing):
         return xarray.Dataset(data, coordinates.of(found), layout.attrs)
 
     def _shared(self, layout: GroupLayout, name: str, place: str) -> _Column:
-        """Return a variable that is left out everywhere: a read-only view of the array that has its values, repeated
+        """Return a variable whose cells are all left out: a read-only view of the array that has its values, repeated
         along the axes that only this stage has.
         """
         path = place[1:].rpartition("/")[0]
@@ -202,8 +202,8 @@ class MemoryKeeper(Passing):
 
 
 class _Coordinates:
-    """The coordinates of groups. Indexes with the same numbers share their array, which nobody can change: making one
-    anew takes ten times as long.
+    """The coordinates of groups. Indexes with the same numbers share one read-only array, because creating an array
+    takes ten times as long.
     """
 
     def __init__(self) -> None:

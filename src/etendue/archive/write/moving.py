@@ -1,11 +1,11 @@
-"""Rename a group of the store: its shards get second names there, then the journal is updated, then the first names are
-removed.
+"""Rename a group of the store: its shards get second names in the new group, the journal is updated, and the first
+names are removed.
 
 In:  an archive opened for a run; groups and their new names.
 Out: the same cells in other groups; no byte is copied if the file system supports hard links.
 
-If the run is killed at any instant, every cell lies where the journal says: the old names are removed only when all
-cells are recorded under the new ones.
+If the run is killed at any instant, every cell is where the journal says: the old names are removed only when all cells
+are recorded under the new names.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def move(store: ArchiveWriter, moves: Mapping[str, str]) -> None:
 
 
 def _name_twice(store: ArchiveWriter, old: str, new: str, variables: Iterable[str]) -> bool:
-    """Give every file of the cells a second name; return whether that succeeded: other files may be there already."""
+    """Give every file of the cells a second name; return False if other files already have these names."""
     places = [(f"{DATA}/{old}/{variable}", f"{DATA}/{new}/{variable}") for variable in variables]
     files = [
         (f"{a}/{name}", f"{b}/{name}")
@@ -63,7 +63,7 @@ def _name_twice(store: ArchiveWriter, old: str, new: str, variables: Iterable[st
     store.journal.set_arrays({new: variables})  # before any exists, which marks them as ours
     store.ours |= {new, *(f"{new}/{variable}" for variable in variables)}
     for first, second in files:
-        os.close(stubs.opened(store.folder, first))  # fetch stand-ins: objects cannot be hard-linked
+        os.close(stubs.opened(store.folder, first))  # fetch stubs: objects cannot be hard-linked
         disk.link(store.folder, first, second, store.durable)
     store.behind.sealed(second for _, second in files if second in _shards(store, old, new).values())
     return True

@@ -1,7 +1,7 @@
 """The layout of a plan in an existing archive: stored axes, the position of each cell, and all files except chunks of
 cells.
 
-In:  a plan; from earlier runs, the axis values by group, how variables are split, and which cells are stored.
+In:  a plan; from earlier runs, the axis values by group, the blocks of variables, and the stored cells.
 Out: groups, positions and chunks of cells; the expected store in memory (``tree``).
 """
 
@@ -32,14 +32,14 @@ Slot = tuple[str, int, int]
 
 
 class Laid:
-    """A plan laid out in an archive.
+    """The layout of a plan in an archive.
 
     Attributes
     ----------
     names : the name of each cell in the journal
-    axes : axis values by group as stored, those of earlier runs first
-    places : by group and axis, the positions of the plan's values among the stored ones
-    blocks : by group and variable, how it is split into shards and encoded
+    axes : axis values by group as stored, values of earlier runs first
+    places : by group and axis, the positions of the plan's values among the stored values
+    blocks : by group and variable, its split into shards and its codec
     nodes : every group and array, by path
     """
 
@@ -77,7 +77,7 @@ class Laid:
 
     def tree(self, entries: Entries, todo: Collection[CellRef]) -> Tree:
         """Return everything in the store that follows from the plan, except tables; ``todo`` cells count as not
-        computed, whatever is stored.
+        computed, even if stored.
         """
         axes = {node.name: list(node.axes) for node in self.plan.nodes}
         tree = Tree()
@@ -98,7 +98,7 @@ class Laid:
     def put_status(
         self, tree: Tree, entries: Entries, todo: Collection[CellRef] = (), ended: Sequence[int] = ()
     ) -> None:
-        """Add ``status`` according to the journal; cells in ``todo`` are "not_computed", whatever their chunks hold.
+        """Add ``status`` according to the journal; cells in ``todo`` are "not_computed", even if they have chunks.
 
         ``ended``: by number of a cell, its status + 1 if it has ended in this run.
         """
@@ -117,14 +117,14 @@ class Laid:
             tree.put_array(path, "status", status, tuple(self.axes[path]), STATUS_ATTRIBUTES)
 
     def rows(self, entries: Entries) -> Array:
-        """Return by number of a cell its row in the journal, -1 if it has none."""
+        """Return, by number of the cell, its row in the journal; -1 if it has no row."""
         if self._rows is None or self._rows[0] != len(entries.rows):  # a cell keeps its row
             rows = map(entries.rows.get, self.names.values(), repeat(-1)) if entries.rows else repeat(-1)
             self._rows = len(entries.rows), np.fromiter(rows, np.int64, self.plan.numbers.count)
         return self._rows[1]
 
     def keyed(self, entries: Entries) -> Array:
-        """Return by number of a cell whether its line in the journal has its key."""
+        """Return, by number of the cell, whether its line in the journal has the wanted key."""
         rows = self.rows(entries)
         stored = np.frombuffer(bytes(entries.key), np.uint64).reshape(-1, 2)
         asked = bytes.fromhex("".join([cell.key for cell in self.plan.cells.values()]))
@@ -132,7 +132,9 @@ class Laid:
         return (rows >= 0) & known & ~np.isin(rows, list(entries.odd_keys))
 
     def standing(self, entries: Entries) -> Array:
-        """Return by number of a cell its status in the journal, -1 if it has begun again or has none with its key."""
+        """Return, by number of the cell, its status in the journal; -1 if it is being recomputed or has no line with
+        the wanted key.
+        """
         if not entries.rows:
             return np.full(self.plan.numbers.count, -1)
         rows = self.rows(entries)
@@ -184,13 +186,15 @@ class Laid:
         return {"coordinates": " ".join(sorted(beside))} if beside else {}
 
     def _grown_along(self, path: str, layout: GroupLayout, dim: str, values: list[Any]) -> list[Any]:
-        """Return values along a grown axis: those of the plan; NaN, or an empty text, for rows it does not have."""
+        """Return values along a grown axis: the values of the plan; NaN, or an empty text, for rows that the plan does
+        not have.
+        """
         known = dict(zip(layout.axes[dim], values, strict=True))
         missing = "" if any(isinstance(value, str) for value in values) else float("nan")
         return [known.get(value, missing) for value in self.axes[path][dim]]
 
     def _grown_positions(self, path: str, axes: tuple[str, ...], own: Any) -> Any:
-        """Return positions along grown axes: those of the plan, and NaN elsewhere."""
+        """Return positions along grown axes: the positions of the plan, and NaN elsewhere."""
         merged, places = self.axes[path], dict(zip(self.axes[path], self.places[path], strict=True))
         whole = np.full((*(len(merged[axis]) for axis in axes), own.shape[-1]), np.nan)
         whole[np.ix_(*(places[axis] for axis in axes), range(own.shape[-1]))] = own

@@ -56,7 +56,7 @@ class Compacted:
 
     @property
     def amplification(self) -> float:
-        """Bytes written per byte of cells."""
+        """Return the number of bytes written per byte of cells."""
         return self.written / self.bytes if self.bytes else 0.0
 
 
@@ -113,7 +113,7 @@ class Anew:
         return Compacted(self.target, len(self.archive.cells), len(shards), size, self.changed(), self.written)
 
     def _ours(self) -> dict[str, bytes]:
-        """Return the files of the store that runs have written: groups of others are not of the manifest."""
+        """Return the files of the store that runs have written; foreign groups are not in the manifest."""
         known = read_manifest(self.old)
         tops = {node.split("/")[0] for node in known.nodes()} if known else set(self.listing.folders[DATA])
         return {path: data for path, data in self.tree.held.items() if path == ROOT or path.split("/")[0] in tops}
@@ -127,7 +127,7 @@ class Anew:
         return {group: dims for group, dims in own.items() if dims}
 
     def needed(self) -> int:
-        """Return the bytes of the shards that must be written; 0 if every shard is fine as it is."""
+        """Return the bytes of the shards that must be written; 0 if no shard must be written."""
         return sum(
             chunk.written.size
             for path, own in self.shards.items()
@@ -140,7 +140,7 @@ class Anew:
         self.written += len(data)
 
     def _copied(self, source: str | Path, target: str | Path) -> None:
-        """Copy a file unchanged; with ``shares`` link it where the file system allows that."""
+        """Copy a file unchanged; with ``shares``, link it if the file system allows this."""
         if self.shares:
             with suppress(OSError):
                 os.link(source, target)
@@ -175,7 +175,7 @@ class Anew:
         return found
 
     def _stays(self, path: str, own: Chunks) -> bool:
-        """Return True if a shard can stay: its chunks are in their slots, with few unused bytes."""
+        """Return True if a shard can be kept: its chunks are in their slots, with few unused bytes."""
         slots, archive = self._slots(own), self.archive
         if archive.journal.files_a_cell or archive.finder.odd(path, slots) or path not in archive.journal.shards:
             return False
@@ -247,7 +247,7 @@ class Anew:
         return len(data), int.from_bytes(data[-4:], "little")
 
     def _is_there(self, path: str, slots: int, own: Chunks) -> bool:
-        """Return True if an interrupted attempt has already written this shard; every chunk of it is checked."""
+        """Return True if an interrupted attempt has already written this shard; all its chunks are checked."""
         if not self.shares or self.archive.journal.files_a_cell:
             return False
         places, end = dict[int, tuple[int, int]](), 0
@@ -346,7 +346,7 @@ class Anew:
 
 
 def _order(values: list[Any]) -> list[int]:
-    """Return the positions of axis values in sorted order; texts and falling values keep their order."""
+    """Return the positions of axis values in sorted order; texts and descending values keep their order."""
     plain = not any(isinstance(value, str) for value in values)
     if plain and values not in (sorted(values), sorted(values, reverse=True)):
         return sorted(range(len(values)), key=values.__getitem__)

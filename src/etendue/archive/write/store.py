@@ -3,12 +3,12 @@
 paper/
   data.zarr/          one Zarr v3 store, one DataTree: opened by ``xarray.open_datatree`` without etendue
   inputs/             every file parameter, by SHA-256
-  journal.jsonl       which cells are finished
+  journal.jsonl which cells are finished
   manifest.json       digests of all metadata, written at close
   runs/               a record of every run: pipeline, versions, platform
   lock  run.id        which run owns it
 
-A chunk of a cell is trusted if the journal names it and it lies at the recorded place. Everything else in the store
+A chunk of a cell is trusted if the journal names it and it is at the recorded place. Everything else in the store
 follows from the plan (``tree``): it is compared with the files and rewritten if they differ. Files are removed only by
 name, and nothing is written if nothing has changed.
 """
@@ -48,7 +48,7 @@ from etendue.types.documents import DocumentView
 
 
 class ArchiveWriter:
-    """An archive opened for a run. Use as a context manager: the lock is held until it is closed.
+    """An archive opened for a run: a context manager that holds the lock until it is closed.
 
     ``use`` gives it a plan. Nothing in the store changes before ``begin``: a refused run leaves the archive unchanged.
     """
@@ -121,7 +121,7 @@ class ArchiveWriter:
         os.close(self.lock)
 
     def check_stages(self, plan: Plan) -> None:
-        """Raise ``ArchiveError`` if the plan has other stages or axes than the archive was made with."""
+        """Raise ``ArchiveError`` if the plan and the archive have different stages or axes."""
         new = {node.name: list(node.axes) for node in plan.nodes}
         old = known_axes(self.folder, self.manifest, self.record)
         if old is not None and old != new:
@@ -133,7 +133,7 @@ class ArchiveWriter:
         Raises
         ------
         ArchiveError
-            The archive has the old format, or foreign files are where the plan's results belong.
+            The archive has the old format, or there are foreign files at the place of the plan's results.
         """
         if self.journal.files_a_cell:
             raise ArchiveError(
@@ -187,7 +187,9 @@ class ArchiveWriter:
         return False
 
     def _found(self, entry: Entry, chunks: Slots) -> Stored | None:
-        """Return the chunks of a cell that its entry names, as written and where they lie; None if one is lost."""
+        """Return the chunks that the entry of a cell names, as written and with their present places; None if one is
+        lost.
+        """
         known = {(file.path, file.slot): file for file in entry.files}
         found: dict[tuple[str, int], tuple[WrittenChunk, ChunkPlace]] = {}
         for path, slot, slots in chunks:
@@ -201,7 +203,7 @@ class ArchiveWriter:
         return found
 
     def has_files(self, ref: CellRef) -> bool:
-        """Return True if anything of a cell is stored, valid or not."""
+        """Return True if any chunk of a cell is stored, valid or not."""
         states = [(slot, self.finder.state(path, slots)) for path, slot, slots in self.laid.slots(ref)]
         return any(state is not None and slot in (state.index or {}) for slot, state in states)
 
@@ -210,9 +212,10 @@ class ArchiveWriter:
     def begin(
         self, todo: Collection[CellRef], finished: Collection[CellRef], outdated: Collection[CellRef] = ()
     ) -> None:
-        """Prepare the store for a run that computes ``todo``: own it, create and grow arrays, drop what is not planned.
+        """Prepare the store for a run that computes ``todo``: take ownership, create and extend arrays, and remove
+        arrays that are not planned.
 
-        ``outdated`` cells are at axis values of earlier runs and would give other results now: they are removed.
+        ``outdated`` cells are at axis values of earlier runs and would now give other results; they are removed.
         """
         was = ((ref, self.journal.entries[self.names[ref]]) for ref in finished)
         if fresh := accepted(self.former, self.plan, was):
@@ -266,7 +269,7 @@ class ArchiveWriter:
         self.blocks.put(self.blocks.unsettled())
 
     def begin_run(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> None:
-        """Record in the journal the cells that a run has to deliver, and the number of those that it must compute."""
+        """Record in the journal the cells that a run requests, and the number of cells that it must compute."""
         if self.journal.begins(planned, todo):
             self.change()
             self.journal.begin_run(planned, todo)
@@ -276,7 +279,7 @@ class ArchiveWriter:
         disk.write(self.folder, "run.id", ABANDONED.encode(), self.durable)
 
     def change(self) -> None:
-        """Take ownership before the first change; the archive is not in order again until the run has ended."""
+        """Take ownership before the first change; the archive counts as unfinished until the run has ended."""
         if not self.touched:
             self.behind.own()
             self.touched = True
@@ -291,7 +294,7 @@ class ArchiveWriter:
         sweep(self.folder, self.listing, self.blocks.parts())
 
     def _drop_unplanned(self) -> None:
-        """Remove groups, variables and shards that the plan no longer has, so that they are not read as its results."""
+        """Remove groups, variables and shards that are not in the plan, so that they are not read as its results."""
         for node in sorted(self.ours - self.nodes, key=lambda node: -node.count("/")):
             if node.split("/")[0] not in TABLES:
                 remove_node(self.folder, self.listing, node)
@@ -315,7 +318,9 @@ class ArchiveWriter:
                         self.finder.states[f"{folder}/{file}"] = None
 
     def _put(self, files: Mapping[str, bytes]) -> None:
-        """Write files of the store that differ from those on disk; metadata of a group or array after its content."""
+        """Write files of the store that differ from those on disk; the metadata of a group or array is written after
+        its content.
+        """
         order = sorted(files, key=content_first)
         disk.put(self.folder, ((f"{DATA}/{path}", files[path]) for path in order), self.durable, self.change)
 
@@ -333,7 +338,7 @@ class ArchiveWriter:
         self.journal.start((self.names[ref], self.plan.cells[ref].key) for ref in refs)
 
     def reported(self, reports: Iterable[CellReport]) -> None:
-        """Record the results of cells in the journal. A cell without a result keeps no file of an earlier one."""
+        """Record the results of cells in the journal. A cell without a result keeps no files of an earlier result."""
         lines, complete = [], []
         for report in reports:
             ref = (report.stage, report.index)
@@ -355,8 +360,8 @@ class ArchiveWriter:
         return earlier_pictures.attributes(earlier_pictures.stored(self.folder, self.listing)).get("shown")
 
     def close_run(self, tables: Mapping[str, DocumentView]) -> None:
-        """Complete shards, write status and tables, then consolidate: readers see either a finished run or the one
-        before.
+        """Complete shards, write status and tables, then consolidate: readers see either this finished run or the
+        previous run.
         """
         lacking = (ref for ref in self.todo if not self.ended[self.plan.numbers.of(ref)] and ref not in self.held)
         entries = self.journal.entries

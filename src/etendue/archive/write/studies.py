@@ -1,7 +1,7 @@
-"""Store the results of a study as groups of an archive: plain arrays, consolidated with those of its stages.
+"""Store the results of a study as groups of an archive: plain arrays, consolidated with the arrays of its stages.
 
-In:  the folder of an archive whose last run ended in order, arrays by group.
-Out: the groups, below one of the study; root and manifest that know them. A run leaves them as they are.
+In:  the folder of an archive whose last run ended normally, arrays by group.
+Out: the groups, below one of the study; the root and the manifest include them. A run does not change them.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from etendue.types.documents import Document, DocumentView
 
 
 def store_study(folder: Path, study: str, groups: Mapping[str, DocumentView]) -> None:
-    """Write groups of a study, ``{name: {"attrs": .., "arrays": {array: (dims, values, attrs)}}}``; others that it
-    stored before stay.
+    """Write groups of a study, ``{name: {"attrs": .., "arrays": {array: (dims, values, attrs)}}}``; groups that the
+    study stored earlier are kept.
 
     Raises
     ------
     ArchiveError
-        The archive is in use, not in order or not writable, or something else has the name of the study.
+        The archive is in use, unfinished or not writable, or another group has the name of the study.
     """
     folder = folder.resolve()
     if behind(folder).running or not os.access(folder / DATA, os.W_OK):
@@ -78,7 +78,7 @@ def _write(folder: Path, study: str, groups: Mapping[str, DocumentView]) -> None
 
 
 def _consolidated(folder: Path, root: Document, tree: Tree, before: list[str]) -> bytes:
-    """Return the root with the metadata of its nodes, in which those of the study are new."""
+    """Return the root with the metadata of its nodes, with new metadata for the nodes of the study."""
     held: dict[str, Any] = dict(root["consolidated_metadata"]["metadata"])
     nodes = {path: _bare(node) for path, node in held.items() if path not in before}
     own = {path.removesuffix(f"/{ROOT}"): dict(node) for path, node in tree.nodes.items()}

@@ -1,10 +1,11 @@
 """Finished cells of a plan, found for all cells of a group at once.
 
-In:  an archive opened for a run, with a plan laid out over it.
-Out: by number, the cells that the journal has done with their key and whose chunks lie where it says; their bytes.
+In:  an archive opened for a run, with the layout of a plan.
+Out: by number, the cells that are done with the wanted key according to the journal and whose chunks are where it says;
+     their bytes.
 
 Chunks are compared with the journal and with the index of their shard, as for single cells, but in columns; they are
-entered in the shards of the run. A cell in which anything is otherwise is left to ``ArchiveWriter.finished``.
+entered in the shards of the run. ``ArchiveWriter.finished`` examines all other cells.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from etendue.types.arrays import Array
 
 
 class WholeCells:
-    """The cells that need no closer look.
+    """The cells that need no separate check.
 
     Attributes
     ----------
@@ -87,7 +88,7 @@ class WholeCells:
 
 
 class _Chunks(NamedTuple):
-    """One chunk of each of some cells: its number in the journal, and the shard and slot in which it must lie."""
+    """One chunk for each of some cells: its number in the journal, and the shard and slot where it must be."""
 
     numbers: Array
     shards: list[str]

@@ -1,1 +1,1 @@
-"""What the commands do, each family in a module that is imported when one of its commands is called."""
+"""Implementations of the commands; each module is imported when one of its commands is called."""

@@ -26,7 +26,7 @@ def tell_one(
     one: Callable[[Document], None],
     all: Callable[[list[Document]], None],
 ) -> None:
-    """Print the document of the named item, or those of all."""
+    """Print the document of the named item, or the documents of all items."""
     documents = [document(own) for own in ([name] if name else names)]
     if name and not as_json:
         tell(False, documents[0], one)

@@ -24,7 +24,9 @@ def _check(what: str, name: str | None, names: Sequence[str], hook: str) -> None
 
 
 def loaded(name: str | None) -> Document:
-    """Load one stage, or all, and return their documents; those of all are kept if nothing is amiss."""
+    """Load one stage, or all, and return their documents; the documents of all stages are cached if every stage could
+    be loaded.
+    """
     registry = installed()
     _check("stage", name, registry.names(), STAGES)
     documents = {own: stage_document(registry, own) for own in ([name] if name else registry.names())}

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def held(
     pipeline: PipelineFile, asked: tuple[tuple[str, float], ...], folder: Path, options: Options, watched: Any
 ) -> holding.HeldTolerance:
-    """Find the tolerance that holds an error, and print it before the run."""
+    """Find the tolerance that keeps an error within its limit, and print it before the run."""
     own = dict(asked)
     goals = holding.Asked(own.pop("", None), own)
     found = holding.hold(pipeline, installed(), goals, options=options, progress=watched, archive=folder)
@@ -39,7 +39,7 @@ def held(
     said = [told]
     if found.needed:
         need = f"{human_seconds(found.needed.seconds)} more and {human_bytes(found.needed.bytes)} of memory"
-        said.append(f"not searched further: the next run would take about {need}; allow more by --hold-seconds")
+        said.append(f"not searched further: the next run would take about {need}; allow more with --hold-seconds")
     for text in (*said, *not_held(found.document(), found.measured.errors)):
         click.echo(text, err=True)
     return found
@@ -57,7 +57,7 @@ def _choices(chosen: Any) -> list[str]:
     if chosen.needed:
         said.append(f"not refined further: {chosen.needed}")
     if chosen.missed and chosen.kept:
-        said.append("the archive keeps the values of its first run; to choose anew, run into another archive")
+        said.append("the archive keeps the values of its first run; to choose new values, run into another archive")
     return said
 
 
@@ -95,7 +95,7 @@ def measured(measurement: Measurement, folder: Path, made: Plan) -> Document:
 
 def _remedy(answers: DocumentView, part: str) -> str:
     finer = answers["remedies"].get(part, "")
-    return f"refine that in the pipeline{f': {finer}' if finer else ''}"
+    return f"refine this parameter in the pipeline{f': {finer}' if finer else ''}"
 
 
 def beyond(held: holding.HeldTolerance, answers: DocumentView) -> list[str]:
@@ -117,7 +117,7 @@ def beyond(held: holding.HeldTolerance, answers: DocumentView) -> list[str]:
             missed = (
                 "not held"
                 if name in held.missed
-                else "within the limit relative to the reference, but the error of the answer is not"
+                else "the error relative to the reference is within the limit, but the error of the answer is not"
             )
             said.append(
                 f"{missed}: {name} is off by {plus_minus(error, unit)}, mostly "

@@ -80,7 +80,7 @@ def blaming(wanted: bool, silent: bool) -> Iterator[Any]:
 
 
 def begun_at(folder: Path) -> dict[str, AxisValue]:
-    """Return the axis values of the cell with which the report of an archive starts, as does its contact sheet."""
+    """Return the axis values of the cell shown first in the report and on the contact sheet of an archive."""
     opened = Opened(folder)
     start = start_of(opened)
     return {axis.dim: axis.values[start[axis.dim]] for axis in opened.axes}

@@ -1,4 +1,4 @@
-"""Where the cells of a segment start, and how they hand on their light.
+"""The input from which the cells of a segment start, and the form in which they pass on their light.
 
 In:  the plan of a cell of a segment.
 Out: the input of the segment if the cell has to start from it; whether its light is made band by band.
@@ -26,8 +26,8 @@ def direct_input(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Direct | 
     """Return the segment's input and the active cells before ``cell``, if ``cell`` must start from that input itself;
     else None.
 
-    That holds for all cells of a segment whose input is too large to hold in memory or consists of means over grid
-    cells, and for an end whose sum over bands is expanded.
+    This applies to all cells of a segment whose input is too large for memory or consists of means over grid cells, and
+    to a last cell whose sum over bands is an expansion.
     """
     node = nodes[cell.node]
     if not node.segment or cell.segment_input is None or cell.left_out is not None:

@@ -48,8 +48,8 @@ def transfers_of(job: Job) -> list[tuple[str, Otf]]:
 def _behind(
     pixel: int, every: Sequence[tuple[str, Stage]], chains: Sequence[Sequence[int]]
 ) -> tuple[tuple[str, ChannelTransfer], ...]:
-    """Return the stages that move charge after a pixel stage, in order; if the pipeline branches, those on the first
-    branch.
+    """Return the stages that move charge after a pixel stage, in order; if the pipeline branches, the stages on the
+    first branch.
     """
     found: list[int] = []
     for number, (_, stage) in enumerate(every):
@@ -68,12 +68,13 @@ class Otf:
     """The product of the transfer functions of some stages. Frequencies in cycles/um; values are 1 at 0, and complex
     for shifts.
 
-    ``parts`` are (name, stage) in the order of the light, ``edges`` those of the bands. Stages that a plan has left out
-    are included: the product is taken from the stages, not from arrays. ``grid`` is that of the last one's output.
-    ``whole`` is False if an earlier stage moves light without being a transfer function (a warp, a blur that varies
-    over the field): the product is then not the complete blur. ``behind`` are the stages that move charge between
-    pixels, if the last part is a pixel: they are not in the product, only in ``channels`` and ``channels_along``.
-    ``light`` is that of a white surface in front of the pixel by band, with maximum 1; None if unknown.
+    ``parts`` are (name, stage) in the order of the light, ``edges`` the edges of the bands. Stages that a plan has left
+    out are included: the product is taken from the stages, not from arrays. ``grid`` is the grid of the last stage's
+    output. ``whole`` is False if an earlier stage moves light without being a transfer function (a warp, a blur that
+    varies over the field): the product is then not the complete blur. ``behind`` are the stages that move charge
+    between pixels, if the last part is a pixel: they are not in the product, only in ``channels`` and
+    ``channels_along``. ``light`` is the light of a white surface in front of the pixel by band, with maximum 1; None if
+    unknown.
     """
 
     parts: tuple[tuple[str, Transfer], ...]
@@ -111,8 +112,8 @@ class Otf:
         """Return (channel, m, n) at all pairs of frequencies: grey detail after each filter, including charge that
         moves between pixels.
 
-        ``light``: (band,) of a white surface, in any scale; None: equal in every band. ``weights``: those of the pixel,
-        if it is left out.
+        ``light``: (band,) of a white surface, in any scale; None: equal in every band. ``weights``: the weights of the
+        pixel, if the pixel is left out.
         """
         fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
         return self._of_channels(
@@ -157,8 +158,8 @@ class Otf:
         return (*self.parts, *self.behind)
 
     def once(self, what: Hashable, make: Callable[[], Made]) -> Made:
-        """Return ``make()``, cached by the values of these stages; ``what`` names it and everything else it depends
-        on.
+        """Return ``make()``, cached by the values of these stages; ``what`` names the result and everything else on
+        which it depends.
         """
         return TABLES.get(
             ("of a product", what, tuple(state_of(stage) for _, stage in self.stages), self.edges, self.rendered), make

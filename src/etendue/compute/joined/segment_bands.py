@@ -191,8 +191,8 @@ def from_bands(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array |
 
 
 def _shared(job: Job, light: Array | BandArray, joined: GridTransfer, shares: Array, terms: int) -> Array:
-    """Return half transforms of the channels before their pixels: equal for pixels of any size, and cached for the
-    next of them.
+    """Return half transforms of the channels before their pixels: they are equal for pixels of any size, and cached for
+    the next pixel size.
     """
     assert job.segment is not None
     own = (
@@ -251,7 +251,7 @@ def _exact(light: Array | BandArray, joined: GridTransfer, weights: Array) -> An
 
 
 def _gathered(light: Array | BandArray, basis: Array) -> Iterator[Array]:
-    """Yield a few planes, each a sum over bands, of which every channel is a mixture; none is kept here."""
+    """Yield a few planes, each a sum over bands, of which every channel is a linear combination; no plane is kept."""
     planes = [np.zeros(light.shape[1:], dtype=light.dtype) for _ in basis]
     group: dict[int, Array] = {}
     for band, plane in enumerate(in_order(light)):

@@ -107,7 +107,7 @@ class BlurredCells(BandArray):
 
 
 def without_rounding(found: Array, given: Array) -> Array:
-    """Set light that is negative by no more than rounding to 0. ``given`` gives the scale; if it holds negative light,
+    """Set light to 0 if it is negative only because of rounding. ``given`` gives the scale; if it holds negative light,
     nothing is changed.
     """
     if given.size and given.min() >= 0:
@@ -185,7 +185,7 @@ def _pixels(job: Job, end: Summed, light: Array | BandArray, grid: Grid, before:
 
 
 def _noted(plane: Array, brightest: Array, band: int) -> Array:
-    """Return the plane, and note its smallest and largest value."""
+    """Return the plane, and record its smallest and largest value."""
     plane = np.asarray(plane)
     brightest[:, band] = plane.min(), plane.max()
     return plane

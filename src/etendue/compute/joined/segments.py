@@ -32,7 +32,8 @@ from etendue.types.arrays import Array, CellArrays
 @dataclass(eq=False)
 class Light:
     """The light at a place in a segment: a transform in the bands ``lit``, outside which there is no light, times some
-    transfer functions. Before the first stage that needs all of it, it is that of the segment's input, untouched.
+    transfer functions. Before the first stage that needs the whole light, it is the unchanged light of the segment's
+    input.
     """
 
     untouched: Any = None
@@ -53,7 +54,7 @@ class Light:
         return some
 
     def whole(self) -> Any:
-        """Return the product of all lit bands, made once for all who continue from here."""
+        """Return the product of all lit bands, computed once for all cells that continue from here."""
         transform, factors = self.made
         if transform is None or factors:
             own = transform is None
@@ -88,7 +89,7 @@ class Result:
 
 
 def passed_on(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, CellArrays]:
-    """Return the arrays that a left-out cell passes on, which are those of its input, and the light of its segment."""
+    """Return the arrays of its input that a left-out cell passes on, and the light of its segment."""
     result, arrays = Result(), CellArrays()
     for _, ref, variable in job.inputs:
         if variable in job.passes and variable not in arrays:
@@ -125,7 +126,7 @@ def _on_grid(job: Job, stage: Transfer, lit: slice) -> Array:
 
 
 def _times(transform: Array, otf: Array, in_place: bool = False) -> Array:
-    """Multiply transforms by a transfer function, of which the rows of negative frequencies may be left out."""
+    """Multiply transforms by a transfer function, whose rows of negative frequencies may be omitted."""
     rows, upper, kind = transform.shape[-2], otf.shape[-2], np.result_type(transform, otf)
     out = transform if in_place and kind == transform.dtype else np.empty(transform.shape, kind)
     if upper in (1, rows):
@@ -171,7 +172,7 @@ class LightBands(BandArray):
 
 
 def _summed(own: Array, light: Light, otf: Array) -> Array:
-    """Return the transforms of channels: the weighted sums over bands of the light behind the stage."""
+    """Return the transforms of channels: the weighted sums over bands of the light after the stage."""
     transform = light.whole()
     if otf.shape[0] > 1:
         transform = _times(transform, otf)

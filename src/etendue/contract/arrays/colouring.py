@@ -1,7 +1,7 @@
 """Colours of dims and patterns, as distributions define them by ``etendue_seen``, with a function for each.
 
 In:  the name of a dim in front of y and x, or of a pattern of filters.
-Out: what the function returns; a ``Pattern``. Nothing is imported before it is needed.
+Out: the result of that function; a ``Pattern``. Nothing is imported before it is needed.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ class Pattern:
         return len(self.rows), len(self.rows[0])
 
     def moved(self, down: int, across: int) -> tuple[str, ...]:
-        """Return its rows relative to another position."""
+        """Return the rows relative to another position."""
         down, across = down % len(self.rows), across % len(self.rows[0])
         return tuple(row[across:] + row[:across] for row in (*self.rows[down:], *self.rows[:down]))
 
 
 @cache
 def function(name: str) -> Callable[..., Any] | None:
-    """Return the function that a distribution brings for a dim, or for patterns; None if there is none."""
+    """Return the function that a distribution provides for a dim, or for patterns; None if there is none."""
     brought = discovery.installed().first("seen", name)
     if brought is None:
         return None
@@ -61,7 +61,7 @@ def pattern(text: str) -> Pattern:
     Raises
     ------
     PluginError
-        If no distribution brings patterns.
+        If no distribution provides patterns.
     """
     read = function(PATTERN)
     if read is None:

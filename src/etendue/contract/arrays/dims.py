@@ -1,7 +1,7 @@
-"""Dims as distributions declare them: which of them are bands, their units and names.
+"""Dims as distributions declare them: division into bands, units and names.
 
 In:  names of dims.
-Out: their declarations. A dim need not be declared; an undeclared one has points or labels, and no unit.
+Out: their declarations. A dim need not be declared; an undeclared dim has points or labels, and no unit.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ PLACE = ("y", "x")  # the dims of a picture
 class Dim:
     """The declaration of a dim.
 
-    ``bins``: it is divided into bands with edges; stages get their centres, and the edges as ``NAME_edges``. ``units``:
-    of both. ``asked_in``: the unit in which transfer functions get the centres; '' if it is the same. ``long_name``,
-    ``standard_name``: its names in archives. ``example``: edges, evenly spaced positions or names with which stages are
-    tested; ``spacing``: the shared quantity that is the distance of its samples.
+    ``bins``: the dim is divided into bands with edges; stages get the centres, and the edges as ``NAME_edges``.
+    ``units``: unit of centres and edges. ``asked_in``: the unit in which transfer functions get the centres; '' if it
+    is ``units``. ``long_name``, ``standard_name``: its names in archives. ``example``: edges, evenly spaced positions
+    or names with which stages are tested; ``spacing``: the shared quantity that is the distance of its samples.
     """
 
     bins: bool = False
@@ -37,7 +37,7 @@ class Dim:
 
     @cached_property
     def factor(self) -> float:
-        """The factor from the unit of the centres to the one in which transfer functions take them."""
+        """The factor from the unit of the centres to the unit in which transfer functions take them."""
         # imported late: only transfer functions need it, so only their digests cover it
         from etendue.contract.values.units import (
             to_unit,  # in the code digest of transfer functions only
@@ -51,7 +51,7 @@ _KNOWN: dict[tuple[str, str], Dim] = {}
 
 
 def dim(name: str) -> Dim:
-    """Return what is declared of a dim."""
+    """Return the declaration of a dim."""
     brought = discovery.installed().first("dims", name)
     if brought is None:
         return UNDECLARED

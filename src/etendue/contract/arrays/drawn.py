@@ -1,8 +1,8 @@
 """The properties with which an array is drawn as a picture: how it is shown, its white and black levels, its filters,
 and the white to which its viewer is adapted.
 
-In:  what distributions declare of a variable; attributes of an array.
-Out: ``Drawn``, and the attributes that carry the same to a program without a plan.
+In:  the declaration of a variable; attributes of an array.
+Out: ``Drawn``, and the attributes that describe it for a program without a plan.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ BY = "drawn_by"  # attributes that hold only at some axis values, as JSON: [[{di
 class Drawn:
     """``shown`` and ``white`` to ``log`` are as in ``contract.variables.Variable``.
 
-    ``pattern``: rows of filters on the pixels, '' for none; ``viewer``: XYZ of the white that the viewer is adapted
-    to, () for that of the display.
+    ``pattern``: rows of filters on the pixels, '' for none; ``viewer``: XYZ of the white to which the viewer is
+    adapted, () for the white of the display.
     """
 
     shown: str
@@ -42,12 +42,12 @@ class Drawn:
 
     @property
     def linear(self) -> bool:
-        """Whether it is light or a signal, which must be encoded for the screen."""
+        """Whether the array is light or a signal, which must be encoded for the screen."""
         return self.shown == "linear"
 
     @property
     def sent(self) -> bool:
-        """Whether it goes to the screen unchanged, between 0 and 1."""
+        """Whether the values, between 0 and 1, go to the screen unchanged."""
         return self.shown in ("encoded", "unencoded")
 
     @property
@@ -91,7 +91,7 @@ def read(name: str, attrs: DocumentView, at: AxisValues) -> Drawn:
 
 
 class Pictured(NamedTuple):
-    """A picture of a cell: its variable, its own dims, how it is drawn, and the sweep axes that reach it."""
+    """A picture of a cell: its variable, its own dims, how it is drawn, and the sweep axes that affect it."""
 
     variable: str
     dims: tuple[str, ...]
@@ -100,16 +100,16 @@ class Pictured(NamedTuple):
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Dims of which one entry is shown; each frame has an exposure of its own, and so has their merger."""
+        """Dims of which one entry is shown; each frame, and their merged picture, has its own exposure."""
         return tuple(dim for dim in self.dims if dim not in ("y", "x", *flat_dims()))
 
 
 def lit_by(pictures: Sequence[Pictured], number: int) -> int:
-    """Return which of a cell's pictures, in the order of the light, sets the brightness scale for one of them.
+    """Return the picture of a cell, in the order of the light, that sets the brightness scale for a given picture.
 
-    It is the first picture of the same variable, so that what gets darker looks darker; for variables that share a
-    scale it is the last, since values beyond a full well are not brightness. Only pictures with the same frames and no
-    further axes count, so that a picture looks the same wherever it is drawn.
+    It is the first picture of the same variable, so that a picture that gets darker looks darker; for variables that
+    share a scale it is the last picture, because values beyond a full well are not brightness. Only pictures with the
+    same frames and no further axes count, so that a picture looks the same wherever it is drawn.
     """
     own = pictures[number]
     able = [n for n, one in enumerate(pictures) if set(one.axes) <= set(own.axes) and one.frames == own.frames]

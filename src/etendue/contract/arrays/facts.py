@@ -1,6 +1,7 @@
 """Facts: properties of a variable that are known before it is computed.
 
-Facts decide what may be left out and which precision a scene needs. An unknown fact is ``None``; no decision uses it.
+Facts determine which stages may be left out and which precision a scene needs. An unknown fact is ``None``; no decision
+uses it.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ class Content:
     Attributes
     ----------
     full : largest value of any band, in the variable's unit
-    edges : ends of the rings, cycles/um, the first 0; the mean is in none of them
+    edges : ends of the rings, cycles/um; the first is 0; no ring contains the mean
     power : mean square over the frame of the content of a ring, by band
     amplitude : sum of the amplitudes in a ring, by band; no point can exceed it
     low, mean, high : smallest, mean and largest value of every band
@@ -72,7 +73,7 @@ class Content:
         )
 
     def _nothing(self) -> dict[str, Any]:
-        """Return the fields of the content of no light."""
+        """Return the fields of the content for zero light."""
         none, rings = (0.0,) * len(self.mean), tuple((0.0,) * len(row) for row in self.power)
         own = {"power": rings, "amplitude": rings, "low": none, "mean": none, "high": none}
         return {**own, "widths": (), "peaks": ()}
@@ -105,8 +106,8 @@ class Content:
         return (2, self.power), (1, self.amplitude)
 
     def filtered(self, passed: Rings, peaks: Rings = ()) -> Content:
-        """Return the content after a blur that passes a share of every ring, by band or (one row) alike in all bands,
-        and leaves these largest values. The range of values stays as it was.
+        """Return the content after a blur that passes a share of every ring, by band or (one row) equally in all bands,
+        and leaves these largest values. The range of values does not change.
         """
         rows = passed if len(passed) > 1 else passed * len(self.power)
         power, amplitude = (
@@ -128,7 +129,7 @@ class Content:
         return tuple(low), tuple(high)
 
     def range_of_light(self) -> tuple[float, float]:
-        """Return these bounds over all bands."""
+        """Return the bounds of `bands_of_light` over all bands."""
         low, high = self.bands_of_light()
         return min(low), max(high)
 
@@ -140,7 +141,7 @@ class Content:
 
     @property
     def detail(self) -> float:
-        """The same without the means of the bands: 0 if the light is uniform."""
+        """The same (rms) without the means of the bands: 0 if the light is uniform."""
         return math.sqrt(sum(map(sum, self.power)) / len(self.mean))
 
 

@@ -1,4 +1,4 @@
-"""Grids: what is known of an array's coordinates before it exists. No arrays here.
+"""Grids: the coordinates of an array before it exists. No arrays here.
 
 A ``Grid`` maps dims to one of three kinds of coordinate: ``Line`` (evenly spaced), ``Bands`` (bins with edges)
 and ``Labels`` (names or numbers). They are frozen, so equal grids can be recognised and hashed.
@@ -111,7 +111,7 @@ class Grid:
         return coordinate
 
     def bands(self) -> Bands:
-        """Return the bins of the dim that has some."""
+        """Return the bins of the dim that has bins."""
         for _, coordinate in self.entries:
             if isinstance(coordinate, Bands):
                 return coordinate

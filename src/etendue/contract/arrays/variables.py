@@ -1,4 +1,4 @@
-"""Variables: their declarations, ``"channel y x [1]"``, and what distributions declare about their meaning.
+"""Variables: their declarations, ``"channel y x [1]"``, and their meaning as distributions declare it.
 
 In:  the text of a port in a stage's ``reads`` or ``writes``; the name of a variable.
 Out: name, dims, unit, dtype and whether undefined values are allowed; meaning and how it is shown.
@@ -25,29 +25,30 @@ BETTER = ("", "higher", "lower")
 
 @dataclass(frozen=True)
 class Variable:
-    """What a distribution declares about a variable: meaning, unit, and how a contact sheet shows it.
+    """The declaration of a variable by a distribution: meaning, unit, and how a contact sheet shows it.
 
     ``shown``: '' not at all; ``linear`` light, charge or signal (bands as an eye sees them, a pattern through its own
     filters); ``encoded`` display values, unchanged; ``unencoded`` display values before gamma, shown as they would look
     without it; ``map`` numbers over y and x, in grey. ``white`` is the linear value shown as white, None: the bright
     parts of the first picture; variables with one ``scale`` share the bright parts of their last picture. ``black``
-    names the shared quantity with the value of no signal, ``pattern`` the one with the filters over y and x. ``range``
-    has both ends of a map, None: its own; ``log``: logarithmic. ``full``: the value to which its errors are relative,
-    if that does not follow from its declaration: 1 for a share. ``index``: its values are positions in a list, so an
-    error is right or wrong; ``names``: the dim whose labels are that list. ``flags`` names codes, ``masks`` bits that
-    are combined. ``beside``: it is a coordinate of the variables of its group with this dim. ``counted``: if it is
-    above 0, the end of a run reports that values were raised to a floor, or are above saturation. ``better``: whether
-    ``higher`` or ``lower`` is better, '' if it depends. ``subject``: the subject of a metric, such as ``detail`` or
-    ``noise``: reports group metrics by it and open with the one of the lowest ``rank``.
+    names the shared quantity with the value of no signal, ``pattern`` the shared quantity with the filters over y and
+    x. ``range`` has both ends of a map, None: its own; ``log``: logarithmic. ``full``: the value to which its errors
+    are relative, if that does not follow from its declaration: 1 for a share. ``index``: its values are positions in a
+    list, so a value is either right or wrong; ``names``: the dim whose labels are that list. ``flags`` names codes,
+    ``masks`` bits that are combined. ``beside``: a dim; the variable is a coordinate of all variables in its group with
+    this dim. ``counted``: if the variable is above 0, the end of a run reports that values were raised to a floor, or
+    are above saturation. ``better``: whether ``higher`` or ``lower`` is better, '' if it depends. ``subject``: the
+    subject of a metric, such as ``detail`` or ``noise``: reports group metrics by subject and open with the metric of
+    the lowest ``rank``.
 
-    ``quiet``: it is not among the metrics shown first. ``usable``: a cell with a larger value is not chosen to open a
-    page. ``instead``: a variable that shows nearly the same; contact sheets with that variable omit this one.
-    ``curve``: among the curves of a page the one with the highest number comes first; ``base``: its curves are drawn
-    with a line at 0; ``end``: its value is the end of every axis in its unit, and this text is the label of that end.
-    For an index, ``asks`` is the question that it answers, ``said`` gives its names as used in sentences, ``tints``
-    their colours, ``cap`` the factor that limits before all others, and ``cap_said`` the text after its name. ``dims``:
-    those of every stage that writes it. ``below_zero``: noise makes it negative, and stages that read it state how they
-    handle that.
+    ``quiet``: the variable is not among the metrics shown first. ``usable``: a cell with a larger value is not chosen
+    to open a page. ``instead``: a variable that shows nearly the same; contact sheets with that variable omit this one.
+    ``curve``: priority among the curves of a page, the highest first; ``base``: its curves are drawn with a line at 0;
+    ``end``: a text; the value of the variable is the end of every axis in its unit, and the text is the label of that
+    end. For an index, ``asks`` is the question that it answers, ``said`` gives the names in its list as used in
+    sentences, ``tints`` their colours, ``cap`` the factor that limits before all others, and ``cap_said`` the text
+    after its name. ``dims``: dims that every stage writing the variable must use. ``below_zero``: noise makes the
+    variable negative, and stages that read it must state how they handle negative values.
     """
 
     long_name: str = ""
@@ -98,14 +99,16 @@ class Variable:
 
 @cache
 def variable(name: str) -> Variable:
-    """Return what is declared of a variable; if nothing is, its name."""
+    """Return the declaration of a variable; if there is none, a declaration with only its name."""
     brought = discovery.installed().first("variables", name)
     found = discovery.made_of(Variable, f"the variable {name!r}", brought) if brought else Variable()
     return found if found.long_name else replace(found, long_name=name.replace("_", " "))
 
 
 def without(attrs: DocumentView) -> str:
-    """Return the text after a metric's name for the stages that are not in it, '' if there are none."""
+    """Return the text that names, after a metric's name, the stages that the metric does not include; '' if there are
+    none.
+    """
     return f", without {attrs[NOT_IN_IT]}" if attrs.get(NOT_IN_IT) else ""
 
 
@@ -123,9 +126,9 @@ def disagree(name: str) -> str:
 class Declaration:
     """The declaration of the variable that a port reads or writes.
 
-    ``dims`` are those that a stage works on; the engine maps it over any dims before them. ``dtype`` is ``float`` (the
-    plan's precision) or an unsigned integer type. ``nan`` allows undefined values. An ``optional`` variable is computed
-    only if it is requested.
+    ``dims`` are the dims on which a stage works; the engine maps the stage over any leading dims. ``dtype`` is
+    ``float`` (the plan's precision) or an unsigned integer type. ``nan`` allows undefined values. An ``optional``
+    variable is computed only if it is requested.
     """
 
     variable: str
@@ -148,7 +151,9 @@ class Declaration:
         return f"{self.variable}: {' '.join(self.dims)} [{self.unit}]{flags}".replace("  ", " ")
 
     def mapped(self, dims: tuple[str, ...]) -> tuple[str, ...] | None:
-        """Return the dims over which a stage is mapped for an input with ``dims``; None if it cannot take it."""
+        """Return the dims over which a stage is mapped for an input with ``dims``; None if it cannot take
+        this input.
+        """
         extra = dims[: len(dims) - len(self.dims)]
         return extra if dims == (*extra, *self.dims) and not set(extra) & set(self.dims) else None
 

@@ -1,9 +1,9 @@
-"""Limits on the size of a request, checked before anything of that size exists.
+"""Limits on the size of a request, checked before memory for it is allocated.
 
 In:  the text of a file, the document in it, the number of something.
-Out: nothing; or one ``Fault`` with the number, the limit and what to do.
+Out: nothing; or one ``Fault`` with the number, the limit and a remedy.
 
-Each limit is far above normal use and far below what a machine cannot handle: planning a cell takes 0.1 ms and 6 kB.
+Each limit is far above normal use and far below the capacity of a machine: planning a cell takes 0.1 ms and 6 kB.
 """
 
 from __future__ import annotations

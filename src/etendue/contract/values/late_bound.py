@@ -1,7 +1,8 @@
-"""A shared quantity that an earlier stage finds during the run: while planning, only its range is known.
+"""A shared quantity that an earlier stage computes during the run: during planning, only its range is known.
 
 In:  the smallest and the largest value that may be found.
-Out: a stand-in for a stage's parameter that cannot be used in arithmetic; ``ends`` of it, or of a number.
+Out: a placeholder for a stage's parameter, which cannot be used in arithmetic; ``ends``: the smallest and largest value
+     of the placeholder, or of a number.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ class NotKnown(Exception):
 
 @dataclass(frozen=True)
 class LateValue:
-    """Stand-in for a number between ``low`` and ``high``; arithmetic and comparisons with it raise ``NotKnown``."""
+    """Placeholder for a number between ``low`` and ``high``; arithmetic and comparisons with it raise ``NotKnown``."""
 
     name: str
     low: float
@@ -36,7 +37,7 @@ class LateValue:
 
 def ends(value: float | LateValue) -> tuple[float, float]:
     """Return the smallest and largest possible value of a quantity: a number twice, or the range of a quantity that
-    only a run finds.
+    only a run determines.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""Names that become folders, dims and columns of an archive: which are valid, and which are taken.
+"""Names that become folders, dims and columns of an archive: valid names, and reserved names.
 
 In:  names of stages and of variables, as a pipeline or a plugin gives them.
-Out: '' if a name may be used, else the reason why not.
+Out: '' if a name may be used, else the reason why it may not.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ LONGEST = 100  # characters; with the axes of a cell added, a file name must sta
 
 
 def beside(dims: Iterable[str]) -> set[str]:
-    """Return dims and the names of coordinates that an archive may have for them."""
+    """Return dims and the names of the coordinates that an archive may have for these dims."""
     return {own for dim in dims for own in (dim, f"{dim}_um", f"{dim}_at", f"{dim}_bounds")}
 
 
 def unfit_stage(name: str) -> str:
-    """Return why a stage may not have this name, '' if it may."""
+    """Return the reason why a stage may not have this name; '' if it may."""
     if not name.replace("_", "a").replace("-", "a").isalnum():
         return "expected letters, digits and _"
     if name == LOOKS:
@@ -36,15 +36,17 @@ def unfit_stage(name: str) -> str:
 
 
 def unfit_variable(name: str, dims: Iterable[str]) -> str:
-    """Return why a stage whose outputs have these dims may not write a variable of this name, '' if it may."""
+    """Return the reason why a stage whose outputs have these dims may not write a variable of this name; ''
+    if it may.
+    """
     if not name.isidentifier() or name.startswith("__"):
         return "expected letters, digits and _"
     if name == LOOKS:
         return f"{LOOKS!r} under 'keep' means pictures and metrics of all stages"
     if name in OWN:
-        return "every group of an archive has its own array of this name"
+        return "every group of an archive has an array with this name"
     if name in beside(dims):
-        return "a coordinate of what the stage writes has this name"
+        return "a coordinate of an output of the stage has this name"
     if len(name) > LONGEST:
         return f"expected at most {LONGEST} letters"
     return ""

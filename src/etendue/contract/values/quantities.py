@@ -1,7 +1,7 @@
-"""Quantities that several stages share: brought by distributions and declared once.
+"""Quantities that several stages share; each is declared once, by a distribution.
 
 ``quantity("NAME")`` is the field of a stage that uses it. In a pipeline file they are in one table
-(``contract.values.tables``): one value, however many stages use it.
+(``contract.values.tables``): one value for all stages that use it.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ class Quantity(Parameter):
 
     ``prefix`` is written before its values instead of its name; ``off`` is the value that turns it off.
 
-    ``scales``: another quantity whose values it multiplies or explains. A value of this quantity from a preset
-    therefore does not fit a value of the other quantity from the pipeline.
+    ``scales``: another quantity whose values it multiplies or explains. If a preset gives a value of this quantity and
+    the pipeline gives a value of the other, the two therefore do not match.
 
-    ``compared``: the value with which two samples differ by their factors alone; a design for Sobol' indices takes it
-    unless the pipeline gives one.
+    ``compared``: a design for Sobol' indices uses this value, unless the pipeline gives one, so that samples differ
+    only by their factors.
     """
 
     shared: bool = True
@@ -74,12 +74,12 @@ def names() -> tuple[str, ...]:
 
 @cache
 def declared(name: str) -> Quantity:
-    """Return what is allowed for a quantity, and its default (``MISSING`` if it must be given).
+    """Return the ``Parameter`` of a quantity, and its default (``MISSING`` if a value is required).
 
     Raises
     ------
     PluginError
-        If no distribution brings it, or its declaration cannot be read.
+        If no distribution provides it, or its declaration cannot be read.
     """
     brought = discovery.installed().first("quantities", name)
     if brought is None:

@@ -1,7 +1,7 @@
 """The table of a pipeline file that holds shared quantities, and the keys in it that name presets.
 
-In:  what distributions bring by ``etendue_tables``; a document.
-Out: ``Table``. Every file may have ``[shared]``; a domain may give the table a name of its own.
+In:  the tables that distributions provide by ``etendue_tables``; a document.
+Out: ``Table``. Every file may have ``[shared]``; a domain may give the table another name.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ SHARED = "shared"
 class Table:
     """A table of shared quantities.
 
-    ``preset``: the key, and axis, that names a set of values, '' for none; ``presets``: the hook that brings such sets;
-    ``listed``: the command that lists them. ``find``: "module:function" instead of a hook, for names that are looked
-    up: the function takes the text that names a preset and returns the path of its file, or raises RequestError.
-    ``further``: more such keys of the same table, each with its own ``presets``, ``listed`` and ``find``."""
+    ``preset``: the key, and axis, that names a set of values, '' for none; ``presets``: the hook that provides such
+    sets; ``listed``: the command that lists them. ``find``: "module:function" instead of a hook, for names that are
+    looked up: the function takes the text that names a preset and returns the path of its file, or raises RequestError.
+    ``further``: more such keys of the same table, each with its own ``presets``, ``listed`` and ``find``.
+    """
 
     preset: str = ""
     presets: str = ""
@@ -37,7 +38,7 @@ class Table:
         return f"{self.name}.{name}"
 
     def kinds(self) -> tuple[Table, ...]:
-        """Return one table per key that names presets, each as if it were the only one."""
+        """Return one table per key that names presets, each as if the table had only this key."""
         own = {self.preset: self} if self.preset else {}
         return tuple({**own, **{word: self._kind(word) for word in self.further}}.values())
 
@@ -57,7 +58,7 @@ class Table:
 
 @cache
 def tables() -> dict[str, Table]:
-    """Return all tables by name; the one that needs no distribution is last."""
+    """Return all tables by name; the table that needs no distribution is last."""
     found = discovery.installed()
     own = {
         name: discovery.made_of(Table, f"the table {name!r}", brought)
@@ -68,7 +69,7 @@ def tables() -> dict[str, Table]:
 
 
 def table_in(document: DocumentView) -> Table:
-    """Return the table that a document has; if it has none, the first one."""
+    """Return the table in a document; if it has none, the first table."""
     every = tables()
     return next((table for name, table in every.items() if name in document), next(iter(every.values())))
 

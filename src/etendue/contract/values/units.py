@@ -1,4 +1,4 @@
-"""Units in pipeline files: a small table and what distributions add, exact in decimal arithmetic.
+"""Units in pipeline files: a small table plus the units of distributions, exact in decimal arithmetic.
 
 In:  text such as ``"5.4 um"``, ``"3e3 um-2"``, ``"100 cd m-2"``.
 Out: a float in the declared unit, converted once from the decimal text, so that ``"5400 nm"`` and ``"5.4 um"``
@@ -122,7 +122,7 @@ def to_unit(value: Decimal | int | str, unit: str) -> float:
     Raises
     ------
     UnitError
-        If it is not a number, or has an unknown or incompatible unit.
+        If the text is not a number, or has an unknown or incompatible unit.
     """
     try:
         if isinstance(value, str):

@@ -29,7 +29,7 @@ KEYS = ("method", "points", "seed", "factors", "correlation", "file", "rows")
 
 @dataclass(frozen=True)
 class Asked:
-    """A design as asked for."""
+    """The requested design."""
 
     method: str
     points: int
@@ -40,7 +40,7 @@ class Asked:
 
     @property
     def per_point(self) -> int:
-        """How many rows one point has."""
+        """The number of rows of one point."""
         return rows_of(self.method, 1, len(self.factors))
 
     @property
@@ -61,7 +61,7 @@ class Asked:
 
 
 def asked_of(pipeline: PipelineFile, faults: list[Fault]) -> Asked | None:
-    """Return the design that a pipeline asks for; None if there is no such part, or if too much of it is wrong."""
+    """Return the design that a pipeline requests; None if it requests none, or if the request has too many faults."""
     design = pipeline.design
     if not design:
         return None
@@ -83,7 +83,7 @@ def asked_of(pipeline: PipelineFile, faults: list[Fault]) -> Asked | None:
     if not factors and len(faults) == before:
         faults.append(Fault("design.factors", "expected at least one factor, such as f = { from = 1, to = 2 }"))
     for key in factors.keys() & pipeline.sweep.keys() - {k for k, one in pipeline.zipped.items() if one.dim == SAMPLE}:
-        faults.append(Fault(f"design.factors.{key}", "is an axis of [sweep] too; remove one of them"))
+        faults.append(Fault(f"design.factors.{key}", "is also an axis of [sweep]; remove one of them"))
     found = Asked(
         method,
         points,
@@ -163,7 +163,11 @@ def _correlated(
         i, j = keys.index(one[0]), keys.index(one[1])
         matrix[i][j] = matrix[j][i] = float(one[2])
     if method in ("saltelli", "list"):
-        why = "Sobol' indices are of independent factors" if method == "saltelli" else "a list has its own"
+        why = (
+            "Sobol' indices require independent factors"
+            if method == "saltelli"
+            else "the samples of a list already have correlations"
+        )
         faults.append(Fault(place, f"not with method {method!r}: {why}"))
     elif not positive(matrix):
         faults.append(Fault(place, "no factors can have these correlations at once; make some of them smaller"))
@@ -171,7 +175,7 @@ def _correlated(
 
 
 def _listed(pipeline: PipelineFile, faults: list[Fault]) -> Document:
-    """Return the columns of the file of a list, by factor."""
+    """Return the columns of the CSV file of a list design, by factor."""
     place, name = "design.file", pipeline.design.get("file")
     if not isinstance(name, str):
         faults.append(Fault(place, "method 'list' needs the name of a CSV file with a column per factor"))

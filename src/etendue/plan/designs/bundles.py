@@ -1,8 +1,8 @@
 """Axes whose values change together, as one axis of rows. A node that depends on only some of them gets their distinct
 combinations, so that nothing is computed twice.
 
-In:  nodes whose axes are the single factors; which axes share a dim.
-Out: nodes with the axis of rows, or one derived from it; the axes that stand for themselves; the derived ones.
+In:  nodes whose axes are the single factors; the axes that share a dim.
+Out: nodes with the axis of rows, or with an axis derived from it; the independent axes; the derived axes.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def bundled(nodes: Sequence[Node], axes: Sequence[Axis], pipeline: PipelineFile)
 
 
 def _rows(dim: str, factors: list[Axis], pipeline: PipelineFile) -> Axis:
-    """Return the axis of all rows that are asked for; its values are their numbers."""
+    """Return the axis of all requested rows; its values are the numbers of the rows."""
     at = [pipeline.zipped[axis.key].at for axis in factors]
     numbers = pipeline.rows.get(dim) or range(len(at[0]))
     rows = tuple(tuple(own[number] for own in at) for number in numbers)
@@ -78,7 +78,8 @@ def _part(one: Axis, chosen: list[int], pipeline: PipelineFile) -> Axis:
     """Return the axis of a node that depends on only some factors: the axis of all rows, unless the design lets rows
     share values.
 
-    A combination has the number of the first drawn row that contains it, so further rows change no number.
+    The number of a combination is the number of the first drawn row that contains it, so that additional rows change no
+    number.
     """
     zips = [pipeline.zipped[one.factors[n].key] for n in chosen]
     if len(chosen) == len(one.factors) or not _share(zips):

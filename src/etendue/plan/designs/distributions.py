@@ -1,7 +1,7 @@
 """The distribution of one factor of a design: ``{ from, to, spacing }``, ``{ normal = [mean, deviation], at_least }``,
 ``{ uniform = [from, to] }``, ``{ triangular = [from, mode, to] }``, or a list of choices in equal shares.
 
-In:  what a file writes, the parameter it is for.
+In:  the factor as written in the file, and its parameter.
 Out: ``Distribution``: values at shares of the probability, and densities; ``Unfit`` for anything else.
 """
 
@@ -30,7 +30,7 @@ SAME = 1e-11  # values are rounded to 12 digits
 
 @dataclass(frozen=True)
 class Distribution:
-    """Probability over one number, or over the places of a list of choices."""
+    """Probability distribution of a number, or of the positions in a list of choices."""
 
     shape: str  # normal, uniform, log, triangular or choices
     numbers: tuple[float, ...]  # in the unit of the parameter; of choices: how many there are
@@ -41,7 +41,7 @@ class Distribution:
 
     @property
     def most(self) -> int:
-        """How many distinct values there can be; 0: any number."""
+        """The maximum number of distinct values; 0: unlimited."""
         if self.shape == "choices":
             return int(self.numbers[0])
         if self.whole and self.shape != "normal":
@@ -51,7 +51,7 @@ class Distribution:
 
     @property
     def centre(self) -> float:
-        """The place that a narrower spread of the factor keeps."""
+        """The value about which the spread of the factor is reduced."""
         if self.shape == "normal":
             return self.numbers[0]
         if self.shape == "triangular":
@@ -69,7 +69,7 @@ class Distribution:
         return replace(self, numbers=tuple(centre + keep * (x - centre) for x in self.numbers))
 
     def quantile(self, share: float) -> float:
-        """Return the value below which a share of the probability lies; of choices: its place."""
+        """Return the value below which a share of the probability lies; for choices: the position in the list."""
         if self.shape == "choices":
             return float(min(int(share * self.numbers[0]), int(self.numbers[0]) - 1))
         if self.levels:
@@ -140,12 +140,12 @@ class Distribution:
 
 
 def distribution_of(written: Any, parameter: Parameter, kind: Any, folder: Path) -> Distribution:
-    """Return the distribution that a file writes for a factor.
+    """Return the distribution that a file gives for a factor.
 
     Raises
     ------
     Unfit
-        It is none, or has values that the parameter cannot have.
+        The text is not a distribution, or has values that the parameter cannot have.
     """
     if isinstance(written, list | tuple):
         if not written:
@@ -199,7 +199,7 @@ def _shaped(written: DocumentView, parameter: Parameter, folder: Path) -> Distri
     numbers = tuple(_number(value, parameter, folder) for value in values)
     if name == "normal":
         if not numbers[1] > 0:
-            raise Unfit("normal: expected [mean, deviation] with a deviation above 0; a fixed value is no factor")
+            raise Unfit("normal: expected [mean, deviation] with a deviation above 0; a fixed value is not a factor")
         return Distribution(name, numbers)
     if not numbers[0] < numbers[-1] or list(numbers) != sorted(numbers):
         raise Unfit(f"{name}: expected ascending numbers, got {as_written(list(values))}")
@@ -209,8 +209,8 @@ def _shaped(written: DocumentView, parameter: Parameter, folder: Path) -> Distri
 
 
 def _number(value: Any, parameter: Parameter, folder: Path) -> float:
-    """Return a number in the unit of a parameter; it may lie outside its range, because a deviation is not a value of
-    the parameter.
+    """Return a number in the unit of a parameter; it may be outside the range of the parameter, because a deviation is
+    not a value of the parameter.
     """
     free = replace(parameter, above=None, at_least=None, below=None, at_most=None, held=None)
     return float(resolve(value, free, float, folder))
@@ -227,4 +227,4 @@ def _check_ends(found: Distribution, parameter: Parameter) -> None:
     ]
     if beyond:
         remedy = f"; give {' and '.join(beyond)}" if found.shape == "normal" else ""
-        raise Unfit(f"reaches values outside what is allowed ({parameter.range_text()}){remedy}")
+        raise Unfit(f"extends to values outside the allowed range ({parameter.range_text()}){remedy}")

@@ -52,7 +52,7 @@ def with_design(pipeline: PipelineFile, registry: Registry) -> PipelineFile:
 
 def compared_of(pipeline: PipelineFile, registry: Registry) -> Document:
     """Return the shared quantities that a design for Sobol' indices sets, unless the pipeline sets them, so that two
-    rows differ by their factors alone.
+    rows differ only by their factors.
     """
     if pipeline.design.get("method") != "saltelli":
         return {}
@@ -93,7 +93,7 @@ def distributions(
 
 
 def _drawn(asked: Asked, found: dict[str, Distribution]) -> tuple[Document, dict[str, Zip]]:
-    """Return the distinct values of every factor, and the index of each row's value among them."""
+    """Return the distinct values of every factor, and for each row the index of its value."""
     values, zipped = dict[str, Any](), dict[str, Zip]()
     if asked.method == "list":
         for key, written in asked.factors.items():
@@ -121,7 +121,7 @@ def shares_of(asked: Asked) -> Array:
 
 
 def _parameter(key: str, pipeline: PipelineFile, registry: Registry) -> tuple[Parameter, Any] | None:
-    """Return the parameter that a factor sets, and its type; None for one that is unknown, or no parameter."""
+    """Return the parameter that a factor sets, and its type; None if the factor is unknown or is not a parameter."""
     stage, dot, name = key.partition(".")
     entries = [entry for entry in pipeline.stages if not dot or entry.name == stage]
     for kind in _kinds(entries, pipeline, registry):

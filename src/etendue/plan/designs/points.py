@@ -1,8 +1,8 @@
 """Points of a design in the unit cube, one column per factor, drawn with ``scipy.stats.qmc``.
 
 In:  method, number of points and factors, seed, correlations.
-Out: shares of the probability of each factor, by row. The first rows of a longer design are those of a shorter one,
-     except for a Latin hypercube.
+Out: shares of the probability of each factor, by row. The first rows of a longer design equal the rows of a shorter
+     design, except for a Latin hypercube.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def _drawn(method: str, points: int, factors: int, seed: int) -> Array:
 
 
 def discrepancy(shares: Array, levels: Sequence[int]) -> tuple[float, float]:
-    """Return the centred discrepancy of points, and that of the same points with this number of levels per factor (0:
-    no levels).
+    """Return the centred discrepancy of points, and the centred discrepancy of the same points with this number of
+    levels per factor (0: no levels).
     """
     import numpy as np
     from scipy.stats import qmc

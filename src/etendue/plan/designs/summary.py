@@ -24,7 +24,7 @@ MOST_POINTS = 4096  # of which the discrepancy is worked out: the time grows wit
 
 
 def axes_said(plan: Plan) -> list[Document]:
-    """Return every axis: its name, values and units; of rows also what changes along them."""
+    """Return every axis: its name, values and units; for an axis of rows, also the factors that change along it."""
     return [_axis(axis) for axis in plan.positioned]
 
 
@@ -40,7 +40,7 @@ def _axis(axis: Axis) -> Document:
 
 
 def asked_design(plan: Plan) -> tuple[Asked, dict[str, Distribution]] | None:
-    """Return the design of a plan and the distribution of each factor; None for a plan without."""
+    """Return the design of a plan and the distribution of each factor; None for a plan without design."""
     faults: list[Fault] = []
     asked = asked_of(plan.pipeline, faults)
     return None if asked is None else (asked, distributions(asked, plan.pipeline, installed_stages(), faults))
@@ -93,6 +93,6 @@ def _factor(key: str, own: Distribution | None, whole: Axis) -> Document:
 
 
 def _unshared(plan: Plan, dims: tuple[str, ...], rows: int) -> int:
-    """Return how many cells a stage would have if every row had its own."""
+    """Return the number of cells that a stage would have if every row had its own cell."""
     sizes = [rows if plan.axis(dim).of == SAMPLE else len(plan.axis(dim).values) for dim in dims]
     return math.prod(sizes)

@@ -1,4 +1,4 @@
-"""The lines that a plan says of its design.
+"""The lines of text about the design of a plan.
 
 In:  the document of ``etendue plan --json``.
 Out: lines of text.
@@ -18,7 +18,7 @@ def design_lines(document: Document) -> list[str]:
     texts = [f"design    {own['method']}, {rows}, seed {own['seed']}"]
     texts += [f"factor    {name}: {_said(one)}" for name, one in own["factors"].items()]
     texts += [
-        f"set       {key} = {value} in all rows, which differ by their factors alone"
+        f"set       {key} = {value} in all rows, so that rows differ only by their factors"
         for key, value in own["compared"].items()
     ]
     if own["cells_unshared"] > own["cells"]:
@@ -32,7 +32,7 @@ def design_lines(document: Document) -> list[str]:
     points = own["points"]
     if own["method"] in ("sobol", "saltelli") and points & (points - 1):
         low = 1 << (points.bit_length() - 1)
-        texts.append(f"          {points} points are no power of two: {low} or {2 * low} fill space more evenly")
+        texts.append(f"          {points} points are not a power of two: {low} or {2 * low} fill space more evenly")
     return texts
 
 

@@ -65,7 +65,7 @@ def open_knobs(kind: type[Stage], written: Collection[str]) -> tuple[str, ...]:
 def choose(
     stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked
 ) -> tuple[Stage, tuple[Approximated, ...]]:
-    """Return a stage with its open knobs set, and the chosen settings whose error exceeds that of the reference.
+    """Return a stage with its open knobs set, and the chosen settings whose error exceeds the error of the reference.
 
     Knobs are set one after the other, each to its cheapest setting that keeps the whole error of the stage within the
     tolerance. If the error stays above the tolerance, all knobs start from their finest setting. If even the finest is
@@ -73,8 +73,8 @@ def choose(
     the knobs allow.
 
     A stage with a ``dear`` knob, whose finer settings the plan may not choose, stays as it is in this case: finer
-    settings of its other knobs would cost time without reaching the tolerance. So does a stage that does not know its
-    error. A setting that the stage refuses is skipped in favour of a finer one.
+    settings of its other knobs would cost time without reaching the tolerance. The same applies to a stage that does
+    not know its error. A setting that the stage refuses is skipped in favour of a finer one.
 
     The errors of several settings of one stage are not independent, so the same total is stated for each of them.
     """
@@ -107,7 +107,7 @@ def _allowed(parameter: Parameter, default: bool | float) -> tuple[Value, ...]:
 
 
 def with_settings(stage: Stage, settings: Settings) -> Stage | None:
-    """Return a stage with other settings; None if it refuses them."""
+    """Return a stage with other settings; None if the stage refuses them."""
     if all(getattr(stage, name) == value for name, value in settings.items()):
         return stage
     try:

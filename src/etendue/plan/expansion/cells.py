@@ -85,7 +85,7 @@ class _Expansion:
         self.earlier = nearest_of(choice.earlier, graph, pipeline, choice)
 
     def stage_at(self, node: Node, number: int, index: Mapping[str, int], found: tuple[LateValue, ...] = ()) -> Stage:
-        """Return the stage of an alternative at a combination, with stand-ins for quantities that only a run finds."""
+        """Return the stage of an alternative at a combination, with placeholders for quantities found by the run."""
         key = (node.name, (number, *(index[dim] for dim, _ in node.direct), *found))
         known = self.stages.get(key)
         if known:
@@ -107,7 +107,7 @@ class _Expansion:
         return stage
 
     def found(self, one: Alternative, inputs: Sequence[tuple[str, CellRef, str]]) -> tuple[LateValue, ...]:
-        """Return stand-ins for the quantities that earlier cells write, with the range that the writing cell states if
+        """Return placeholders for the quantities that earlier cells write, with the range stated by the writing cell if
         the quantity is the first variable it writes (facts describe only the first).
         """
         quantities = quantities_of(one.kind)
@@ -141,7 +141,7 @@ class _Expansion:
         return self.cells
 
     def count(self) -> int:
-        """Return how many cells there will be; raise before the first is made if there are too many."""
+        """Return the number of cells; raise an error before the first cell is made if there are too many."""
         counts = {node.name: math.prod(len(self.axes[dim].values) for dim in node.axes) for node in self.graph.nodes}
         total = sum(counts.values())
         if total > self.pipeline.most_cells:
@@ -286,7 +286,7 @@ class _Expansion:
 
     @staticmethod
     def by_whom(node: Node, stage: Stage, error: PluginError) -> str:
-        """Return the text of a plugin's fault with the distribution it belongs to."""
+        """Return the text of a plugin's fault with the plugin's distribution."""
         one = next((a for a in node.alternatives if a.kind is type(stage)), node.alternatives[0])
         return f"{one.use} of {one.distribution} {one.version}: {error}"
 
@@ -333,7 +333,7 @@ class _Expansion:
 
 
 class Reading(NamedTuple):
-    """Where the inputs of an alternative of a node, and the stages it looks at, come from."""
+    """The origin of the inputs of an alternative of a node, and the stages that it looks at."""
 
     inputs: tuple[tuple[str, str, str, PositionMap], ...]  # port or shared quantity, node, variable, where
     looks_at: tuple[tuple[str, tuple[tuple[str, PositionMap], ...]], ...]
@@ -343,7 +343,7 @@ class Reading(NamedTuple):
 
 
 def reading_of(node: Node, number: int, nodes: Mapping[str, Node], maps: Maps) -> Reading:
-    """Return what an alternative of a node reads and looks at, and where."""
+    """Return the inputs of an alternative of a node and the stages that it looks at, with their positions."""
     kind = node.alternatives[number].kind
     ports = reads_of(kind)
     seen = [one for one in node.looks_at if one[0] in ports and looks(ports[one[0]]) == one[1]]

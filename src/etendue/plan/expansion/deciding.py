@@ -39,7 +39,7 @@ StageAt = Callable[[Node, int, Mapping[str, int]], Stage]  # the stage of an alt
 
 
 class Decider:
-    """Makes the decisions. ``cells``: those planned so far, which include all inputs of the next cell."""
+    """Makes the decisions. ``cells``: the cells planned so far, which include all inputs of the next cell."""
 
     def __init__(
         self, graph: Graph, choice: Choice, cells: Mapping[CellRef, Cell], stage_at: StageAt, precision: str
@@ -143,7 +143,7 @@ class Decider:
 
 
 def segment_input(cells: Mapping[CellRef, Cell], draft: Draft) -> tuple[CellRef, str] | None:
-    """Return the cell and variable that the segment of a transfer stage starts from; None for other stages."""
+    """Return the cell and variable from which the segment of a transfer stage starts; None for other stages."""
     if not draft.node.segment:
         return None
     _, source, variable = draft.inputs[0]
@@ -151,7 +151,7 @@ def segment_input(cells: Mapping[CellRef, Cell], draft: Draft) -> tuple[CellRef,
 
 
 def behind(stage: Stage, facts_in: Mapping[str, Facts], grids_in: Mapping[str, Grid], own: Facts) -> Facts:
-    """Return the facts after a transfer function: the statement of the stage, with the detail that remains after the
+    """Return the facts after a transfer function: the facts stated by the stage, with the detail that remains after the
     blur and a bound on the range of the light.
     """
     if not isinstance(stage, Transfer) or isinstance(stage, Summed):

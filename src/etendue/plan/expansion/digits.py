@@ -1,7 +1,7 @@
 """The digits that are significant at a tolerance: the rounding steps of the pictures of a cell.
 
 In:  cells in the order of the plan, with their facts; the tolerance.
-Out: for each cell, by variable, the exponent of a power of two; None where all digits stay.
+Out: for each cell, by variable, the exponent of a power of two; None if all digits are kept.
 
 A step is the largest power of two within the tolerance times full scale. It depends only on the plan, so it can be part
 of the cell's key, and only on earlier cells, so light is not recomputed when the exposure is edited. Full scale is
@@ -57,7 +57,7 @@ def in_words(found: Exponents) -> str:
 
 
 class Digits:
-    """Finds the digits of cells. ``cells``: those planned so far."""
+    """Finds the digits of cells. ``cells``: the cells planned so far."""
 
     def __init__(
         self, cells: Mapping[CellRef, Cell], nodes: Mapping[str, Node], tolerance: float, precision: str
@@ -125,7 +125,7 @@ def exponent(step: float, precision: str) -> int | None:
 
 
 def stored_bytes(plan: Plan) -> int:
-    """Return the bytes of what is stored if each value takes the bits from its sign to its step."""
+    """Return the number of bytes stored if each value takes the bits from its sign to its step."""
     total = 0.0
     for node in plan.nodes:
         names = [name for name in node.writes if (node.name, name) in plan.with_arrays]

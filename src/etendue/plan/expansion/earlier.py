@@ -19,7 +19,7 @@ from etendue.plan.wiring.request import Choice
 
 
 class Earlier:
-    """The cells of one earlier plan. ``unchanged``: the nodes whose own stages and axes are those of that plan."""
+    """The cells of one earlier plan. ``unchanged``: the nodes whose own stages and axes equal those of that plan."""
 
     def __init__(self, plan: Plan, unchanged: frozenset[str], sources: frozenset[str]) -> None:
         self.plan, self.unchanged, self.precision = plan, unchanged, plan.precision
@@ -49,7 +49,7 @@ class Earlier:
 
 
 def nearest_of(plans: Sequence[Plan], graph: Graph, pipeline: PipelineFile, choice: Choice) -> Earlier | None:
-    """Return the plan of which most nodes are unchanged; None if no cell has the same decision."""
+    """Return the plan with most unchanged nodes; None if no cell has the same decision."""
     sources = frozenset(node.name for node in graph.nodes if node.is_source)
     alike = [one for one in plans if _decided_alike(one, choice)]
     same = [(one, one.pipeline.seed == pipeline.seed) for one in alike]

@@ -2,7 +2,7 @@
 than the pixels resolve.
 
 In:  cells of a plan.
-Out: notes, each with the axis values at which it is worst.
+Out: notes, each with the axis values of the worst cell.
 """
 
 from __future__ import annotations
@@ -84,7 +84,8 @@ def _softened(
     return [
         f"{scene.node}: its rendering leaves {100 * worst:.2g} % of the contrast at the Nyquist frequency of "
         f"{node.name}"
-        f"{_where(node, cell, left, axes)}: resolution measured in its pictures is below that of the "
+        f"{_where(node, cell, left, axes)}: the resolution measured in its pictures is lower than the "
+        "resolution of the "
         f"{words()['whole']}; "
         "use a finer spacing"
     ]
@@ -103,7 +104,7 @@ def _contrast_left(rendered: tuple[float, float] | None, pitch: float) -> float:
 
 
 def _where(node: Node, worst: Cell, own: Sequence[tuple[float, Cell]], axes: Mapping[str, Axis]) -> str:
-    """Return the axis values of a cell, for those axes along which the number changes."""
+    """Return the axis values of a cell, for the axes along which the number changes."""
     point = [
         f"{axes[dim].key} = {_value(axes[dim], position)}"
         for number, (dim, position) in enumerate(zip(node.axes, worst.index, strict=True))

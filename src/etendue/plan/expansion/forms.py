@@ -1,6 +1,6 @@
 """Find the grids of the inputs and outputs of a cell.
 
-In:  a stage, what it declares, the grids of its inputs.
+In:  a stage, its declarations, the grids of its inputs.
 Out: the grid of each output; ``CellGrids``, shared by all cells with equal grids.
 """
 
@@ -53,8 +53,8 @@ def output_grid(
 
 @dataclass(frozen=True, eq=False)
 class CellGrids:
-    """The grids of a cell: of its inputs, whole and without the dims it is mapped over, and of its outputs. Compared by
-    identity: many cells share one, and comparing grids would take longer than the lookups that use it.
+    """The grids of a cell: of its inputs (complete, and without the dims over which it is mapped) and of its outputs.
+    Compared by identity: many cells share one, and comparing grids would take longer than the lookups that use it.
     """
 
     whole_grids: Mapping[str, Grid]

@@ -1,4 +1,4 @@
-"""Omission: decide for every cell, within a local tolerance, whether the scene needs its stage.
+"""Omission: decide for every cell, within a local tolerance, whether its stage can be left out for this scene.
 
 A stage may be left out if it reads and writes the same variable on the same grid and the change to its own output is
 known. A change of exactly zero always qualifies, a bound above zero if it is within the tolerance. For a transfer
@@ -26,8 +26,8 @@ LEVELS = 5  # signal levels, darkest to brightest pixel, at which a noise's shar
 
 @dataclass(frozen=True)
 class LeaveOutRule:
-    """The rule of omission: nothing may be left out (None), or stages whose change is within a tolerance, as rms over
-    the frame or at the pixel that changes most.
+    """The rule of omission: nothing may be left out (None), or stages may be left out whose change is within a
+    tolerance, as rms over the frame or at the pixel with the largest change.
     """
 
     tolerance: float | None
@@ -42,8 +42,8 @@ def decide(
     grids: Mapping[str, Grid],
     noises: Callable[[], list[Noisy] | None],
 ) -> LeftOut | None:
-    """Return whether and why a cell is left out, with the error bound; None if it is computed. ``noises`` gives every
-    noise source of the pipeline, or None if they are not all known.
+    """Return the reason why a cell is left out, with the error bound; None if the cell is computed. ``noises`` gives
+    every noise source of the pipeline, or None if they are not all known.
     """
     if rule.tolerance is None or isinstance(stage, Summed) or not isinstance(stage, Bounded | Transfer):
         return None
@@ -109,7 +109,7 @@ def _of_the_content(stage: Transfer, facts: Facts, grid: Grid) -> LeftOut | None
         found = effects.change(stage, facts.content, grid)
     except ValueError:
         return None
-    return LeftOut(found.whole, "the scene has too little fine detail for it to matter", found.apart)
+    return LeftOut(found.whole, "the scene has too little fine detail for the stage to have an effect", found.apart)
 
 
 def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] | None], most: float) -> LeftOut | None:
@@ -135,4 +135,4 @@ def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] |
         share = max(share, own / total if total > 0 else 1.0)
         if share > most:
             return None
-    return LeftOut(share, "it adds at most this share of the variance of any pixel")
+    return LeftOut(share, "the stage adds at most this share of the variance of any pixel")

@@ -30,8 +30,10 @@ AS_TEXT = json.JSONEncoder(sort_keys=True).encode
 
 
 class Recipes:
-    """Makes keys and seeds. ``cells`` are those planned so far; ``expected``: means instead of draws and rounding;
-    ``versions``: library versions to use instead of the installed ones; without ``keys``, those of cells are empty."""
+    """Makes keys and seeds. ``cells`` are the cells planned so far; ``expected``: means instead of draws and rounding;
+    ``versions``: library versions to use instead of the installed ones; without ``keys``, the keys of cells
+    are empty.
+    """
 
     def __init__(
         self,
@@ -69,7 +71,9 @@ class Recipes:
         precision: str,
         kept: Mapping[str, int | None],
     ) -> tuple[Mapping[str, str], str]:
-        """Return the library versions in a cell's key, and the key; ``kept``: the digits of what it hands on."""
+        """Return the library versions in a cell's key, and the key; ``kept``: the digits of the variables that the cell
+        passes on.
+        """
         node, inputs = draft.node, draft.inputs
         if left_out:
             # A cell that is left out passes its input on unchanged: same bits, same key.
@@ -125,7 +129,7 @@ class Recipes:
         return AS_TEXT(fields), versions, draws
 
     def text_of_form(self, form: CellGrids) -> str:
-        """Return the grids of what a cell writes, and the dims that it is mapped over, as text."""
+        """Return the grids of the outputs of a cell, and the dims over which it is mapped, as text."""
         known = self.forms.get(form)
         if known is None:
             grids = [[v, plain_text(grid)] for v, grid in form.grids.items()]
@@ -133,8 +137,8 @@ class Recipes:
         return known
 
     def text_of_segment(self, node: Node, inputs: Sequence[tuple[str, CellRef, str]], precision: str) -> str:
-        """Return how many stages before a transfer function its segment begins, and whether the light there is streamed
-        band by band: both change bits of the result.
+        """Return the number of stages between the beginning of its segment and a transfer function, and whether the
+        light there is streamed band by band: both change bits of the result.
         """
         first, _, variable = inputs[0][1], None, inputs[0][2]
         for _ in range(len(node.segment) - 1):
@@ -144,7 +148,7 @@ class Recipes:
 
     def text_of_looked_at(self, node: Node, one: Alternative, looks_at: Any) -> str:
         """Return the text of all cells that a cell looks at. For transfer functions and datasheets it is cached,
-        because many cells look at the same ones; for variables it differs from cell to cell.
+        because many cells look at the same cells; for variables it differs from cell to cell.
         """
         place = (node.name, one.label, looks_at)
         known = self.looked.get(place)

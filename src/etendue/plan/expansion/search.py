@@ -63,7 +63,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Goal:
-    """The largest error allowed: relative to full scale, or in ``units``."""
+    """The largest allowed error: relative to full scale, or in ``units``."""
 
     most: float
     units: str = "1"
@@ -114,7 +114,7 @@ class Search(Generic[_Tried]):
     ----------
     tried : every trial, in the order of evaluation
     most : largest number of trials
-    lacking : cost of the first evaluation that exceeded the budget; None if none did
+    lacking : cost of the first evaluation that exceeded the budget; None if no evaluation exceeded it
     """
 
     most = math.inf
@@ -155,7 +155,7 @@ class Search(Generic[_Tried]):
         not meet it is left unchanged.
 
         The setting is found by bisection, which requires that errors never grow towards finer settings. Each setting is
-        returned with its error minus that of the finest.
+        returned with its error minus the error of the finest setting.
         """
         own, chosen = dict(start), []
         for knob in knobs:
@@ -199,7 +199,7 @@ class Search(Generic[_Tried]):
 
     def explored(self, choices: Choices, goals: Sequence[Goal], most: int, predicted: Predicted) -> None:
         """Try at most ``most`` combinations. If there are no more, try all. Otherwise try, for each goal in turn, the
-        combination that is predicted to meet it at the lowest cost, until no prediction is below the cost of the
+        combination that is predicted to meet it at the lowest cost, until no predicted cost is below the cost of the
         cheapest trial that meets the goal. The remaining trials go to combinations that differ from that trial in one
         setting and cost hardly more, because predictions may be wrong.
 
@@ -264,7 +264,7 @@ def error_and_cost(trial: Trial) -> tuple[float, float]:
 
 def front(points: Iterable[_Point], of: Callable[[_Point], tuple[float, float]], worth: float = 1.0) -> list[_Point]:
     """Return the Pareto front of (error, cost), the cheapest point first. Each point has less than ``worth`` times the
-    error of the one before.
+    error of the previous point.
     """
     chosen: list[_Point] = []
     for point in sorted(points, key=lambda p: (of(p)[1], of(p)[0])):
@@ -280,7 +280,7 @@ def cheapest(points: Iterable[_Point], of: Callable[[_Point], tuple[float, float
 
 
 def worthwhile(choices: Choices, whole: float) -> Choices:
-    """Return the settings that are cheaper than all finer ones by at least a fraction `SAVED` of the total cost."""
+    """Return the settings that are cheaper than all finer settings by at least a fraction `SAVED` of the total cost."""
     found: dict[str, list[Setting]] = {}
     for key, own in choices.items():
         kept = [own[-1]]

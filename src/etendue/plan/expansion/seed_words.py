@@ -1,5 +1,5 @@
-"""Build the words that key the random numbers of a cell: the parameter values, of its stage and of those it depends on,
-that differ from their defaults.
+"""Build the words that key the random numbers of a cell: all parameter values, of its stage and of the stages it
+depends on, that differ from their defaults.
 
 In:  cells of a plan.
 Out: lines of text; lines whose value is found during the run are left open.

@@ -4,10 +4,10 @@ In:  the class of a stage.
 Out: 128-bit BLAKE2b digests, in total and by module, so that a change can be named. Editing a kernel changes them;
      editing a report does not.
 
-Imports are followed from file to file, including those in functions and under conditions. A library that does not
-depend on etendue is not followed: it counts as a whole, with what it requires. So does a distribution with an import
-that cannot be followed. The standard library, numpy and scipy belong to the platform, which is in the key already;
-the engine's other libraries count by version.
+Imports are followed from file to file, including imports in functions and under conditions. A library that does not
+depend on etendue is not followed: it counts as a whole, with its requirements. The same applies to a distribution with
+an import that cannot be followed. The standard library, numpy and scipy belong to the platform, which is in the key
+already; the engine's other libraries count by version.
 """
 
 from __future__ import annotations
@@ -57,13 +57,15 @@ def code_digest(kind: type[Stage]) -> str:
 
 
 def libraries_of(kind: type[Stage]) -> frozenset[str]:
-    """Return the distributions whose versions are in the keys of a stage: those it names and those it imports."""
+    """Return the distributions whose versions are in the keys of a stage: the distributions that the stage names or
+    imports.
+    """
     return code_of(kind).libraries.union(kind.libraries)
 
 
 @per_kind
 def code_of(kind: type[Stage]) -> Code:
-    """Return the digests of all code that can change what a stage writes."""
+    """Return the digests of all code that can change the outputs of a stage."""
     # A method may come from any base class, and a decorated one may wrap a function of another module.
     roots = {module for base in kind.__mro__ for module in (base.__module__, *_modules_in(vars(base).values()))}
     if is_transfer(kind):
@@ -93,14 +95,16 @@ def engine() -> dict[str, str]:
 
 @cache
 def code_at(module: str) -> str:
-    """Return the digest of a module of the package and of all it reaches, including the engine's modules."""
+    """Return the digest of a module of the package and of all its direct and indirect imports, including the engine's
+    modules.
+    """
     return digest(
         "\n".join(f"{name} {one}" for name, one in sorted({**engine(), **_reached([module]).sources}.items())).encode()
     )
 
 
 def _modules_in(values: Iterable[object]) -> Iterator[str]:
-    """Yield the modules of functions, of those they wrap, and of those that a partial calls."""
+    """Yield the modules of functions, of the functions that they wrap, and of functions called by a ``partial``."""
     for value in values:
         value = value.func if isinstance(value, partial) else getattr(value, "__func__", value)
         if isinstance(value, FunctionType):
@@ -206,7 +210,9 @@ def _of_own(name: str, above: tuple[str, ...]) -> _Step:
 
 
 def _through_the_door(door: str, name: str) -> Iterator[str]:
-    """Yield where a name that an ``api`` module re-exports is defined; for the module itself, all its re-exports."""
+    """Yield the place where a name that an ``api`` module re-exports is defined; for the module itself, all its
+    re-exports.
+    """
     file = _own_file(door)
     for one in sources.known(file).imports if file else ():
         if name in ("", "*") or one.rpartition(".")[2] == name:
@@ -281,7 +287,7 @@ def _under(folder: Path) -> tuple[Path, ...]:
 
 
 def _around(top: Path) -> Iterator[Path]:
-    """Yield the files of a top-level module or package and of those next to it: the sources of a distribution that is
+    """Yield the files of a top-level module or package and of its neighbours: the sources of a distribution that is
     run in place, not installed.
     """
     beside = [top] if top.parent.name in SITES else sorted(top.parent.iterdir())

@@ -2,7 +2,7 @@
 distribution they belong to.
 
 In:  names of modules, paths of their files.
-Out: paths; ``Installed`` for what an installer has placed, with the files and digests of its record.
+Out: paths; ``Installed`` for an installed distribution, with the files and digests of its record.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class ModulePlace:
 
 @cache
 def place_of(module: str) -> ModulePlace | None:
-    """Return where an import would find a module; None if it is nowhere, or has no file."""
+    """Return the place where an import would find a module; None if it does not exist or has no file."""
     loaded = sys.modules.get(module)
     spec = getattr(loaded, "__spec__", None)
     if spec is None and getattr(loaded, "__file__", None):  # a script
@@ -104,8 +104,8 @@ class Installed:
 
     @cached_property
     def knows_etendue(self) -> bool:
-        """Whether it requires etendue or brings plugins for it. If so, the code that a stage imports from it is
-        followed file by file.
+        """Whether the distribution requires etendue or provides plugins for it. If so, the code that a stage imports
+        from it is followed file by file.
         """
         points = self.folder / "entry_points.txt"
         return bool(_OF_ETENDUE.search(self.metadata)) or (
@@ -190,8 +190,8 @@ def owner_of(top: Path) -> Installed | None:
 
 @cache
 def whole(one: Installed) -> tuple[dict[str, str], frozenset[str]]:
-    """Return digests, by name and version, of a distribution and all that it requires; libraries of the engine among
-    them by name only.
+    """Return digests, by name and version, of a distribution and all its requirements; libraries of the engine are
+    included by name only.
     """
     found, libraries, open_ = dict[str, str](), set[str](), [one]
     versioned = {_plain(name): name for name in VERSIONED.values()}

@@ -2,9 +2,9 @@
 
 The key of every cell covers the package ``compute`` and the few modules outside it that its bits depend on; the digest
 of a stage's own code and of all it imports is added to it (``plan.identity.code``). No digest follows the packages in
-``MOVES``, each for the reason given, nor manifests: the class they give for a name, defaults, dims and patterns are in
-keys as code and values. A test computes cells of every kind of pipeline in fresh processes, and fails if one of them
-imports a module, or reads a table, that is in neither list and in no digest.
+``MOVES``, each for the reason given, nor manifests: the class for each name, defaults, dims and patterns are in keys as
+code and values. A test computes cells of every kind of pipeline in fresh processes, and fails if one of them imports a
+module, or reads a table, that is in neither list and in no digest.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ TRANSFER_KERNELS = (
     "etendue.transfer.sampling",
 )
 
-_VALUES = "what it states of a value is in keys as that value"
-_DECIDES = "what it decides is in keys"
+_VALUES = "keys contain the values that it states"
+_DECIDES = "keys contain its decisions"
 _WORDS = "messages, names and type declarations"
 _AFTER = "works on computed results"
 
@@ -52,38 +52,39 @@ MOVES = {
     "etendue.__main__": _AFTER,
     "etendue.accuracy.*": _AFTER,
     "etendue.api": "re-exports; names taken from it are followed to their definition",
-    "etendue.archive.*": "stores and reads back bytes, with digests of their own",
+    "etendue.archive.*": "stores and reads back bytes, with separate digests",
     "etendue.builder.*": "writes the pipeline's file",
-    "etendue.cache": "keeps bytes between runs, under keys of all they depend on",
+    "etendue.cache": "keeps bytes between runs, under keys of everything that they depend on",
     "etendue.calls": _WORDS,
     "etendue.cli.*": _AFTER,
     "etendue.compute": _WORDS,
     "etendue.compute.joined": _WORDS,
     "etendue.contract": _WORDS,
     "etendue.contract.arrays": _WORDS,
-    "etendue.contract.arrays.dims": "which dims are bands, and in which unit, is in keys",
+    "etendue.contract.arrays.dims": "keys contain the dims that are bands, and their unit",
     "etendue.contract.arrays.drawn": _AFTER,
     "etendue.contract.arrays.facts": f"facts decide omissions, knobs and precision: {_DECIDES}",
     "etendue.contract.ports": "the interface of a store of results",
     "etendue.contract.registry": "loads the class of a stage, whose code is in its key",
     "etendue.contract.stated": f"stated errors decide which knobs are set: {_DECIDES}",
     "etendue.contract.values": _WORDS,
-    "etendue.contract.values.bounds": "rejects what is too large",
-    "etendue.contract.values.late_bound": "stand-in for a value until the run has found it",
+    "etendue.contract.values.bounds": "rejects numbers and texts that are too large",
+    "etendue.contract.values.late_bound": "represents a value until the run has found it",
     "etendue.contract.values.names": _WORDS,
     "etendue.contract.values.parameter": _VALUES,
     "etendue.contract.values.quantities": _VALUES,
     "etendue.contract.values.tables": _WORDS,
     "etendue.errors": _WORDS,
-    "etendue.evaluation.*": "reads back bits under the keys of all they depend on",
+    "etendue.evaluation.*": "reads back bits under the keys of everything that they depend on",
     "etendue.interrupts": "signals",
     "etendue.pipeline.*": f"reads the pipeline's file; {_VALUES}",
-    "etendue.plain_files": "reads files whole or not at all",
+    "etendue.plain_files": "reads files completely or raises an error",
     "etendue.plan.*": f"{_DECIDES}: parameters with their knobs, precision, inputs, grids, segments, seeds",
-    "etendue.plugins.*": "finds what distributions bring, whose code is in keys; restores what plugins change in the "
+    "etendue.plugins.*": "finds the contents of distributions, whose code is in keys; restores what plugins "
+    "change in the "
     "process",
     "etendue.present.*": _AFTER,
-    "etendue.process": "restores what foreign code changes in the process",
+    "etendue.process": "restores the process state that foreign code changes",
     "etendue.result_files": _AFTER,
     "etendue.run.*": "orders, starts and passes on cells",
     "etendue.running": "passes results to the store",

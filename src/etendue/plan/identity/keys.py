@@ -1,7 +1,7 @@
 """Keys: equal keys mean equal results. A key digests the recipe of a result, not its values.
 
 In:  a stage's class, its resolved parameters, the keys of what it reads.
-Out: 128-bit BLAKE2b digests, and the fields they were made of, so that a change can be named.
+Out: 128-bit BLAKE2b digests, and the fields from which they were computed, so that a change can be named.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Cache results by object identity: each is computed once per object, however many cells share the object.
+"""Cache results by object identity: each result is computed once per object, even if many cells share the object.
 
 Most cells of a plan share stages and grids; comparing or hashing one would cost as much as computing the result.
 """

@@ -1,11 +1,11 @@
 """Find the variables that need no array of their own: all their cells are left out, so another stage has their values.
 
-In:  cells with their decisions, the kept variables, and those of which a copy is asked for.
+In:  cells with their decisions, the kept variables, and the variables for which a copy is requested.
 Out: by stage and variable, the stage that has the values. That stage is computed, or stores copies itself.
 
 A variable keeps its own array if only some of its cells are left out, if no stage with the same values is kept, if
 several stages have the values, for example different ones for the alternatives of an axis, or if the stage that has
-them lies along an axis that this one lacks: the samples of fewer factors of a design.
+them depends on an axis that this stage lacks (the samples of fewer factors of a design).
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def of_cell(cells: Mapping[CellRef, Cell], ref: CellRef, variable: str, holder: 
 
 
 def shape_of(cell: Cell) -> dict[str, tuple[int, Coordinate | None]]:
-    """Return the size, and the bins or labels, of every dim of what a cell writes."""
+    """Return the size, and the bins or labels, of every dim of a cell's outputs."""
     found: dict[str, tuple[int, Coordinate | None]] = {}
     for grid in cell.grids.values():
         for dim, coordinate in grid.entries:

@@ -57,7 +57,7 @@ _CLASS = re.compile(r"\b[A-Z]\w+")
 
 @dataclass(frozen=True)
 class SourceFile:
-    """The analysis of a file. ``imports``: names of imported modules and of names imported from them; relative ones
+    """The analysis of a file. ``imports``: names of imported modules and of names imported from them; relative names
     keep their dots.
 
     ``words``: whether it contains only a docstring. ``hides``: whether it has imports that cannot be followed.
@@ -93,7 +93,7 @@ def _read(path: Path) -> SourceFile:
 
 
 def _imports(tree: ast.Module) -> Iterator[str]:
-    """Yield every imported name, including those in functions, without imports for type checkers only."""
+    """Yield every imported name, including imports in functions, without imports for type checkers only."""
     open_: list[ast.AST] = [tree]
     while open_:  # only statements contain imports, and most of a tree is expressions
         node = open_.pop()
@@ -189,5 +189,7 @@ def keep() -> None:
 
 @cache
 def _place() -> str:
-    """Return the cache file of this package, by its location, so that two checkouts do not overwrite each other's."""
+    """Return the cache file of this package, by its location, so that two checkouts do not overwrite each other's
+    cache.
+    """
     return digest(f"{FORM} {PACKAGE}".encode())

@@ -1,1 +1,1 @@
-"""Stages wired to a graph: parameters, shared quantities, axes, ports."""
+"""Connection of stages to a graph: parameters, shared quantities, axes, ports."""

@@ -1,4 +1,5 @@
-"""The stages that can stand at one place of a pipeline, with their parameters: one, or several if ``.use`` is swept.
+"""The stages that can be used at one place of a pipeline, with their parameters: one stage, or several if ``.use`` is
+swept.
 
 In:  a stage's entry, its sweep, the registry.
 Out: classes with resolved values, and the axis that chooses among them.
@@ -104,7 +105,9 @@ def _alternative(
 
 
 def _no_parameter(request: Request, use: str, name: str, shared: bool, own: list[str]) -> str:
-    """Return why a stage does not accept a parameter of this name. ``shared``: it has the name as a shared quantity."""
+    """Return the reason why a stage does not accept a parameter of this name. ``shared``: the name is a shared quantity
+    of the stage.
+    """
     table = request.pipeline.table
     if shared:
         return f"{name} is shared by several stages; set it under [{table.name}], or by --set {table.place(name)}=VALUE"
@@ -133,9 +136,10 @@ def _no_stage(request: Request, use: str) -> str:
 
 
 def unlike(*both: tuple[str, type[Stage]]) -> list[str]:
-    """Return why two stages, given as (name, class), are not alternatives to each other; an empty list if they are.
+    """Return the reasons why two stages, given as (name, class), are not alternatives to each other; an empty list if
+    they are.
 
-    Alternatives write the same variables. An optional variable is available if all of them have it.
+    Alternatives write the same variables. An optional variable is available if all alternatives have it.
     """
     writes = [{str(d) for d in writes_of(kind).values() if not d.optional} for _, kind in both]
     (one, first), (another, second) = both
@@ -154,7 +158,7 @@ def unlike(*both: tuple[str, type[Stage]]) -> list[str]:
 
 
 def _some(declarations: set[str]) -> str:
-    """Return the first of some declarations, and how many more there are."""
+    """Return the first of some declarations, and the number of the others."""
     ordered = sorted(declarations)
     more = f" and {len(ordered) - 1} more" if len(ordered) > 1 else ""
     return f"'{ordered[0]}'{more}"

@@ -1,4 +1,4 @@
-"""Resolve the axes of a sweep, and which parameters of which stages each of them sets.
+"""Resolve the axes of a sweep, and the parameters that each axis sets.
 
 In:  the pipeline's ``[sweep]``, the alternatives at every stage, shared quantities, the axes of swapped stages.
 Out: axes in the order of the file, and the (dim, parameter) pairs that set each stage directly.
@@ -32,7 +32,7 @@ class _Target(NamedTuple):
 def resolve_axes(
     request: Request, entries: Entries, shared: Quantities, swapped: list[Axis]
 ) -> tuple[list[Axis], dict[str, list[tuple[str, str]]]]:
-    """Return all axes, including those of ``.use``, and the parameters that the others set, by stage."""
+    """Return all axes, including axes of ``.use``, and the parameters that the other axes set, by stage."""
     direct: dict[str, list[tuple[str, str]]] = {}
     by_key = {axis.key: axis for axis in swapped}
     ordered: list[Axis] = []
@@ -68,7 +68,7 @@ def resolve_axes(
 
 
 def _parameter_of(request: Request, key: str, entries: Entries) -> _Target | None:
-    """Return the target that ``stage.parameter`` names; None if there is none, or a fault is reported."""
+    """Return the target that ``stage.parameter`` names; None if it does not exist or a fault is reported."""
     stage, _, name = key.partition(".")
     place = f"sweep.{key}"
     if stage not in entries:
@@ -89,13 +89,13 @@ def _parameter_of(request: Request, key: str, entries: Entries) -> _Target | Non
 
 
 def _quantity_of(request: Request, key: str, entries: Entries, shared: Quantities) -> _Target | None:
-    """Return the shared quantity that a bare name means; None if there is none, or a fault is reported."""
+    """Return the shared quantity that a bare name denotes; None if it does not exist or a fault is reported."""
     place = f"sweep.{key}"
     if key not in shared.declared:
         if not request.whole:
             return None
         if key in quantities.names():
-            request.fault(place, "no stage of this pipeline depends on it; remove this axis")
+            request.fault(place, "no stage of this pipeline depends on this axis; remove it")
         else:
             known = [*shared.declared, *(f"{s}.use" for s in entries)]
             request.fault(place, f"cannot sweep {key!r}: unknown name{nearest(key, known)}")

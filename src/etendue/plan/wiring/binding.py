@@ -1,7 +1,7 @@
 """Bind ports to the stages that write them: find the variables that a node reads, writes and looks at, and the axes
 that affect it.
 
-In:  the alternatives at every stage, the axes, and what each axis sets.
+In:  the alternatives at every stage, the axes, and the parameters that each axis sets.
 Out: nodes in the order of the file.
 """
 
@@ -157,7 +157,7 @@ def _mapped_over(
     worked_on = {dim for d in reads.values() for dim in d.dims}
     for d in writes_of(one.kind).values():
         for dim in set(d.dims) & set(dims) - worked_on:
-            text = f"{one.use} is run for each {dim} of what it reads, but writes {d.variable} with a {dim} of its own"
+            text = f"{one.use} is run for each {dim} of its inputs, but writes {d.variable} with another {dim}"
             request.fault(entry.place, text)
     return dims
 
@@ -199,10 +199,10 @@ def _nearest_writer(
 
 
 def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound, ...], earlier: list[Node]) -> Looks:
-    """Return what a node looks at: a probe looks at all stages, other stages at the transfer functions that their input
-    has passed.
+    """Return the stages that a node looks at: a probe looks at all stages, other stages at the transfer functions that
+    their input has passed.
 
-    Datasheets are those of the stages that the input has passed or, if there are none, of all stages.
+    Datasheets are taken from the stages that the input has passed or, if there are no such stages, from all stages.
     """
     found: dict[tuple[str, str], dict[str, None]] = {}
     for one, bound in zip(made, inputs, strict=True):
@@ -241,7 +241,7 @@ def _own_axes(node: Node) -> set[str]:
 
 
 def _reach(node: Node, earlier: list[Node]) -> set[str]:
-    """Return the dims that reach a node through what it reads and looks at."""
+    """Return the dims that affect a node through its inputs and the stages that it looks at."""
     read = {source for bound in node.inputs for _, source, _ in bound}
     seen: dict[str, set[str]] = {}
     for _, what, names in node.looks_at:
@@ -258,8 +258,8 @@ def _reach(node: Node, earlier: list[Node]) -> set[str]:
 
 
 def _reach_of_transfer(looked: Node, earlier: list[Node]) -> set[str]:
-    """Return the dims that a transfer function depends on: those of its stage and, for its mean over bands, those of
-    the scenes and filters before it.
+    """Return the dims that a transfer function depends on: the dims of its stage and, for its mean over bands, the dims
+    of the scenes and filters before it.
     """
     names = _before({source for bound in looked.inputs for _, source, _ in bound}, earlier)
     reach = _own_axes(looked)
@@ -286,7 +286,9 @@ def _before(names: set[str], nodes: list[Node]) -> set[str]:
 
 
 def _segment(node: Node, earlier: list[Node]) -> tuple[str, ...]:
-    """Return the names of the transfer nodes joined up to this one, itself last; () if it is no transfer function."""
+    """Return the names of the transfer nodes joined up to this one, itself last; () if it is not a transfer
+    function.
+    """
     if not node.is_transfer or not node.inputs[0]:
         return ()
     source = next(n for n in earlier if n.name == node.inputs[0][0][1])

@@ -82,7 +82,7 @@ def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
         reached = {dim for node in nodes for dim in node.axes}
         for axis in axes:
             if axis.dim not in reached:
-                request.warnings.append(f"sweep.{axis.key} is not swept: nothing that is wanted depends on it")
+                request.warnings.append(f"sweep.{axis.key} is not swept: no wanted variable depends on it")
         axes = [axis for axis in axes if axis.dim in reached or axis.key in pipeline.zipped]
     if request.faults:
         raise RequestError(request.faults, pipeline.file)
@@ -120,7 +120,7 @@ def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> froze
 
 
 def _check_vocabulary(request: Request, entries: Entries) -> None:
-    """Report names in the pipeline that two distributions define differently, or that one defines wrongly."""
+    """Report names in the pipeline that two distributions define differently, or whose definition is invalid."""
     quantities: dict[str, str] = {}
     written: dict[str, str] = {}
     for stage, alternatives in entries.items():
@@ -146,8 +146,8 @@ def _check_vocabulary(request: Request, entries: Entries) -> None:
 
 
 def _check_axis_names(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
-    """Report an axis with the name of another axis, or of a dim of a variable: their values would overwrite each
-    other's in the archive.
+    """Report an axis with the name of another axis, or of a dim of a variable: their values would overwrite each other
+    in the archive.
     """
     by_dim: dict[str, Axis] = {}
     for axis in axes:
@@ -159,7 +159,7 @@ def _check_axis_names(request: Request, nodes: list[Node], axes: list[Axis]) -> 
             dim for node in nodes if axis.dim in node.axes for written in node.writes.values() for dim in written.dims
         }
         if axis.dim in beside(dims) or axis.dim in OWN:
-            why = f"{axis.dim!r} is a dim, or a coordinate, of what a stage writes"
+            why = f"{axis.dim!r} is a dim, or a coordinate, of an output of a stage"
             request.fault(f"sweep.{axis.key}", f"{why}; give the stage another 'name'")
 
 
@@ -244,14 +244,14 @@ def _wanted_of(request: Request, nodes: list[Node]) -> tuple[tuple[str, str], ..
 
 
 def _check_kept(request: Request, nodes: list[Node]) -> None:
-    """Report unknown names under ``keep``, except those that are reported under ``wanted`` already."""
+    """Report unknown names under ``keep``, except names that are already reported under ``wanted``."""
     for text in request.pipeline.keep or ():
         if text != LOOKS and text not in (request.pipeline.wanted or ()):
             _find_variable(request, text, nodes, "keep")
 
 
 def _find_variable(request: Request, text: str, nodes: list[Node], place: str) -> tuple[tuple[str, str], ...]:
-    """Return the (stage, variable) pairs that a text under ``wanted`` or ``keep`` stands for."""
+    """Return the (stage, variable) pairs that a text under ``wanted`` or ``keep`` selects."""
     stage, dot, variable = text.partition(".")
     if dot:
         node = next((n for n in nodes if n.name == stage), None)
@@ -273,7 +273,7 @@ def _find_variable(request: Request, text: str, nodes: list[Node], place: str) -
     if not request.whole:
         return ()
     if any(text in node.optional for node in nodes):
-        request.fault(place, f"{text} is optional: ask for it under 'wanted'")
+        request.fault(place, f"{text} is optional: request it under 'wanted'")
         return ()
     known = sorted({v for n in nodes for v in n.writes} | {n.name for n in nodes})
     request.fault(place, f"no stage of this pipeline writes {text!r}{nearest(text, known)}")
@@ -297,8 +297,8 @@ def _prune(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> list[Node]
 
 
 def _seen_only(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> frozenset[str]:
-    """Return the nodes whose values nothing wanted depends on: probes look at their stages (a transfer function, a
-    datasheet), which are known without running them.
+    """Return the nodes whose values no wanted variable depends on: probes only look at their stages (a transfer
+    function, a datasheet), which are known without running them.
     """
     by_name = {node.name: node for node in nodes}
     computed: set[str] = set()
@@ -323,7 +323,7 @@ def _seen_only(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> frozen
 
 
 def _with_inputs(by_name: dict[str, Node], names: set[str]) -> set[str]:
-    """Return some nodes and all that they depend on."""
+    """Return some nodes and all nodes that they depend on."""
     found: set[str] = set()
     open_ = list(names)
     while open_:

@@ -1,4 +1,5 @@
-"""Report distributions that a pipeline needs and that are not installed: each once, with the command to install it.
+"""Report distributions that a pipeline needs and that are not installed: each distribution once, with the command that
+installs it.
 
 In:  the pipeline's ``requires`` and the stages it uses, the registry.
 Out: faults; if there are any, the rest of the pipeline cannot be checked.
@@ -24,7 +25,7 @@ _NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._\-]*[A-Za-z0-9])?")
 
 @cache
 def known_plugins() -> dict[str, str]:
-    """Return the distribution of every stage that a known plugin brings."""
+    """Return the distribution of every stage that a known plugin provides."""
     found = discovery.installed()
     brought = ((name, found.first("elsewhere", name)) for name in found.names("elsewhere"))
     return {stage: name for name, one in brought if one is not None for stage in one.value["stages"]}

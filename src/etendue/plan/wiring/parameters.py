@@ -1,7 +1,7 @@
-"""Turn values as written in a pipeline file into parameters of a declared type, unit and range.
+"""Convert values as written in a pipeline file to parameters of a declared type, unit and range.
 
 In:  a value from TOML (or the command line), and a ``Parameter``.
-Out: the Python value, or one fault that says what was expected.
+Out: the Python value, or one fault that states the expected form.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ MOST_STEPS = 100_000
 
 
 class Unfit(ValueError):
-    """A value that does not fit its parameter; the text says what was expected."""
+    """A value that does not fit its parameter; the text states the expected form."""
 
 
 def resolve_file(text: str, folder: Path, folders: bool = False) -> Path:
-    """Return the absolute path of a file parameter (or of a folder, where those are allowed).
+    """Return the absolute path of a file parameter (or of a folder, if folders are allowed).
 
     ``package:matplotlib/...`` names a file in an installed distribution. A pipeline recorded in an archive can name
     only files in that archive's ``inputs/``: an archive may come from anywhere and must not read other files.
@@ -78,7 +78,7 @@ def inputs_of(folder: Path) -> Path | None:
 
 
 def _lies_in(path: Path, own: Path) -> bool:
-    """Return whether a file, or everything in a folder, lies in another folder once links are followed."""
+    """Return whether a file, or everything in a folder, is inside another folder after links are resolved."""
     whole = own.parent.resolve() / own.name
     inside = path.resolve().is_relative_to(whole)
     return inside and all(
@@ -120,7 +120,9 @@ def _number(value: Any, parameter: Parameter, whole: bool) -> float | int:
 
 
 def _refuse_beyond(value: Any, number: float, parameter: Parameter, whole: bool) -> None:
-    """Refuse a number that is too large or small for 64-bit products, not allowed, or beyond what stages handle."""
+    """Refuse a number that is too large or small for 64-bit products, not allowed, or outside the range that its stages
+    support.
+    """
     if number and math.isfinite(number) and not SMALLEST <= abs(number) <= LARGEST:
         raise Unfit(
             f"{as_written(value)} is out of range: a number must be 0, or {SMALLEST:g} to {LARGEST:g} in magnitude; "
@@ -131,7 +133,7 @@ def _refuse_beyond(value: Any, number: float, parameter: Parameter, whole: bool)
     if parameter.held and math.isfinite(number) and not parameter.held[0] <= number <= parameter.held[1]:
         unit = f" {parameter.units}" if parameter.units not in ("1", "") else ""
         low, high = parameter.held
-        raise Unfit(f"{value} is outside the range that its stages support, {low:g} to {high:g}{unit}")
+        raise Unfit(f"{value} is outside the range that the stages using it support, {low:g} to {high:g}{unit}")
 
 
 def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:

@@ -27,11 +27,12 @@ if TYPE_CHECKING:
 
 
 def preset_axes(request: Request, declared: Mapping[str, Declared]) -> dict[str, Axis]:
-    """Return the axes of presets by the key that names them; without those that are faulty, which are reported.
+    """Return the axes of presets by the key that names them; without faulty presets, which are reported.
 
-    A value's own table overrides the pipeline's shared quantities, which override the named preset. A quantity with an
-    axis of its own is left to that axis. The axis covers every quantity that any installed preset gives, even if the
-    presets named here agree on it: so an archive can later take further presets without changing what the axis sets.
+    A value's own table overrides the pipeline's shared quantities, which override the named preset. A quantity with its
+    own axis is set by that axis. The axis of presets covers every quantity that any installed preset gives, even if the
+    presets named here agree on it. An archive can therefore take further presets later without a change of the
+    quantities that the axis sets.
     """
     found = {kind.preset: _axis(request, declared, kind) for kind in request.pipeline.table.kinds()}
     axes = {word: axis for word, axis in found.items() if axis is not None}
@@ -39,7 +40,7 @@ def preset_axes(request: Request, declared: Mapping[str, Declared]) -> dict[str,
         if both := sorted(first.gives.keys() & second.gives.keys()):
             request.fault(
                 f"sweep.{second.key}",
-                f"the axes {first.key} and {second.key} both give {', '.join(both[:3])}; sweep one",
+                f"the axes {first.key} and {second.key} both give {', '.join(both[:3])}; sweep only one of them",
             )
     return axes
 
@@ -106,7 +107,9 @@ def _tables(request: Request, written: Iterable[str], word: str) -> dict[str, Do
 
 
 def _stated(name: str, whose: Table) -> DocumentView:
-    """Return the quantities of an installed preset; none if it cannot be read, which is reported where it is named."""
+    """Return the quantities of an installed preset; none if it cannot be read; this fault is reported where the preset
+    is named.
+    """
     try:
         return preset(name, whose).values()
     except RequestError:

@@ -1,7 +1,7 @@
 """Resolve the quantities that the stages of a pipeline share, given in a table of the file or by the preset it names.
 
 In:  the alternatives at every stage, the pipeline's shared quantities and preset.
-Out: ``Quantities``: who declares them, their values, and whether a stage writes them.
+Out: ``Quantities``: their declarations, their values, and whether a stage writes them.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ def _tell_stand_ins(request: Request, used: Mapping[str, Declared]) -> None:
 
 
 def to_be_found(name: str, parameter: Parameter, ends: tuple[float | None, float | None] = (None, None)) -> LateValue:
-    """Return the stand-in, while planning, for a quantity that an earlier stage writes: its range is the intersection
-    of the writer's and the parameter's own.
+    """Return the placeholder for a quantity that an earlier stage writes, while planning: its range is the intersection
+    of the ranges of the writing stage and of the parameter.
     """
     held = parameter.held or (-math.inf, math.inf)
     lowest = max(x for x in (ends[0], parameter.at_least, parameter.above, held[0]) if x is not None)
@@ -134,7 +134,7 @@ def _values_of(
         if other in declared.keys() & pipeline.shared.keys():
             request.warnings.append(
                 f"{place(name)} = {as_written(stated[name])} comes from the {by[name]} {pipeline.named[by[name]]} and "
-                f"is applied to {other}, which is given here; give {name} too if yours is another"
+                f"is applied to {other}, which is given here; also give {name} if your value differs"
             )
     for name, one in declared.items():
         if name not in given:

@@ -18,7 +18,7 @@ from etendue.plan.model import Cell, CellRef, Plan
 
 @dataclass(frozen=True)
 class Choice:
-    """How the planner was asked to decide."""
+    """The kind of decisions that is requested from the planner."""
 
     tolerance: float
     leave_out: bool  # whether anything may be left out or approximated

@@ -1,4 +1,4 @@
-"""Fit the table of a stage that an override has swapped: parameters that only the replaced stage takes are left out.
+"""Fit the table of a stage that an override has swapped: parameters that only the replaced stage takes are dropped.
 
 In:  a pipeline with its overrides, the registry.
 Out: the pipeline whose entries contain only parameters of their stages, and a note for each entry that lost some.
@@ -17,9 +17,9 @@ from etendue.pipeline.file import PipelineFile, StageEntry
 
 
 def fitted_to_overrides(pipeline: PipelineFile, registry: Registry) -> tuple[PipelineFile, list[str]]:
-    """Return the pipeline in which swapped stages have only parameters that they accept, and notes on the dropped ones.
-    In a sweep of a ``.use``, all parameters in the table of the replaced stage are dropped; here those that both stages
-    accept are kept.
+    """Return the pipeline in which swapped stages have only parameters that they accept, and notes on the dropped
+    parameters. In a sweep of a ``.use``, all parameters in the table of the replaced stage are dropped; here the
+    parameters that both stages accept are kept.
 
     A parameter that the stage of the file does not accept is also kept, so that it is reported as a fault.
     """
@@ -36,7 +36,7 @@ def fitted_to_overrides(pipeline: PipelineFile, registry: Registry) -> tuple[Pip
 
 
 def _written(text: str) -> Mapping[str, str]:
-    """Return what the file itself gives as ``use`` for each stage name."""
+    """Return the ``use`` that the file itself gives for each stage name."""
     stages = tomllib.loads(text).get("stages", [])
     return {str(one.get("name", one.get("use"))): str(one.get("use")) for one in stages if isinstance(one, dict)}
 

@@ -1,4 +1,4 @@
-"""The document behind a page: all that it shows of an archive, as plain JSON with one blob of packed numbers.
+"""The document behind a page: everything that it shows of an archive, as plain JSON with one blob of packed numbers.
 
 In:  an archive opened for display.
 Out: a mapping for ``json.dumps``. Any text in it may be untrusted: display it as plain text only.
@@ -34,8 +34,8 @@ MOST_ROWS = 400_000  # largest number of cells with their own rows in the page; 
 
 
 def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: DocumentView | None = None) -> Document:
-    """Return all that is shown. ``about``: descriptions of installed stages, by name; ``pictures``: those embedded in
-    the page.
+    """Return everything that is shown. ``about``: descriptions of installed stages, by name; ``pictures``: the pictures
+    embedded in the page.
     """
     columns = Columns()
     table = ledger(opened)
@@ -129,8 +129,8 @@ def start_of(opened: Opened) -> dict[str, int]:
 def _losses_command(opened: Opened, start: Mapping[str, int]) -> str:
     """Return the command that computes each stage's share of the losses, at the cell where the page starts.
 
-    '' if there is no pipeline file, or if stages, presets or rows of a design are swept: no option can set the several
-    values that a name on such an axis means.
+    '' if there is no pipeline file, or if stages, presets or rows of a design are swept: no option can set all values
+    that a name on such an axis denotes.
     """
     last = sorted((opened.folder / "runs").glob("*.toml"))
     if not last or any(
@@ -210,7 +210,7 @@ def _coordinate(one: Coordinate, columns: Columns) -> Document:
 
 
 def _cells(opened: Opened, table: Ledger, columns: Columns) -> Document:
-    """Pack the ledger, one column each; of a very large archive only its size."""
+    """Pack the ledger, column by column; for a very large archive pack only its size."""
     rows = len(table["stage"])
     if rows > MOST_ROWS:
         return {"rows": rows, "columns": {}, "at": {}}

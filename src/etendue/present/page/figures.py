@@ -1,8 +1,8 @@
-"""Metrics of an archive: every variable that is not a picture, over all axes that reach it.
+"""Metrics of an archive: every variable that is not a picture, over all axes that affect it.
 
 In:  an archive opened for display.
 Out: ``Figure``s: numbers over axes, then over their own dims (stages, channels, frequencies), with the coordinates of
-     those.
+     these dims.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class MetricColumn:
-    """One variable of one stage over every cell; what was not computed is NaN."""
+    """One variable of one stage over every cell; cells that were not computed are NaN."""
 
     stage: str
     variable: str
@@ -50,7 +50,7 @@ class MetricColumn:
 
 @dataclass(frozen=True)
 class Omitted:
-    """A variable that is not shown, and why."""
+    """A variable that is not shown, and the reason."""
 
     stage: str
     variable: str
@@ -128,7 +128,7 @@ def _meanings(group: ShownGroup, name: str) -> tuple[str, ...]:
 
 
 def _coordinates(opened: Opened, group: ShownGroup, dim: str) -> list[Coordinate]:
-    """Return the coordinates along a dim, the one with its own name first."""
+    """Return the coordinates along a dim, the coordinate with the name of the dim first."""
     found = []
     for name, own in group.data.coords.items():
         if (

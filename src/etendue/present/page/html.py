@@ -69,7 +69,7 @@ def page(document: DocumentView, live: bool = False) -> str:
 
 
 def embedded(document: DocumentView) -> str:
-    """Return JSON that no HTML parser takes for the end of its element."""
+    """Return JSON that contains no text that an HTML parser would take for the end of its element."""
     text = json.dumps(plain(document), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 

@@ -1,8 +1,8 @@
 """Requests of the live page: progress, pictures, values under the pointer, lines, histograms.
 
 In:  the folder of an archive; a request and its parameters.
-Out: JSON or pixels. Arrays are those of the store, checked against its digests; of a run in progress every finished
-     cell.
+Out: JSON or pixels. Arrays are read from the store and checked against its digests; for a run in progress, every
+     finished cell is available.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Words = Mapping[str, str]
 
 
 class HttpRefusal(Exception):
-    """A request that cannot be answered: its HTTP status, and why."""
+    """A request that cannot be answered: its HTTP status, and the reason."""
 
     def __init__(self, status: int, why: str) -> None:
         super().__init__(why)
@@ -204,7 +204,7 @@ class Live:
         return _json({"rows": rows})
 
     def _line(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
-        """Return values along a row or column, by channel; for a plane with a pattern by its letters."""
+        """Return values along a row or column, by channel; for a plane with a pattern, by letters of the pattern."""
         one = self._asked(words)
         upright = words.get("along") == "y"
         number = int(_number(words, "at_sample"))
@@ -276,7 +276,7 @@ class Live:
     # -- what is asked for ------------------------------------------------------------------------------
 
     def _at(self, words: Words) -> dict[str, int]:
-        """Parse ``gain:2,spacing:0`` into positions on the axes; axes that are not named take their first."""
+        """Parse ``gain:2,spacing:0`` into positions on the axes; axes that are not named take their first value."""
         found = {axis.dim: 0 for axis in self.opened.axes}
         for part in filter(None, words.get("at", "").split(",")):
             dim, _, text = part.rpartition(":")
@@ -298,7 +298,7 @@ class Live:
         return found
 
     def _why(self, stage: str, at: Mapping[str, int]) -> str:
-        """Return why there is no picture of a cell."""
+        """Return the reason why there is no picture of a cell."""
         status = self.opened.status(stage, at)
         return "too large to show, or no longer stored" if status.replace(" ", "_") in FINISHED else status
 
@@ -340,8 +340,8 @@ def _labels(one: Picture) -> list[str]:
 
 
 def _planes(one: Picture) -> list[tuple[str, Array, Array]]:
-    """Return (name, plane, mask) of each channel; of a pattern the same plane for each of its letters; of many bands
-    their mean.
+    """Return (name, plane, mask) of each channel; for a pattern, the same plane for each letter; for many bands, their
+    mean.
     """
     array = one.array
     for dim in one.dims:

@@ -75,7 +75,7 @@ class Picture:
 
     @cached_property
     def one(self) -> xarray.DataArray:
-        """The array with its coordinates and attributes; of several frames the middle one."""
+        """The array with its coordinates and attributes; for several frames, the middle frame."""
         data, dims = self.group.data, self.group.variables[self.variable]
         coords = {dim: data[dim].variable for dim in dims if dim in data.coords}
         at = {dim: self.opened.axis(dim).values[self.places.get(dim, 0)] for dim in self.group.axes}
@@ -127,7 +127,7 @@ class Picture:
         return rendered(self.drawn, self.linear, self.bright / gain)
 
     def small(self) -> Array:
-        """Return the same, averaged over areas until it fits."""
+        """Return the picture, averaged over areas until it fits."""
         return pictures.drawn(self.one, self.bright, small=True)
 
     # -- places -----------------------------------------------------------------------------------------
@@ -150,7 +150,7 @@ class Picture:
 
 
 def drawn_of(opened: Opened, stage: str, variable: str) -> Drawn:
-    """Return how a variable is drawn, as far as that is the same for all cells."""
+    """Return the drawing properties of a variable that are the same for all cells."""
     return read(variable, opened.groups[stage][0].data.variables[variable].attrs, {})
 
 

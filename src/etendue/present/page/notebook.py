@@ -22,7 +22,7 @@ def view(archive: str | Path, height: int = 900) -> Any:
     Raises
     ------
     ArchiveError
-        It is not an archive, or it is damaged.
+        The folder is not an archive, or the archive is damaged.
     MachineError
         anywidget is not installed.
     """

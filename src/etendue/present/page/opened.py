@@ -2,7 +2,7 @@
 run is in progress.
 
 In:  the folder of an archive.
-Out: ``Opened``. Arrays are read from where the journal locates them, and checked against its digests. Nothing is
+Out: ``Opened``. Arrays are read from the places recorded in the journal, and checked against its digests. Nothing is
      written.
 """
 
@@ -102,10 +102,10 @@ class Opened:
 
     Attributes
     ----------
-    record : of the last run: parameters, versions, platform
+    record : the record of the last run: parameters, versions, platform
     running : whether a run is writing to it
     ended : whether its last run is finished, so that its tables are valid
-    damaged : what was requested and found damaged
+    damaged : requested parts that are damaged
     whites : values shown as white, by the picture that sets them: stage, variable, positions on its axes
     """
 
@@ -147,7 +147,9 @@ class Opened:
 
     @cached_property
     def progress(self) -> Document:
-        """Cells requested by the last run and those finished; for a run in progress also its rate and the time left."""
+        """Number of cells requested by the last run and number finished; for a run in progress also the rate (cells/s)
+        and the remaining time (s).
+        """
         return progress(self.stored.journal, str(self.record["began"]) if self.running else "")
 
     @cached_property
@@ -189,7 +191,7 @@ class Opened:
         return tuple(found)
 
     def _ordered(self, known: Mapping[Any, None], key: str) -> list[AxisValue]:
-        """Return numbers in rising order; names in the order of the sweep, followed by those of earlier runs."""
+        """Return numbers in ascending order; names in the order of the sweep, followed by names of earlier runs."""
         if not any(isinstance(value, str) for value in known):
             return sorted(known)
         given = dict.fromkeys(self.record["axes"].get(key, ()))
@@ -211,7 +213,7 @@ class Opened:
         return next(axis for axis in self.axes if axis.dim == dim)
 
     def reaching(self, stage: str) -> tuple[str, ...]:
-        """Return the axes that reach a stage."""
+        """Return the axes that affect a stage."""
         groups = self.groups.get(stage, [])
         return tuple(groups[0].axes) if groups else ()
 
@@ -253,8 +255,8 @@ class Opened:
         return entry is not None and entry.event == "done"
 
     def column(self, group: ShownGroup, variable: str) -> tuple[tuple[Array, ...], Array] | None:
-        """Return the positions of all finished cells of a group on the axes of the sweep, and a variable of each; None
-        if they must be read one by one.
+        """Return the positions of all finished cells of a group on the axes of the sweep, and the values of a variable
+        in these cells; None if they must be read one by one.
         """
         archive, folder = self.stored.archive, f"{DATA}/{group.path}/{variable}"
         journal = archive.journal
@@ -282,7 +284,7 @@ class Opened:
         Raises
         ------
         ArchiveError
-            It was not stored, or it is damaged.
+            The array was not stored, or it is damaged.
         """
         cell = self.stored.cell(name)
         if variable not in cell.variables:
@@ -296,7 +298,7 @@ class Opened:
 
 
 def _in_rows(path: str, axes: Mapping[str, list[AxisValue]], data: xarray.Dataset) -> ShownGroup:
-    """Return a group over the rows of a design, also where rows have combinations of factors in common."""
+    """Return a group over the rows of a design, also if several rows have the same combination of factors."""
     stage = path.split("/")[0]
     combined: dict[str, tuple[str, Mapping[AxisValue, AxisValue]]] = {}
     own: dict[str, list[AxisValue]] = {}

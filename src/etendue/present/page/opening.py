@@ -5,8 +5,8 @@ In:  the metrics of an archive, the values of its axes, its ledger.
 Out: plain JSON, except ``usable``, an array: the chosen position, the front on which it lies, its neighbours, at most
      eight metrics, all others by subject.
 
-The front is that of metrics of the first two opening subjects (``etendue_subjects``) that vary over the sweep. For
-every usable cell, each of the two metrics is divided by the best value of all usable cells; the cell whose smaller
+The front is computed from metrics of the first two opening subjects (``etendue_subjects``) that vary over the sweep.
+For every usable cell, each of the two metrics is divided by the best value of all usable cells; the cell whose smaller
 quotient is the largest is chosen.
 """
 
@@ -82,7 +82,7 @@ class Number:
 def opening(
     figures: Sequence[MetricColumn], axes: Sequence[ArchivedAxis], start: Mapping[str, int], table: Ledger
 ) -> Document:
-    """Return how the page opens. ``start``: where it starts if there is nothing to choose."""
+    """Return the beginning of the page. ``start``: the position shown if there is no choice to make."""
     numbers = [one for figure in figures if (one := _number(figure)) is not None]
     chosen = _front(numbers, axes)
     place = {**start, **chosen["place"]} if chosen else dict(start)
@@ -112,16 +112,16 @@ def _number(figure: MetricColumn) -> Number | None:
 
 
 def _ranked(numbers: Sequence[Number], subject: str) -> list[Number]:
-    """Return the metrics of a subject, the most telling first; if several stages write a variable, that of the last
-    stage.
+    """Return the metrics of a subject, the most informative first; if several stages write a variable, the value of the
+    last stage.
     """
     last = {one.figure.variable: one for one in numbers if one.subject == subject}
     return sorted(last.values(), key=lambda one: one.known.rank)
 
 
 def _open(numbers: Sequence[Number], chosen: DocumentView | None) -> list[Number]:
-    """Return one metric of each subject, beginning with those of the front; if no subject is known, the first available
-    metric.
+    """Return one metric of each subject, beginning with the metrics of the front; if no subject is known, the first
+    available metric.
     """
     found = []
     for subject in _opens():
@@ -203,13 +203,13 @@ def _front(numbers: Sequence[Number], axes: Sequence[ArchivedAxis]) -> Document 
 
 
 def _trades(one: Number) -> bool:
-    """Return whether a metric varies over the sweep, and it is known which way is better."""
+    """Return whether a metric varies over the sweep and has a known better direction."""
     known_values = one.values[np.isfinite(one.values)]
     return bool(one.known.better) and not one.known.counted and known_values.size > 1 and bool(np.ptp(known_values) > 0)
 
 
 def _burnt(numbers: Sequence[Number], over: Sequence[ArchivedAxis]) -> Array:
-    """Return where a metric exceeds the limit for a chosen cell."""
+    """Return a mask of the cells in which a metric exceeds the limit for a chosen cell."""
     found = np.zeros([len(axis.values) for axis in over], bool)
     dims = {axis.dim for axis in over}
     for one in numbers:
@@ -222,7 +222,7 @@ def _burnt(numbers: Sequence[Number], over: Sequence[ArchivedAxis]) -> Array:
 
 
 def _shares(worth: Array) -> Array:
-    """Return each value as a share of the best in its column: as a ratio, inverted where lower is better; as a share of
+    """Return each value as a share of the best in its column: as a ratio, inverted if lower is better; as a share of
     the range if values may be 0.
     """
     found = np.empty_like(worth)
@@ -262,7 +262,7 @@ def _beside(
 
 
 def _limits(figures: Sequence[MetricColumn], place: Mapping[str, int]) -> list[Document]:
-    """Return the limiting factor at a position, and the gain from removing it if a metric gives that.
+    """Return the limiting factor at a position, and the gain from removing it if a metric gives this gain.
 
     ``capped``: the factor by which the metric would improve without the factor that caps all others; above 1, the
     capping factor is reported first.
@@ -304,7 +304,7 @@ def _limits(figures: Sequence[MetricColumn], place: Mapping[str, int]) -> list[D
 
 
 def _error(table: Ledger, axes: Sequence[ArchivedAxis], place: Mapping[str, int]) -> Document:
-    """Return the largest stated error of a stage in the cell at a position, and the error bound of omissions there."""
+    """Return the largest stated error of a stage in the cell at a position, and the error bound of its omissions."""
     here = np.ones(len(table["stage"]), bool)
     for axis in axes:
         column = table["at"].get(axis.dim)

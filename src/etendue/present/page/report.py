@@ -44,7 +44,7 @@ def report(archive: Path, output: Path, blame: Blame | None = None) -> WrittenRe
     Raises
     ------
     ArchiveError
-        It is not an archive, or it is damaged.
+        The folder is not an archive, or the archive is damaged.
     RequestError
         The output is a folder.
     """
@@ -70,7 +70,7 @@ def report(archive: Path, output: Path, blame: Blame | None = None) -> WrittenRe
 
 
 def reported(opened: Opened) -> Document:
-    """Return the document of a report: metrics of all cells, pictures of a few."""
+    """Return the document of a report: metrics of all cells, pictures of a few cells."""
     made = document(opened, about_stages(opened))
     made = {**made, "pictures": shots(opened, made["start"])}
     return {**made, "sections": sections(opened), "damaged": sorted(opened.damaged)}

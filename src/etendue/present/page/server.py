@@ -1,4 +1,4 @@
-"""Server of the live page: local, read-only, and only for users who know its address.
+"""Server of the live page: local, read-only, and accessible only to users who know its address.
 
 In:  an archive; a port, 0 for any free one.
 Out: answers to GET below a path that cannot be guessed. A request that names another host is refused, so that a web
@@ -56,7 +56,7 @@ class Server(HTTPServer):
         self.ended.set()
 
     def serve_forever(self, poll_interval: float = 0.1) -> None:
-        """Wait for all connections at once; a thread answers each that has sent a request."""
+        """Wait for all connections at once; each connection that has sent a request is answered by a thread."""
         self.ended.clear()
         try:
             with selectors.DefaultSelector() as selector:

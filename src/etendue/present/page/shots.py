@@ -1,6 +1,6 @@
-"""Pictures in a report: every stage of one cell, and what a display shows of a few chosen cells.
+"""Pictures in a report: every stage of one cell, and the display pictures of a few chosen cells.
 
-In:  an archive opened for display; how many bytes the pictures may take.
+In:  an archive opened for display; the maximum number of bytes of the pictures.
 Out: pictures as ``data:`` texts, with their number and size. Metrics cover all cells; pictures do not.
 """
 
@@ -59,7 +59,7 @@ def _along(size: int, count: int, middle: int) -> list[int]:
 
 
 def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> Document:
-    """Return ``strip``: every stage of the cell at ``start``; and ``cells``: pictures of chosen cells, those of the
+    """Return ``strip``: every stage of the cell at ``start``; and ``cells``: pictures of chosen cells, pictures of the
     last stages first.
     """
     first, spent = strip(opened, start, int(STRIP_SHARE * budget))
@@ -109,8 +109,8 @@ def _shown(opened: Opened) -> list[tuple[str, str]]:
 
 
 def strip(opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE * BUDGET)) -> tuple[list[Document], int]:
-    """Return the picture of every stage at one cell, and their bytes: lossless as far as they fit, the largest
-    compressed first.
+    """Return the picture of every stage at one cell, and their bytes: lossless if they fit; otherwise the largest
+    pictures are compressed first.
     """
     found: list[Document] = []
     exact: list[tuple[Array, bytes]] = []
@@ -143,7 +143,7 @@ def strip(opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE *
 def _series(
     opened: Opened, stage: str, variable: str, places: list[dict[str, int]], budget: float, lossless: bool
 ) -> Document | None:
-    """Return one variable of all chosen cells, each cell once however many axes do not reach it; None if it does not
+    """Return one variable of all chosen cells, each cell once, even if some axes do not affect it; None if it does not
     fit.
     """
     axes = opened.reaching(stage)

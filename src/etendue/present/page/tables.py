@@ -114,7 +114,7 @@ def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, s
 
 
 def failures(table: Ledger) -> Document:
-    """Return failed cells by stage and message, and how many later cells were skipped."""
+    """Return failed cells by stage and message, and the number of later cells that were skipped."""
     rows = []
     for stage, message, own in each_of(table, table["status"] == "failed", "message"):
         examples = [

@@ -48,7 +48,7 @@ def contact_sheet(table: DocumentView, path: Path, title: str, maps: Sequence[Ar
     """Write all frames in order, each with its stage, variable and true size, as one PNG, completely or not at all.
 
     Enlarged frames, and all with a pattern, use a whole number of dots per sample: any other resampling shows a false
-    moire. Pictures on a finer grid are made as large as those of the pixels. ``maps``: (y, x, 3) bytes each.
+    moire. Pictures on a finer grid are drawn as large as the pictures of the pixels. ``maps``: (y, x, 3) bytes each.
     """
     tiles = _tiles(table)
     wide, high = max(t.picture.shape[1] for t in tiles), max(t.picture.shape[0] for t in tiles)
@@ -85,8 +85,8 @@ def contact_sheet(table: DocumentView, path: Path, title: str, maps: Sequence[Ar
 
 @lru_cache(maxsize=32)
 def _written(size: tuple[int, int], texts: tuple[tuple[float, float, str, int, str], ...]) -> Array:
-    """Return a white band of the sheet with black texts: position, words, height of letters and anchor of each. Runs of
-    one process often have the same.
+    """Return a white band of the sheet with black texts: position, words, height of letters and anchor of each. Cached,
+    because runs of one process often have the same texts.
     """
     from PIL import Image, ImageDraw
 
@@ -98,7 +98,7 @@ def _written(size: tuple[int, int], texts: tuple[tuple[float, float, str, int, s
 
 
 def with_maps(path: Path, sheet: Path, maps: Sequence[Array]) -> None:
-    """Write the sheet of an earlier run with the maps of this one below its pictures."""
+    """Write the sheet of an earlier run with the maps of this run below its pictures."""
     from PIL import Image
 
     with Image.open(sheet) as whole:

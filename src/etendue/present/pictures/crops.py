@@ -1,5 +1,5 @@
-"""The same crop of several pictures side by side, where they differ most; for pictures of several sizes the same area
-of the image plane.
+"""The same crop of several pictures side by side, where they differ most; for pictures of several sizes, crops of the
+same area of the image plane.
 
 In:  pictures (channel, y, x), the first of them the reference; the positions of their pixels, in um.
 Out: a PNG, each sample a whole number of screen pixels, with the size of each crop in pixels and um.
@@ -95,7 +95,7 @@ def sized(shape: tuple[int, int], plane: Plane | None) -> str:
 
 
 def _of_one_size(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]], str]:
-    """Return the same rows and columns for each picture, where the compared ones differ most; and a text with their
+    """Return the same rows and columns for each picture, where the compared pictures differ most; and a text with their
     position.
     """
     rows, columns = pictures[0].picture.shape[-2:]
@@ -108,7 +108,7 @@ def _of_one_size(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]]
 
 
 def _of_several(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]], str]:
-    """Return the same square of the image plane in each, where the first compared one differs most from its
+    """Return the same square of the image plane in each, where the first compared picture differs most from its
     reference.
     """
     planes = [p.plane for p in pictures if p.plane is not None]

@@ -1,11 +1,11 @@
 """Details: the same place of the scene in every stage, sample by sample, where blur and noise are visible.
 
-In:  the grids of the shown pictures; later, what was kept of each at full resolution.
-Out: rows of every picture that are kept while it is reduced; within them the detail that shows a strong edge between
+In:  the grids of the shown pictures; later, the rows of each picture kept at full resolution.
+Out: rows of every picture that are kept while it is reduced; within them, the detail that shows a strong edge between
      flat areas.
 
-Pictures that fit are kept whole. Of larger pictures a band of rows is kept, which shows the same part of the scene in
-all of them. The position of the band is fixed, because the content of the picture is unknown when its first stage is
+Pictures that fit are kept whole. From larger pictures a band of rows is kept that shows the same part of the scene in
+all pictures. The position of the band is fixed, because the content of the picture is unknown when its first stage is
 computed; the detail is chosen within the band later.
 """
 
@@ -42,7 +42,7 @@ class PlaneWindow:
 
 
 def _within(line: Line, low: float, high: float) -> tuple[int, int]:
-    """Return the first sample between two positions and the one after the last; the whole line if it has no
+    """Return the first sample between two positions and the sample after the last; the whole line if it has no
     positions.
     """
     start, step = line.um()
@@ -54,7 +54,7 @@ def _within(line: Line, low: float, high: float) -> tuple[int, int]:
 
 
 def lines_of(grid: Grid) -> tuple[Line, Line] | None:
-    """Return the lines of a picture along y and x; None if it has none."""
+    """Return the coordinates of a picture along y and x; None if it has none."""
     if "y" not in grid or "x" not in grid:
         return None
     y, x = grid["y"], grid["x"]

@@ -46,8 +46,8 @@ def fitted(picture: Array, decode: Decode = as_float) -> Array:
 
 
 def tinted(plane: Array, tints: Array, decode: Decode) -> Array:
-    """`fitted` for a plane in the colours of its pattern, (3, y', x'): each sample contributes to the colours it
-    has.
+    """`fitted` for a plane in the colours of its pattern, (3, y', x'): each sample contributes to the colours of its
+    filter.
     """
     if max(plane.shape) <= LARGEST:
         return coloured(decode(plane), tints)
@@ -109,7 +109,7 @@ class Fitted(Rows):
 
 
 class Tinted(Rows):
-    """Each sample contributes to the colours it has."""
+    """Each sample contributes to the colours of its filter."""
 
     def __init__(self, shape: tuple[int, ...], tints: Array, decode: Decode) -> None:
         super().__init__(shape, decode)
@@ -141,7 +141,9 @@ def _fitting(size: int, largest: int) -> int:
 
 @lru_cache(maxsize=16)
 def _down(before: int, after: int) -> tuple[tuple[int, Array], ...]:
-    """Return for each output sample the first input sample in it, and the weights of that one and the following."""
+    """Return for each output sample the first input sample in it, and the weights of this sample and the following
+    samples.
+    """
     whole = area_weights(before, after).astype(np.float32)
     spans = [(row * before // after, -(-(row + 1) * before // after)) for row in range(after)]
     return tuple((first, whole[row, first:last].copy()) for row, (first, last) in enumerate(spans))

@@ -1,10 +1,10 @@
-"""Pictures: every stage of one cell as the eye sees it.
+"""Pictures: every stage of one cell, drawn in the colours that the eye sees.
 
 In:  the thumbnails of the shown cells.
 Out: 8-bit sRGB frames fitted into 256 x 256, as a table of the archive, and the contact sheet that shows them in order.
 
 A linear picture is scaled so that its 99.5th percentile is 0.9. The scale is the same for all stages of one kind, so
-that what gets darker looks darker.
+that a picture that gets darker looks darker.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from etendue.types.documents import Document
 
 @dataclass
 class Frame:
-    """One picture: its stage and variable, (y, x, 3) bytes of encoded sRGB, the true size, what exists at full
+    """One picture: its stage and variable, (y, x, 3) bytes of encoded sRGB, the true size, the rows kept at full
     resolution, and a detail.
     """
 
@@ -133,7 +133,7 @@ def sheet(
 
 
 def same_pictures(folder: Path, maps: Callable[[], list[Array]]) -> ContactSheet | None:
-    """Return the sheet of an earlier run whose pictures are still those of the shown cells, with maps of the current
+    """Return the sheet of an earlier run whose pictures still belong to the shown cells, with maps of the current
     values.
     """
     before = folder / "contact_sheet.png"

@@ -1,6 +1,6 @@
 """Maps of metrics for the contact sheet: numbers over two axes of a sweep, drawn small and without matplotlib.
 
-In:  a plan: which metrics, over which axes; later, the metrics of those cells.
+In:  a plan, which gives metrics and axes; later, the metrics of the cells.
 Out: (y, x, 3) bytes for each map, with the number in every cell; failed cells are marked.
 """
 
@@ -53,7 +53,7 @@ class SmallMap:
 
 
 def small_maps(plan: Plan) -> list[SmallMap]:
-    """Return the maps on the sheet of a sweep: of preferred metrics, else of whatever metrics there are."""
+    """Return the maps on the sheet of a sweep: of preferred metrics, else of the available metrics."""
     found: dict[str, SmallMap] = {}
     for node in reversed(plan.nodes):
         for name, declared in node.writes.items():
@@ -92,7 +92,7 @@ def _names(plan: Plan, ref: CellRef, name: str) -> tuple[str, ...]:
 
 
 def _some(axis: Axis) -> list[int]:
-    """Return positions of the values along an axis in order, as many as there is room for."""
+    """Return ordered positions of as many values along an axis as fit."""
     places = list(range(len(axis.values)))
     if not any(isinstance(value, str) for value in axis.values):
         places.sort(key=lambda place: float(axis.values[place]))
@@ -102,7 +102,7 @@ def _some(axis: Axis) -> list[int]:
 
 
 def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Array]]) -> Array:
-    """Return (y, x) float64, the last of several stages; NaN where a cell is missing."""
+    """Return (y, x) float64, the last of several stages; NaN for missing cells."""
     found = [
         float(np.ravel(figures[ref][one.variable])[-1]) if one.variable in figures.get(ref, {}) else math.nan
         for ref in one.cells

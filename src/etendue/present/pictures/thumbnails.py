@@ -30,8 +30,8 @@ from etendue.types.arrays import Array, FloatArray
 
 @dataclass(frozen=True)
 class Thumbnail:
-    """(3, y, x) float32, unscaled if linear; the true size; for larger pictures a window at full resolution, and its
-    first row and column.
+    """(3, y, x) float32, unscaled if linear; the true size; for larger pictures a window at full resolution, and the
+    first row and column of the window.
     """
 
     picture: Any
@@ -42,8 +42,8 @@ class Thumbnail:
 
 @dataclass(frozen=True)
 class View:
-    """How one variable of one cell is reduced. It holds only the parts of the plan that it needs, because it is sent to
-    workers.
+    """The reduction of one variable of one cell. It holds only the parts of the plan that it needs, because it is sent
+    to workers.
     """
 
     seen: Appearance
@@ -110,8 +110,8 @@ class View:
 
 @dataclass(frozen=True)
 class Observer:
-    """The shown part of a cell: its pictures, reduced, and its scalar metrics. It is sent to where the cell is
-    computed.
+    """The shown part of a cell: its pictures, reduced, and its scalar metrics. It is sent to the worker that computes
+    the cell.
     """
 
     views: Mapping[str, View]
@@ -145,7 +145,7 @@ class Observer:
 
 
 class Gathering:
-    """A thumbnail of rows that arrive in order, bit-identical to that of the whole."""
+    """A thumbnail of rows that arrive in order, bit-identical to the thumbnail of the whole picture."""
 
     def __init__(self, view: View, shape: tuple[int, ...], rows: Rows) -> None:
         self.view, self.size, self.rows = view, (shape[-2], shape[-1]), rows

@@ -44,7 +44,7 @@ class Plots:
         self._tree = tree
 
     def __call__(self, kind: str = "", *figures: str, **words: Any) -> Plot:
-        """Plot a kind, a variable, or without arguments what fits best."""
+        """Plot a kind or a variable; without arguments, the plot that fits best."""
         own = {name: words.pop(name) for name in ("x", "y", "lines") if name in words}
         listed = [words.pop(name, ()) for name in ("panels", "better")]
         texts = [one.split(",") if isinstance(one, str) else one for one in listed]
@@ -120,7 +120,7 @@ def show(what: Any, variable: str = "", **at: Any) -> Plot:
     Raises
     ------
     RequestError, ArchiveError
-        There is no archive, no picture, or no choice among several pictures.
+        There is no archive or no picture, or several pictures fit and none is chosen.
     """
     if isinstance(what, str | Path):
         what = opened(Path(what))

@@ -1,6 +1,6 @@
 """Assignment of dims: along the sides of a panel, over panels, or fixed at one value.
 
-In:  the dims of what is plotted with their values; the request.
+In:  the dims of the plotted variable with their values; the request.
 Out: an ``Arrangement``; dims fixed for lack of room are named in the title.
 """
 
@@ -33,7 +33,7 @@ class PlotDim:
         return name_text(self.name, self.units)
 
     def text(self, value: Any) -> str:
-        """Return a value with its unit, and with the name of the dim if the unit does not tell it."""
+        """Return a value with its unit, and with the name of the dim if the unit does not identify it."""
         text = value_text(value, self.units, self.name)
         bare = not isinstance(value, str) and self.units in ("", "1") and not prefix(self.name)
         return f"{self.name.replace('_', ' ')} {text}" if bare else text
@@ -44,7 +44,7 @@ class PlotDim:
 
     @property
     def spread(self) -> bool:
-        """Return whether its values are better shown on a logarithmic axis."""
+        """Return whether the values of the dim are better shown on a logarithmic axis."""
         if not self.counted or len(self.values) < 3 or min(self.values) <= 0:
             return False
         ordered = sorted(self.values)
@@ -67,7 +67,7 @@ class Arrangement:
 
 
 def dims_of(held: Sequence[HeldVariable]) -> list[PlotDim]:
-    """Return the dims of what is plotted: sweep axes first, the usual ones leading; then named dims such as
+    """Return the dims of the plotted variable: sweep axes first, preferred axes leading; then named dims such as
     ``stage``.
     """
     found: dict[str, PlotDim] = {}
@@ -138,7 +138,7 @@ def _sides(x: str, y: str, sides: int, free: Sequence[PlotDim]) -> tuple[str, st
 
 
 def _over_panels(chosen: list[PlotDim], rest: Sequence[PlotDim], most: int) -> tuple[list[PlotDim], list[PlotDim]]:
-    """Return the dims that fit over panels, rows last, and those for which there is no room."""
+    """Return the dims that fit over panels, rows last, and the dims that do not fit."""
     left, room = [], most // max(1, math.prod(len(dim.values) for dim in chosen))
     for dim in sorted((dim for dim in rest if len(dim.values) > 1), key=lambda dim: len(dim.values)):
         if len(chosen) < 2 and len(dim.values) <= room:
@@ -152,6 +152,6 @@ def _over_panels(chosen: list[PlotDim], rest: Sequence[PlotDim], most: int) -> t
 
 
 def _value(dim: PlotDim, middle: AxisValues) -> Any:
-    """Return the value of a dim that does not fit: that of ``middle`` if the dim has it, else its middle."""
+    """Return the value of a dim that does not fit: the value of ``middle`` if the dim has it, else its middle."""
     value = middle.get(dim.name)
     return value if value in dim.values else dim.values[len(dim.values) // 2]

@@ -1,4 +1,4 @@
-"""What a tree holds that can be plotted: metrics, curves and pictures of every stage, over the axes of its sweep.
+"""The content of a tree that can be plotted: metrics, curves and pictures of every stage, over the axes of its sweep.
 
 In:  an ``xarray.DataTree`` from ``open_archive``, xarray or ``simulate``.
 Out: ``Held`` by stage and variable; its values over the whole sweep, with the groups of a stage joined, NaN where a
@@ -50,13 +50,13 @@ class HeldVariable:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """The axes of the sweep that reach it."""
+        """The axes of the sweep that affect the variable."""
         first = self.groups[0]
         return tuple(str(dim) for dim in first["status"].dims) if "status" in first else ()
 
     @property
     def dims(self) -> tuple[str, ...]:
-        """Its own dims, which follow the axes."""
+        """The variable's own dims, which follow the axes."""
         return tuple(str(dim) for dim in self.groups[0][self.variable].dims if dim not in self.axes)
 
     @property
@@ -73,7 +73,7 @@ class HeldVariable:
 
     @property
     def caption(self) -> str:
-        """Its title and its error, where that was measured."""
+        """The title of the variable, with its error if measured."""
         return f"{self.title}, {self.error_text}" if self.error_text else self.title
 
     @property
@@ -83,7 +83,9 @@ class HeldVariable:
 
     @property
     def title(self) -> str:
-        """Its title and the stages that do not affect it; without the unit, which is shown separately."""
+        """The title of the variable, with the stages that the metric does not include; without the unit, which is shown
+        separately.
+        """
         own = str(self.attrs.get("long_name", self.variable.replace("_", " ")))
         shown = ", line pairs per mm" if self.units in ("cycles/mm", "mm-1") else ""
         return own.removesuffix(shown) + without(self.attrs)
@@ -130,7 +132,7 @@ class HeldVariable:
         return str(group[dim].attrs.get("parameter", dim)) if dim in group.coords else dim
 
     def values(self, at: AxisValues | None = None) -> xarray.DataArray:
-        """Return all values, or those at given axis values: float64, NaN where a cell is missing; axes in order.
+        """Return all values, or those at given axis values: float64, NaN for missing cells; axes in order.
 
         Raises
         ------
@@ -140,11 +142,11 @@ class HeldVariable:
         return self._joined(self.variable, at or {})[0]
 
     def failed(self, at: AxisValues | None = None) -> xarray.DataArray:
-        """Return, over the axes, whether a cell failed or was skipped because an earlier cell failed."""
+        """Return a mask over the axes: cells that failed, or were skipped because an earlier cell failed."""
         return self._joined(self.variable, at or {})[1]
 
     def there(self, at: AxisValues | None = None) -> xarray.DataArray:
-        """Return over the axes whether a cell is finished."""
+        """Return a mask over the axes: cells that are finished."""
         return self._joined(self.variable, at or {})[2]
 
     def _joined(self, variable: str, at: AxisValues) -> tuple[xarray.DataArray, xarray.DataArray, xarray.DataArray]:
@@ -207,7 +209,7 @@ def rows_of(group: xarray.Dataset, dim: str) -> xarray.DataArray | None:
 
 
 def by_row(group: xarray.Dataset) -> xarray.Dataset:
-    """Return a group with its values in every row of a design, in place of combinations that rows have in common."""
+    """Return a group with its values in every row of a design, instead of the combinations that several rows share."""
     for dim in [str(dim) for dim in group.dims]:
         rows = rows_of(group, dim)
         if rows is not None:
@@ -241,7 +243,7 @@ class Holdings:
 
     @property
     def axes(self) -> dict[str, list[Any]]:
-        """Every axis of the sweep with its values: names in the order of the sweep, numbers as they are."""
+        """Every axis of the sweep with its values: names in the order of the sweep, numbers unchanged."""
         found: dict[str, dict[Any, None]] = {}
         for one in self:
             for dim in one.axes:
@@ -252,8 +254,8 @@ class Holdings:
         return {dim: list(values) for dim, values in found.items()}
 
     def _order(self, groups: Iterable[xarray.Dataset]) -> dict[str, dict[AxisValue, int]]:
-        """Return the order of names along each axis, as swept: from the ledger, else from the group that has most of
-        them.
+        """Return the order of names along each axis, as swept: from the ledger, else from the group with most of these
+        names.
         """
         ledger = self.table("ledger")
         found: dict[str, dict[AxisValue, None]] = {}
@@ -270,12 +272,13 @@ class Holdings:
         return {dim: {value: place for place, value in enumerate(values)} for dim, values in found.items()}
 
     def find(self, name: str, *kinds: str) -> HeldVariable:
-        """Return a variable by its name, or by ``stage.variable``; if several stages wrote it, the last one.
+        """Return a variable by its name, or by ``stage.variable``; if several stages wrote it, the variable of the last
+        stage.
 
         Raises
         ------
         RequestError
-            There is none, or none of such a kind; the message lists the nearest names.
+            No such variable exists, or it has another kind; the message lists the nearest names.
         """
         stage, _, variable = name.rpartition(".")
         found = [one for one in self if one.variable == variable and stage in ("", one.stage)]

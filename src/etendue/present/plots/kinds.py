@@ -1,5 +1,5 @@
-"""The kinds of plots, by name: the engine's own and those that distributions register with ``etendue_plots``; and the
-choice of a default.
+"""The kinds of plots, by name: the engine's own kinds and kinds that distributions register with ``etendue_plots``; and
+the choice of a default.
 
 In:  holdings, a kind, metrics, the request.
 Out: a ``Plot``; lists of what is available.
@@ -74,7 +74,7 @@ WORDS = ("x", "y", "lines", "panels", "better")  # fields of `Asked` that not ev
 
 @cache
 def kinds() -> Mapping[str, Kind]:
-    """Return all kinds by name. The engine's own take precedence over others of the same name; unreadable ones are
+    """Return all kinds by name. Kinds of the engine take precedence over others of the same name; unreadable kinds are
     omitted.
     """
     every, found = discovery.installed(), dict(OWN)
@@ -145,7 +145,7 @@ def _refuse_unused(kind: str, asked: PlotRequest) -> None:
 
 
 def kind_of(holdings: Holdings, kind: str, figures: Sequence[str] = ()) -> tuple[str, tuple[str, ...]]:
-    """Return the kind: as named, as suggested by a variable given in its place, or the one that suits the archive."""
+    """Return the kind: as named, as suggested by a variable given in its place, or the kind that suits the archive."""
     if kind in kinds():
         return kind, tuple(figures)
     if kind:

@@ -30,7 +30,7 @@ PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
 def unit_text(units: str) -> str:
-    """Return a unit as people write it; '' for a plain number."""
+    """Return a unit in its usual notation; '' for a plain number."""
     if units in SAID:
         return SAID[units]
     text = re.sub(r"(?<![A-Za-z])um(?![A-Za-z])", "µm", units)
@@ -55,7 +55,7 @@ def value_text(value: Any, units: str = "", dim: str = "") -> str:
 
 
 def bare_text(value: Any, units: str = "", dim: str = "") -> str:
-    """Return the same without a unit, for ticks of an axis whose title has it; seconds keep their SI prefix."""
+    """Return an axis value without its unit, for ticks of an axis whose title has it; seconds keep their SI prefix."""
     if isinstance(value, str) or not _is_number(value):
         return str(value)
     return value_text(value, units, dim) if units == "s" or wording.prefix(dim) else f"{float(value):.4g}"

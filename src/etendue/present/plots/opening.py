@@ -22,6 +22,6 @@ def opened(folder: Path) -> xarray.DataTree:
     Raises
     ------
     ArchiveError
-        It is not an archive, nothing in it can be read yet, or it is damaged; the message says what to do.
+        The folder is not an archive, nothing in it can be read yet, or it is damaged; the message states a remedy.
     """
     return stated(open_archive(folder, checked(folder).journal), latest(folder, ANSWER))

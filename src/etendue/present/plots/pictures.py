@@ -1,7 +1,8 @@
-"""Arrays as the eye sees them, from their coordinates and attributes, by the rules of ``present.pictures.appearance``.
+"""Conversion of arrays to pictures in the colours that the eye sees, from their coordinates and attributes, by the
+rules of ``present.pictures.appearance``.
 
-In:  a ``DataArray`` of one cell, over y and x, perhaps with bands or channels first; its attributes say how it is drawn
-     (``contract.drawn``); otherwise its name does.
+In:  a ``DataArray`` of one cell, over y and x, perhaps with bands or channels first; its attributes
+     (``contract.drawn``), else its name, define how it is drawn.
 Out: (y, x, 3) bytes, encoded sRGB, the first row of the array at the top.
 """
 
@@ -28,12 +29,12 @@ def drawn_as(array: xarray.DataArray) -> Drawn:
 
 
 def one_frame(array: xarray.DataArray) -> xarray.DataArray:
-    """Return the middle one of several frames; planes and bands form one picture."""
+    """Return the middle of several frames; planes and bands form one picture."""
     return array.isel({dim: array.sizes[dim] // 2 for dim in array.dims if dim not in ("y", "x", *flat_dims())})
 
 
 def with_bands(array: xarray.DataArray, group: xarray.Dataset) -> xarray.DataArray:
-    """Add the edges of the bands from the group: their centres alone do not say how wide each is."""
+    """Add the edges of the bands from the group: because the centres alone do not give the widths."""
     band = banded(map(str, array.dims))
     if not band or f"{band}{BOUNDS}" not in group:
         return array
@@ -47,7 +48,7 @@ def appearance_of(array: xarray.DataArray) -> Appearance:
     Raises
     ------
     RequestError
-        The dims are not those of a picture.
+        The array does not have the dims of a picture.
     """
     dims = [str(dim) for dim in array.dims]
     first = [round(float(array[dim].values[0])) if dim in array.coords else 0 for dim in ("y", "x")]
@@ -65,7 +66,7 @@ def appearance_of(array: xarray.DataArray) -> Appearance:
 
 
 def bright_in(array: xarray.DataArray) -> float:
-    """Return the linear value shown as white in a picture that stands alone."""
+    """Return the linear value shown as white in a picture that is shown alone."""
     array = upright(array)
     own = appearance_of(array)
     return brightness(own.drawn, own.small(array.values) if own.drawn.scaled else None)

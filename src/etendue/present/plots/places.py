@@ -1,7 +1,7 @@
-"""Values along axes as people write them: ``gain=2.8``, ``spacing=5400 nm``, ``stage=filter``.
+"""Values along axes in written form: ``gain=2.8``, ``spacing=5400 nm``, ``stage=filter``.
 
-In:  words from a command line or from Python; the values of an axis.
-Out: the matching value, or a message with the available ones.
+In:  texts from a command line or from Python; the values of an axis.
+Out: the matching value, or a message with the available values.
 """
 
 from __future__ import annotations
@@ -73,13 +73,13 @@ def _number(text: str) -> Decimal | str:
 
 
 def resolved(held: Sequence[HeldVariable], at: AxisValues) -> Document:
-    """Return the request as values of dims. Names are those of dims or of the parameters that axes set; values are
+    """Return the request as values of dims. Names are names of dims or of the parameters that axes set; values are
     numbers or texts with units.
 
     Raises
     ------
     RequestError
-        Unknown dim, or no such value along it.
+        The dim is unknown, or has no such value.
     """
     found: Document = {}
     faults = []
@@ -113,7 +113,7 @@ def resolved(held: Sequence[HeldVariable], at: AxisValues) -> Document:
 
 
 def resolved_in(array: Any, at: AxisValues) -> Document:
-    """Return the same for the dims of one xarray array."""
+    """Return the request as values of the dims of one xarray array."""
     found: Document = {}
     faults = []
     keys = {

@@ -1,4 +1,4 @@
-"""The error of the answer in the attributes of a tree, from which plots and their captions take it.
+"""The error of the answer in the attributes of a tree, from which plots and their captions read it.
 
 In:  a tree, the stored errors of a run (``AnswerErrors.document()``).
 Out: the same tree; variables that were measured have ``error`` and ``error_parts``.
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def stated(tree: xarray.DataTree, answers: DocumentView | None) -> xarray.DataTree:
-    """Write errors into the attributes of a tree's variables, where they were measured."""
+    """Write measured errors into the attributes of a tree's variables."""
     for error in answers["errors"].values() if answers is not None and is_sound(answers) else ():
         for group in (
             tree[error["stage"]].subtree if says_enough(error, True) and error["stage"] in tree.children else ()

@@ -138,7 +138,7 @@ def files_of(document: DocumentView) -> dict[str, bytes]:
 
 def diagram(document: DocumentView) -> bytes:
     """Plot the results. Left: each knob alone, error of its stage against the time of the stages it affects. Middle:
-    all trials. Right: from which knob the error comes, for each setting on the front. Bars reach from the least time to
+    all trials. Right: the knobs that cause the error, for each setting on the front. Bars reach from the least time to
     the median.
     """
     floor, by = document["reference_floor"], document["by"]
@@ -184,7 +184,7 @@ def diagram(document: DocumentView) -> bytes:
 
 
 def _colours(document: DocumentView) -> dict[str, str]:
-    """Return a colour for each cause of errors: first the knobs that cause one on their own, then the others."""
+    """Return a colour for each cause of errors: first the knobs that cause an error by themselves, then the others."""
     alone = [_key(c) for c in document["curves"] if any(p["stage_error"] for p in c["points"])]
     others = [name for p in (*document["frontier"], document["planned"]) for name in p["parts"]]
     return {name: f"C{order % 10}" for order, name in enumerate(dict.fromkeys([*alone, *others]))}
@@ -250,7 +250,7 @@ def _print_lines(console: Console, document: DocumentView, files: list[Path]) ->
             f"noise       of one frame {document['noise_floor']:.2g} in {document['noise_floor_of']}: smaller errors "
             f"are invisible in a single frame"
         )
-    console.print(f"reference   accurate to {document['reference_floor']:.1g}; smaller errors count as that")
+    console.print(f"reference   accurate to {document['reference_floor']:.1g}; smaller errors count as this value")
     for text in document["notes"]:
         console.print(f"note        {escape(text)}", soft_wrap=True)
     for path in files:
@@ -273,12 +273,12 @@ def _law(curve: DocumentView) -> str:
 
 
 def _reference(curve: DocumentView) -> Any:
-    """Return the default setting of a study: the finest. Of a discretisation there is none."""
+    """Return the default setting of a study: the finest setting; a discretisation has none."""
     return None if curve["discretisation"] else curve["reference"]
 
 
 def _split(parts: DocumentView) -> str:
-    """Return a bar of ten cells, shaded by cause from the largest on, and the causes with their shares."""
+    """Return a bar of ten cells, shaded by cause, the largest first, and the causes with their shares."""
     whole = math.fsum(parts.values())
     if not whole:
         return "nothing"

@@ -1,6 +1,6 @@
 """The error of the answer as text: printed after a value, and notes about the cells where it was measured.
 
-In:  stored errors (``AnswerErrors.document()``), or one of them.
+In:  stored errors (``AnswerErrors.document()``), or one such error.
 Out: texts for the end table, captions and the report.
 """
 
@@ -92,15 +92,17 @@ def _shares(error: DocumentView) -> list[tuple[float, str]]:
 
 
 def parts_text(error: DocumentView, missing: bool = True) -> str:
-    """Return the parts of an error that matter, largest first, as ``bins 0.02, spacing 0.01``, and those missing."""
+    """Return the parts of an error that matter, largest first, as ``bins 0.02, spacing 0.01``, and the
+    missing parts.
+    """
     known = ", ".join(f"{name} {value:.2g}" for value, name in _shares(error))
     more = ", ".join(unknown_parts(error)) if missing else ""
     return "; ".join(text for text in (known, f"{more} not measured" if more else "") if text)
 
 
 def says_enough(error: DocumentView, complete: bool = False) -> bool:
-    """Return whether an error may be shown: everything was measured, or, unless it must be ``complete``, at least one
-    discretisation that matters.
+    """Return whether an error may be shown: all parts were measured or, if ``complete`` is False, at least one relevant
+    discretisation.
     """
     unknown = unknown_parts(error)
     if unknown and not complete:
@@ -132,8 +134,8 @@ def number(value: Any) -> float:
 
 
 def remedies(document: DocumentView, command: str = "") -> list[str]:
-    """Return a line with the settings for smaller errors, the most effective first; none if no part of an error matters
-    that they would reduce. ``command``: what they are added to.
+    """Return a line with the settings for smaller errors, the most effective first; empty if they would reduce no
+    relevant part of an error. ``command``: the command to which the settings are added.
     """
     effect: dict[str, float] = {}
     for one in document.get("errors", {}).values():
@@ -143,29 +145,29 @@ def remedies(document: DocumentView, command: str = "") -> list[str]:
     own = {name: text for name, text in document.get("remedies", {}).items() if effect.get(name)}
     ranked = sorted(own, key=lambda name: -effect[name])
     settings = " ".join(f"--set {one}" for name in ranked for one in own[name].replace(" = ", "=").split(", "))
-    few = f"{', '.join(ranked)}{'; one or more, the first helps most' if len(ranked) > 1 else ''}"
+    few = f"{', '.join(ranked)}{'; use one or more; the first has the largest effect' if len(ranked) > 1 else ''}"
     return [f"for smaller errors: {command} {settings} ({few})".replace(":  ", ": ")] if ranked else []
 
 
 def notes(document: DocumentView, remedied: bool = False) -> list[str]:
     """Return notes: the cell at which errors were measured, the errors that were not measured, and the time or the
-    options that measuring them requires. ``remedied``: the remedy for the errors is stated elsewhere.
+    options that measuring them requires. ``remedied``: another line already gives the remedy.
     """
     if document.get("why"):
         return [f"error of the answer not measured: {document['why']}"]
     errors, points = document["errors"].values(), document["points"]
     factor = max((number(one["scaled"]) for one in errors), default=1.0)
     where = "" if points == 1 and factor == 1 else f" at {points} point{'s' if points > 1 else ''} of the sweep"
-    spread = f"; for its other points, errors of the whole sweep are {factor:g} times those" if factor > 1 else ""
+    spread = f"; errors of the whole sweep are {factor:g} times these errors" if factor > 1 else ""
     when = "by an earlier run" if document["remembered"] else f"in {human_seconds(number(document['seconds']))}"
     said = [f"measured{where} without noise, {when}{spread}"] if any(says_enough(one) for one in errors) else []
     fixed = {f"{name}: {why}" for one in errors for name, why in one["fixed"].items()}
-    said += [f"cannot be refined, and so is in none of these errors: {text}" for text in sorted(fixed)]
+    said += [f"not included in these errors, because it cannot be refined: {text}" for text in sorted(fixed)]
     return said + (remedies(document) if said and not remedied else []) + _missing(document)
 
 
 def _missing(document: DocumentView) -> list[str]:
-    """Return which parts were not measured: too costly, or for another reason."""
+    """Return a text that names the parts that were not measured, because they are too costly or for another reason."""
     costly: dict[str, None] = {}
     whose: dict[str, None] = {}
     others: dict[tuple[str, str], list[str]] = {}

@@ -18,8 +18,8 @@ SHOWN = 8  # rows; smaller errors are summarised in one line
 
 
 def print_answers(document: DocumentView | None, headlines: Container[str] = ()) -> None:
-    """Print the errors of pictures, curves and further metrics, and what could not be measured. None: no run has
-    measured them. ``headlines``: variables whose errors follow with their values.
+    """Print the errors of pictures, curves and further metrics, and the errors that could not be measured. None: no run
+    has measured the errors. ``headlines``: variables whose errors follow with their values.
     """
     out = _out()
     if document is None:
@@ -35,7 +35,7 @@ def print_answers(document: DocumentView | None, headlines: Container[str] = ())
         over = "" if max(number(one["scaled"]) for _, one in errors) == 1 else ", at any point of the sweep"
         out.print(
             _table(
-                f"error of the answer: how far results may be off{over}",
+                f"error of the answer: possible error of each result{over}",
                 ("variable", "left", "name"),
                 ("error", "right", _error),
                 ("largest", "right", _largest),
@@ -55,7 +55,9 @@ def print_answers(document: DocumentView | None, headlines: Container[str] = ())
 
 
 def _error(row: DocumentView) -> str:
-    """Return the error: of pictures and curves the rms relative to full scale, of numbers the largest in their unit."""
+    """Return the error: for pictures and curves the rms relative to full scale, for numbers the largest error in their
+    unit.
+    """
     value = size(row)
     if math.isnan(value):
         return "unknown"

@@ -1,4 +1,4 @@
-"""Lists of what is installed: stages by role, and the quantities that stages share.
+"""Lists of installed items: stages by role, and the quantities that stages share.
 
 In:  documents of ``contract.listing``.
 Out: stages and shared quantities on the terminal.

@@ -1,7 +1,7 @@
 """One table for terminal, notebook and JSON: rows go into JSON unchanged, columns define their text form.
 
-In:  rows; for each column its name, its alignment, which value of a row it shows, the format of the value, and the text
-     for a missing one.
+In:  rows; for each column its name, its alignment, the key of the value in a row, the format of the value, and the text
+     for a missing value.
 Out: cells as text, which terminals and notebooks escape in their own ways.
 """
 
@@ -24,7 +24,7 @@ def cells(columns: Iterable[Column], rows: Iterable[Any]) -> list[list[str]]:
 
 
 def once(rows: Iterable[Document], key: str, *also: str) -> list[Document]:
-    """The rows; ``key`` is empty where it and ``also`` are as in the row above."""
+    """The rows; ``key`` is empty if it and ``also`` equal the row above."""
     told, above = [], None
     for row in rows:
         own = [row[name] for name in (key, *also)]

@@ -22,7 +22,9 @@ SHOWN = 10  # rows; smaller errors are summarised in one line
 def global_error_document(
     found: Any, tolerance: float, norm: str = "rms", stated: Mapping[str, float | None] | None = None
 ) -> Document:
-    """Return ``global_error`` by variable and how it was measured; ``stated`` holds bounds for cells not measured."""
+    """Return ``global_error`` by variable and the method of measurement; ``stated`` holds bounds for cells that were
+    not measured.
+    """
     errors = {}
     for name, error in found.errors.items():
         held = error.held(tolerance, norm)
@@ -38,7 +40,7 @@ def global_error_document(
 
 
 def not_held(hold: Document, errors: Any) -> list[str]:
-    """Return which variables are not held, by how much, and the causes."""
+    """Return the variables whose error exceeds its limit, the excess, and the causes."""
     said = []
     for name in hold["missed"][:SHOWN]:
         own = errors[name] if isinstance(errors[name], dict) else vars(errors[name])

@@ -1,6 +1,6 @@
 """Suggestions after a run: the command that plots its results, and the list of possible plots.
 
-In:  the outcome of a run; what an archive holds.
+In:  the outcome of a run; the content of an archive.
 Out: lines of text.
 """
 

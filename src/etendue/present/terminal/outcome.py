@@ -1,7 +1,7 @@
-"""The end of a run: its stages, the errors of its results, headline metrics, and where the results are.
+"""The end of a run: its stages, the errors of its results, headline metrics, and the place of the results.
 
 In:  an ``Outcome``.
-Out: lines on stdout, the most important ones last; the document of ``run --json``.
+Out: lines on stdout, the most important lines last; the document of ``run --json``.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def replay(plan: Plan, ref: CellRef) -> str:
 
 
 def _row_settings(plan: Plan, axis: Axis, ref: CellRef) -> list[str]:
-    """Return the options that leave of an axis of rows only one that has a cell."""
+    """Return the options that reduce an axis of rows to one row that has a cell."""
     at = dict(zip(plan.node(ref[0]).axes, ref[1], strict=True))
     position = at.get(axis.dim, 0)
     for part in plan.derived:
@@ -123,7 +123,7 @@ def _row_settings(plan: Plan, axis: Axis, ref: CellRef) -> list[str]:
 
 
 def print_outcome(outcome: Any) -> None:
-    """Print the stage table, what was left out or failed, headline metrics, and where the results are."""
+    """Print the stage table, omissions, failures, headline metrics, and the place of the results."""
     console = _out()
     rows = stage_rows(outcome.plan, outcome.reports)
     table = _table(
@@ -165,8 +165,7 @@ def _print_changes(console: Console, outcome: Any) -> None:
         console.print(f"recomputed: {', '.join(names[:4] if more else names)}{more}, because {escape(why)}")
     if outcome.removed:
         console.print(
-            f"removed: {outcome.removed} cells of earlier runs at other axis values, which would now come out "
-            f"differently"
+            f"removed: {outcome.removed} cells of earlier runs at other axis values, which would now have other results"
         )
     if outcome.pruned:
         console.print(f"pruned: {outcome.pruned} finished cells that this run does not keep")
@@ -207,7 +206,9 @@ def _print_doubts(console: Console, outcome: Any) -> None:
 
 
 def _print_figures(console: Console, outcome: Any) -> None:
-    """Print headline metrics with their errors, what they do not include, and the command for smaller errors."""
+    """Print headline metrics with their errors, the stages that they do not include, and the command for smaller
+    errors.
+    """
     figures = headlines(outcome.plan, outcome.arrays)
     if figures and outcome.shown_at:
         console.print(f"metrics and pictures{escape(outcome.shown_at)}:")

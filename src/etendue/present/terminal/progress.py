@@ -74,7 +74,7 @@ class TerminalProgress:
 
 @contextmanager
 def trying(silent: bool = False) -> Iterator[Callable[[str], None]]:
-    """Show on stderr what is being tried; silent if stderr is not a terminal."""
+    """Show the present trial on stderr; silent if stderr is not a terminal."""
     console = Console(stderr=True)
     if silent or not console.is_terminal:
         yield lambda text: None

@@ -1,4 +1,4 @@
-"""Tables: the ledger (a row per cell), the summary (a row per stage), and what is printed at the end of a run.
+"""Tables: the ledger (a row per cell), the summary (a row per stage), and the lines printed at the end of a run.
 
 In:  a plan and the reports of its cells.
 Out: columns as plain lists with dims and attributes; text for a terminal.
@@ -37,7 +37,7 @@ class Column:
 
 
 def ledger(plan: Plan, reports: Reports) -> Document:
-    """Return one row per cell: stage, axes (missing where they do not apply), seconds, error and its basis, key."""
+    """Return one row per cell: stage, axes (missing if they do not apply), seconds, error and its basis, key."""
     cells, nodes = plan.cells, {node.name: node for node in plan.nodes}
     arrays: Document = {}
 
@@ -115,7 +115,7 @@ def _put(arrays: Document, name: str, long_name: str, make: Callable[[], list[An
 
 
 def _at(plan: Plan, axis: Axis) -> Column:
-    """Return the axis value of each cell; empty or NaN if the axis does not reach it."""
+    """Return the axis value of each cell; empty or NaN if the axis does not affect the cell."""
     text = any(isinstance(v, str) for v in axis.values)
     place = {node.name: node.axes.index(axis.dim) for node in plan.nodes if axis.dim in node.axes}
     nothing: Any = "" if text else math.nan
@@ -161,7 +161,7 @@ def stage_rows(plan: Plan, reports: Reports) -> list[Document]:
 
 
 def summary(plan: Plan, reports: Reports) -> Document:
-    """Return the same rows as a group of the archive."""
+    """Return the rows of stages as a group of the archive."""
     rows = stage_rows(plan, reports)
     dims = ("stage",)
     arrays = {
@@ -200,7 +200,7 @@ def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]
 
 
 class Headline(NamedTuple):
-    """A metric of a shown cell; ``without``: the stages that do not affect it."""
+    """A metric of a shown cell; ``without``: the stages that it does not include."""
 
     name: str
     value: float
@@ -211,7 +211,7 @@ class Headline(NamedTuple):
 
 
 def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Array]]) -> list[Headline]:
-    """Return up to three metrics of the shown cells, preferred ones first."""
+    """Return up to three metrics of the shown cells, preferred metrics first."""
     preferred = first("headline")
     found: dict[str, Headline] = {}
     for ref, values in arrays.items():

@@ -29,7 +29,7 @@ def escape(text: str) -> str:
 
 
 class _Console(Console):
-    """A console that removes control characters from all printed text, wherever it comes from."""
+    """A console that removes control characters from all printed text."""
 
     def print(self, *objects: Any, **how: Any) -> None:
         super().print(*(printable(o) if isinstance(o, str) else o for o in objects), **how)
@@ -83,8 +83,8 @@ def _print_whole(console: Console, title: str, columns: Sequence[Column], rows: 
 
 
 def short_axes(keys: Iterable[str]) -> dict[str, str]:
-    """Return short names of axes: 'spacing' for 'grid_spacing', 'filter' for 'filter.use'; the key itself where two
-    would be equal.
+    """Return short names of axes: 'spacing' for 'grid_spacing', 'filter' for 'filter.use'; the key itself if two short
+    names would be equal.
     """
     short = {}
     for key in keys:
@@ -110,7 +110,7 @@ def _axis(axis: Document, short: str) -> str:
 
 
 def _uses(stages: list[Document]) -> list[str]:
-    """Return 'filter is filter_fast' for every stage whose name differs from what it uses."""
+    """Return 'filter is filter_fast' for every stage whose name differs from its ``use``."""
     texts = []
     for stage in stages:
         uses = stage["use"] if isinstance(stage["use"], list) else [stage["use"]]
@@ -120,8 +120,8 @@ def _uses(stages: list[Document]) -> list[str]:
 
 
 def _bound(stages: list[Document]) -> list[str]:
-    """Return lines for stages that take a shared quantity from an earlier one, and for those run once for each index of
-    a dim.
+    """Return lines for stages that take a shared quantity from an earlier one, and for stages that are run once for
+    each index of a dim.
     """
     found: dict[tuple[str, str], list[str]] = {}
     mapped: dict[str, list[str]] = {}
@@ -164,7 +164,7 @@ def plan_columns(product: Callable[[Iterable[str]], str]) -> tuple[Column, ...]:
 
 
 def expected_seconds(document: Document) -> str:
-    """Return expected seconds, with '~' where this machine has not run the stages yet; earlier plans do not say."""
+    """Return expected seconds, with '~' if this machine has not run the stages yet (not known for earlier plans)."""
     return f"{'' if document.get('seconds_known', True) else '~'}{human_seconds(document['seconds'])}"
 
 
@@ -176,7 +176,7 @@ def _without_time(stage: Document) -> str:
 
 
 def print_plan(document: Document) -> None:
-    """Print the plan as a table, and what is left out and why."""
+    """Print the plan as a table, and the omissions with their reasons."""
     console = _out()
     short = short_axes(axis["name"] for axis in document["axes"] if not axis.get("of"))
     short = {axis["name"]: short.get(axis["name"], axis["name"]) for axis in document["axes"]}
@@ -218,13 +218,13 @@ def _saving(seconds: float | None) -> str:
 
 
 def _at_most(at_stage: float, at_wanted: float) -> str:
-    """Return a bound, at the stage and, where later stages let it grow, in the results that are wanted."""
+    """Return the text of a bound: at the stage and, if later stages increase it, in the wanted results."""
     grown = f", {at_wanted:.2g} in the results" if f"{at_wanted:.2g}" != f"{at_stage:.2g}" else ""
     return f"at most {at_stage:.2g} of full scale at this stage{grown}"
 
 
 def _best(knob: Document) -> str:
-    """Return the reference setting of a knob, and what it means where its declaration says so."""
+    """Return the reference setting of a knob, and its meaning if declared."""
     value, _, meaning = knob.get("best", "").partition(":")  # documents of earlier versions have none
     own = str(knob["reference"])
     return f"{own} ({meaning.strip()})" if meaning and value == own else own
@@ -247,5 +247,5 @@ def omission_lines(name: str, left: Document | None, knobs: list[Document] | Non
         worst = _at_most(max(one["at_stage"] for one in own), max(one["bound"] for one in own))
         saved = None if any(one["seconds_saved"] is None for one in own) else sum(one["seconds_saved"] for one in own)
         values = ", ".join(f"{one['value']} ({one['cells']})" if len(own) > 1 else f"{one['value']}" for one in own)
-        said.append(f"coarser   {name}.{knob} = {values}, the best being {_best(own[0])}: {worst}{_saving(saved)}")
+        said.append(f"coarser   {name}.{knob} = {values}; the best setting is {_best(own[0])}: {worst}{_saving(saved)}")
     return said

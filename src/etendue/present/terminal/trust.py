@@ -26,8 +26,8 @@ def _counted(number: int) -> str:
 
 
 def print_reproduction(document: Document) -> None:
-    """Print for each stage how many arrays are reproduced, how far the others differ, and what differs in platform and
-    software.
+    """Print, for each stage, the number of reproduced arrays and the deviation of the others; then the differences in
+    platform and software.
     """
     console = _out()
     table = _table(
@@ -47,7 +47,7 @@ def print_reproduction(document: Document) -> None:
 
 
 def _print_reasons(console: Console, document: Document) -> None:
-    """Print why cells and files differ, and what was not checked."""
+    """Print the reasons why cells and files differ, and the list of unchecked contents."""
     for name, pair in document["platform"]["differs"].items():
         console.print(escape(f"platform  {name}: {pair['then']} then, {pair['now']} now"), soft_wrap=True)
     if document["platform"]["same"]:
@@ -85,7 +85,7 @@ def _print_reasons(console: Console, document: Document) -> None:
 
 
 def print_differences(document: Document) -> None:
-    """Print for each stage which cells of two archives differ, by how much, and why."""
+    """Print, for each stage, the cells that differ between two archives, with size and cause of the differences."""
     console = _out()
     state = "equal" if document["equal"] else "not equal"
     console.print(escape(f"{document['first']} and {document['second']}: {state}"), soft_wrap=True)
@@ -106,11 +106,10 @@ def print_differences(document: Document) -> None:
 
 
 def _print_where(console: Console, document: Document) -> None:
-    """Print what caused the differences, and which cells only one archive has."""
+    """Print the causes of the differences, and the cells that only one archive has."""
     if any(stage["differing"] for stage in document["stages"]):
         console.print(
-            "max, rms: difference of the worst cell; relative: its rms over full scale (inf: no full scale to divide "
-            "by)",
+            "max, rms: difference of the worst cell; relative: its rms divided by full scale (inf: full scale is 0)",
             soft_wrap=True,
         )
     for stage in document["stages"]:

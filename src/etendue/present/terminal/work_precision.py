@@ -1,4 +1,4 @@
-"""Error against run time, both logarithmic: which alternative is worth its time.
+"""Error against run time, both logarithmic: a comparison of alternatives.
 
 In:  points with a label, seconds per megapixel, error.
 Out: a PNG with the points and their Pareto front.
@@ -80,7 +80,7 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
 
 
 def _label(axes: Axes, points: list[Point], renderer: RendererBase) -> None:
-    """Put a label beside each point, where it covers no point and no other label."""
+    """Put a label beside each point such that it covers no point and no other label."""
     taken = [axes.transData.transform((p.seconds, p.error)) for p in points]
     boxes: list[Bbox] = []
     for p in points:
@@ -192,7 +192,7 @@ def _bars(axes: Axes, title: str, bars: list[Bar], colours: Mapping[str, str]) -
 
 
 def _few_ticks(axes: Axes, lines: int) -> None:
-    """Set ticks that do not overlap, and leave room above for a legend with so many lines."""
+    """Set ticks that do not overlap, and leave room above for a legend with this number of lines."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     low, high = axes.get_xlim()

@@ -26,7 +26,7 @@ Mark = tuple[str, bytes]  # a file that all workers must see, and its content
 
 @dataclass(frozen=True)
 class Common:
-    """The state of the owner of a run, to be compared with that of a worker. Sent to the workers."""
+    """The state of the owner of a run, to be compared with the state of a worker. Sent to the workers."""
 
     run: str  # a unique name
     platform: Platform
@@ -36,7 +36,7 @@ class Common:
     mark: Mark | None = None
 
     def differences(self) -> list[str]:
-        """Return how the calling process differs, in words; [] if it may compute."""
+        """Return texts that say how the calling process differs; [] if it may compute."""
         found = []
         for name, there in _has(self.platform).items():
             if there != self.has.get(name):
@@ -96,12 +96,12 @@ _sound: set[str] = set()  # the runs for which this process has passed the check
 
 
 def be_alike(common: Common) -> None:
-    """Check a worker before its first batch of a run: it may have joined late, or replaced one that died.
+    """Check a worker before its first batch of a run: it may have joined late or replaced a worker that died.
 
     Raises
     ------
     MachineError
-        It differs; the message says which worker, and how.
+        The worker differs; the message names the worker and the differences.
     """
     if common.run in _sound:
         return
@@ -114,11 +114,11 @@ def be_alike(common: Common) -> None:
 
 
 def refused(found: Mapping[str, list[str]]) -> str:
-    """Return the error about refused workers: the first by name and its differences, and how many more."""
+    """Return the error about refused workers: the name and differences of the first, and the number of the others."""
     address, differences = next(iter(found.items()))
     more = f" (and {len(found) - 1} more {'worker' if len(found) == 2 else 'workers'})" if len(found) > 1 else ""
     return (
         f"the worker {address}{more} cannot compute for this run; it has {'; '.join(differences)}. Finished results "
         f"are kept: "
-        "end that worker or give it what this process has, and run again"
+        "stop this worker or install the versions of this process on it, and run again"
     )

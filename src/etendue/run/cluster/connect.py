@@ -2,8 +2,8 @@
 for the run.
 
 In:  batches; the address of the cluster.
-Out: ``after`` is called for every batch. Errors say if the cluster is not there, is lost, or has a worker that would
-     give other bits.
+Out: ``after`` is called for every batch. Errors say if the cluster cannot be reached, is lost, or has a worker that
+     would give other bits.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ NO_PROFILE = {"distributed.worker.profile.enabled": False}
 
 @contextmanager
 def own_cluster(workers: int) -> Iterator[Any]:
-    """Give a client of ``workers`` worker processes with one thread each; a worker that dies is replaced."""
+    """Yield a client of ``workers`` worker processes with one thread each; a worker that dies is replaced."""
     try:
         import cryptography  # noqa: F401  # makes the certificate
         import distributed

@@ -2,8 +2,8 @@
 not the graph.
 
 In:  batches in any order; a client.
-Out: ``after`` is called for every batch. Results stay with the workers until their last reader has ended; only reports,
-     and arrays that were asked for, are fetched.
+Out: ``after`` is called for every batch. Results stay with the workers until their last reader has ended; only reports
+     and requested arrays are fetched.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ LOOK = 0.2  # seconds between polls of what is not reported
 
 @dataclass
 class Sent:
-    """A batch in progress: its result, if others read it, and what is fetched at its end."""
+    """A batch in progress: its result, if other batches read it, and the data fetched at its end."""
 
     result: Any
     told: Any
@@ -77,7 +77,7 @@ class Sending:
         Raises
         ------
         MachineError
-            The cluster cannot continue: no worker is left, or one differs.
+            The cluster cannot continue: no worker is left, or a worker differs.
         Stopped
             The run was stopped, and running batches have had time to end.
         """
@@ -97,7 +97,9 @@ class Sending:
                 raise
 
     def send(self) -> None:
-        """Send ready batches while there is room; none while a batch is suspected, since that is tried alone."""
+        """Send ready batches while there is room; none while a batch is suspected, because that batch is
+        tried alone.
+        """
         ahead = AHEAD if self.watching.limit is None else 1  # with a time limit, a batch must not wait behind another
         while self.ready and not self.suspected and len(self.sent) < ahead * self.watching.threads():
             place, number = heapq.heappop(self.ready)
@@ -118,7 +120,7 @@ class Sending:
             self.sent[number].told.add_done_callback(lambda future, number=number: self.ended.put((number, future)))
 
     def take(self, wait: float) -> None:
-        """Wait for batches to end and take their reports; those whose workers died become suspects."""
+        """Wait for batches to end and take their reports; batches whose workers died become suspects."""
         try:
             found = [self.ended.get(timeout=wait)]
         except queue.Empty:
@@ -162,7 +164,7 @@ class Sending:
                 heapq.heappush(self.ready, (self.place[reader], reader))
 
     def wind_up(self) -> None:
-        """Stop the run: cancel batches that have not started, and let running ones end."""
+        """Stop the run: cancel batches that have not started, and let running batches end."""
         until = time.monotonic() + 0.6 * GRACE
         try:
             at_work = self.watching.at_work()

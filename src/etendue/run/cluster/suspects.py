@@ -20,7 +20,9 @@ from etendue.run.cluster.watching import Watching
 
 
 class Suspects:
-    """``results``: those of ended batches, which may be lost with the workers that held them."""
+    """Batches whose workers died. ``results``: results of ended batches, which may be lost with the workers that held
+    them.
+    """
 
     def __init__(
         self,
@@ -72,7 +74,7 @@ class Suspects:
         return self.client.submit(compute, self.common, data, *sources.values(), pure=False)
 
     def tried(self, future: Any) -> str:
-        """Return why a cell tried alone has failed; '' if it has not."""
+        """Return the reason why a cell that was tried alone has failed; '' if it has not failed."""
         watching = self.watching
         watching.too_much.clear()
         why = watching.wait(future, watching.limit)
@@ -80,12 +82,12 @@ class Suspects:
             return why
         if watching.too_much:
             return (
-                f"it takes more memory than a worker may hold ({watching.may_hold / 1e9:.2f} GB): every worker that "
+                f"it needs more memory than a worker may use ({watching.may_hold / 1e9:.2f} GB): every worker that "
                 f"tried it alone was "
                 f"stopped, at {max(watching.too_much) / 1e9:.2f} GB. Give workers more memory (dask worker "
                 f"--memory-limit), or make frames smaller"
             )
         return (
-            "every worker that computed it died, though it ran alone: it crashes its process, or takes more memory "
+            "every worker that computed it died, although it ran alone: it crashes its process, or takes more memory "
             "than the machine has"
         )

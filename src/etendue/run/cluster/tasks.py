@@ -33,7 +33,9 @@ def as_bytes(
     topic: str = "",
     number: int = 0,
 ) -> bytes:
-    """Pickle a batch or a part of one. ``topic``: where the start of each cell is reported, with the batch number."""
+    """Pickle a batch or a part of one. ``topic``: the Dask topic under which the start of each cell is reported, with
+    the batch number.
+    """
     jobs = tuple(jobs)
     own = frozenset(job.ref for job in jobs if job.ref in deliver)
     rest = (dict(exports), tuple(map(tuple, imports)), own, dict(doomed), topic, number)

@@ -25,7 +25,9 @@ class SchedulerLost(Exception):
 
 
 class Watching:
-    """Use as a context manager while batches run. ``topic``: where workers report that they start a cell."""
+    """A context manager for the time in which batches run. ``topic``: the Dask topic under which workers report the
+    start of a cell.
+    """
 
     def __init__(self, client: Any, stop: Stop, limit: float | None, run: str) -> None:
         self.client, self.stop, self.limit, self.topic = client, stop, limit, f"etendue-{run}"
@@ -92,8 +94,8 @@ class Watching:
             else:
                 states = ", ".join(sorted({str(worker["status"]) for worker in workers}))
                 why = (
-                    f"no worker has been running for {PATIENCE:.0f} s (they are {states}; a worker pauses if it holds "
-                    f"too much of its memory)"
+                    f"no worker has been running for {PATIENCE:.0f} s (they are {states}; a worker pauses if "
+                    "its memory is nearly full)"
                 )
             raise MachineError(
                 f"{why}; finished results are kept: start workers (with more memory) and run again to continue"
@@ -121,7 +123,7 @@ class Watching:
         return {key for keys in self.client.processing().values() for key in keys}
 
     def wait(self, future: Any, limit: float | None = None) -> str:
-        """Wait until a task has ended; return why it was given up, else ''."""
+        """Wait until a task has ended; return the reason if it was abandoned, else ''."""
         began = None
         while future.status == "pending":
             self.stop.check()
@@ -141,7 +143,8 @@ class Watching:
         if future.status != "finished":
             self.died(future)
             raise MachineError(
-                "workers die while they pass on their results; finished results are kept: run again to continue"
+                "workers die while they transfer their results; finished results are kept: give workers more "
+                "memory, and run again to continue"
             )
         return future.result()
 

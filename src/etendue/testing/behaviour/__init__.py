@@ -1,3 +1,3 @@
-"""Checks of how a stage treats places, ranges of values, codes, noise and state; ``laws`` has a test method for each
-check.
+"""Checks of a stage's behaviour at places, over ranges of values, and for codes, noise and state; ``laws`` has a test
+method for each check.
 """

@@ -5,8 +5,8 @@ In:  a ``Bench``.
 Out: nothing, or ``LawBroken``.
 
 A stage that gets no positions (``run`` has no argument for a coordinate, and ``prepare`` gets none) must treat every
-place alike. A stage that gets positions may vary over the frame, but its result must not depend on where the border of
-its input is.
+place equally. A stage that gets positions may vary over the frame, but its result must not depend on where the border
+of its input is.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def room(bench: Bench, inputs: Arrays, frame: Frame) -> float:
 
 def uniform_to_the_rim(bench: Bench) -> None:
     """Check that uniform input gives uniform output up to the last row and column. If the stage gets positions, its
-    output must equal that of a larger uniform frame at the same places.
+    output must equal the output of a larger uniform frame at the same places.
     """
     if not frames(bench, same=told_where(bench)):
         return
@@ -151,7 +151,9 @@ def mirror_images(bench: Bench) -> None:
     if not frames(bench, same=False) or is_transfer(bench.kind) or bench.kind.handed:
         return
     if max(pattern_of(bench).period) > 2:
-        untried("mirror images were not tried: those of a mask that repeats after more than two pixels are other masks")
+        untried(
+            "mirror images were not tried: the mirror image of a mask with a period above two pixels is another mask"
+        )
         return
     frame = ODD if frames(bench) else EVEN
     for what in ("ordinary", "decades", "point"):
@@ -175,14 +177,15 @@ def mirror_images(bench: Bench) -> None:
                     room(bench, inputs, frame),
                     f"{bench.name}: {variable} of {what} input mirrored {word} is {off:.2g} of full scale from the "
                     f"mirror image of {variable}, most in row {worst_of(found - values)[0]}, column "
-                    f"{worst_of(found - values)[1]} of {frame[0]} x {frame[1]}: something is moved by a fraction of a "
-                    "pixel, or a border is off by one; declare handed = True if left and right differ by nature",
+                    f"{worst_of(found - values)[1]} of {frame[0]} x {frame[1]}: the picture is moved by a "
+                    "fraction of a pixel, or a border is off by one; declare handed = True if the stage treats "
+                    "left and right differently",
                 )
 
 
 def shifted_pictures(bench: Bench) -> None:
     """Check that a spot on a uniform background gives the same picture at every place. Near a border, differences are
-    allowed as far as the background alone shows them.
+    allowed up to the differences of the background alone.
     """
     if not frames(bench) or is_transfer(bench.kind) or told_where(bench):
         return
@@ -212,15 +215,16 @@ def shifted_pictures(bench: Bench) -> None:
             within(
                 off,
                 max(room(bench, spotted((0, 0)), frame), 1e-7),
-                f"{bench.name}: {variable} of a spot {step[0]} rows and {step[1]} columns further is not that of the "
-                f"spot, but {off:.2g} of full scale from it: it depends on the place in the frame; ask for y and x in "
+                f"{bench.name}: {variable} of a spot {step[0]} rows and {step[1]} columns further differs by "
+                f"{off:.2g} of full scale from the result for the spot itself: it depends on the place in the "
+                "frame; ask for y and x in "
                 "run if that is intended",
             )
 
 
 def far_corner(bench: Bench) -> None:
-    """Check that the last rows and columns of a frame of a hundred million places are computed like the first ones.
-    Applies to stages that depend on a position only through the period of a mask.
+    """Check that the last rows and columns of a frame of a hundred million places are computed like the first rows and
+    columns. Applies to stages that depend on a position only through the period of a mask.
     """
     if not frames(bench) or is_transfer(bench.kind) or not told_where(bench):
         return
@@ -238,9 +242,9 @@ def far_corner(bench: Bench) -> None:
         within(
             off,
             room(bench, inputs, frame),
-            f"{bench.name}: {variable} of the same input is {off:.2g} of full scale from that of the first rows "
-            f"when it stands at row {FAR[0]}, column {FAR[1]} of {LARGE[0]} x {LARGE[1]}: "
-            "places are counted in too few digits",
+            f"{bench.name}: {variable} of the same input differs by {off:.2g} of full scale from the result for "
+            f"the first rows if it is placed at row {FAR[0]}, column {FAR[1]} of {LARGE[0]} x {LARGE[1]}: "
+            "places are computed with too few digits",
         )
 
 
@@ -262,7 +266,7 @@ class Places(Bench):
 
 
 def tried(bench: Bench, inputs: Arrays, frame: Frame) -> BenchTrial | None:
-    """Return a result; None if the stage refuses the frame or the input, which other laws test."""
+    """Return a result; None if the stage refuses the frame or the input (other laws test this)."""
     try:
         trial = bench.run(inputs, frame=frame)
     except ValueError:

@@ -1,7 +1,7 @@
 """Continuity over whole ranges: of the brightness of all places, of one channel, of one place, and of every parameter.
 
 In:  a ``Bench``.
-Out: nothing, or ``LawBroken`` that says where a result jumps, and by how much.
+Out: nothing, or ``LawBroken`` with the place and size of a jump.
 
 A jump may be as large as the sum of the errors that the stage states on both sides of it. Stages that ``decide`` or
 write whole numbers always jump; ``steps`` measures their steps. A stage that treats each place independently gets a
@@ -83,7 +83,7 @@ def judge(bench: Bench, variable: str, off: float, allowed: float, where: str) -
         off,
         allowed,
         f"{bench.name}: {variable} jumps by {off:.3g} of its largest value where {where}; allowed: {allowed:.2g}; "
-        "declare decides = True if that is its nature",
+        "declare decides = True if the stage rounds, counts or chooses",
     )
 
 
@@ -224,7 +224,7 @@ def along_entries(bench: Bench, port: str) -> None:
 
 def continuous_in_parameters(bench: Bench) -> None:
     """Check every numeric parameter over its whole range, except values that are declared as ``apart``. The other
-    parameters take values beside 0 if their ordinary value is 0: otherwise the result might depend on none of them.
+    parameters take values beside 0 if their ordinary value is 0: otherwise the result might not depend on them.
     """
     if not bench.reads or bench.looks or bench.given_grids or not may_be_walked(bench):
         return
@@ -232,12 +232,12 @@ def continuous_in_parameters(bench: Bench) -> None:
     dear = is_transfer(bench.kind) or bench.kind.prepare is not Stage.prepare
     ordinary, bench = bench.stage, awake(cheaper(bench) if dear else bench)
     if stated(bench, inputs) > VAGUE:
-        untried(f"no parameter was walked along: a jump could not be told from the stated error, {VAGUE:g} or more")
+        untried(f"no parameter was varied: a jump could not be distinguished from the stated error, {VAGUE:g} or more")
         return
     for name, (parameter, kind, _) in parameters_of(bench.kind).items():
         span, own = span_of(parameter, kind, getattr(ordinary, name)), getattr(ordinary, name)
         if span is not None and dear and not math.isfinite(own):
-            untried(f"{name} was not walked along: its ordinary value is {own:g}")
+            untried(f"{name} was not varied: its ordinary value is {own:g}")
         elif span is not None:
             continuous_in(bench, name, nearer(span, own) if dear else span, inputs, dear)
 
@@ -288,8 +288,8 @@ def cheaper(bench: Bench) -> Bench:
 
 
 def awake(bench: Bench) -> Bench:
-    """Return the bench of the stage with numbers near 0 in place of those that are ordinarily 0, as many as it accepts
-    together. Numbers whose 0 has a special meaning stay.
+    """Return the bench of the stage with numbers near 0 instead of numbers that are ordinarily 0, as many as it accepts
+    together. Numbers whose 0 has a special meaning are not changed.
     """
     now = {name: getattr(bench.stage, name) for name in parameters_of(bench.kind)}
     wanted = {
@@ -331,8 +331,8 @@ def beside_a_whole_number(bench: Bench, walk: Walk, value: float, name: str, err
         within(
             off,
             error(value) + error(value * (1 + BESIDE)) + LEAST,
-            f"{bench.name}: {variable} with {name} = {value:g} is {off:.3g} of its largest value from that with "
-            f"{value * (1 + BESIDE):.12g}: a formula for this value alone that does not agree with the general one",
+            f"{bench.name}: {variable} with {name} = {value:g} is {off:.3g} of its largest value from the result with "
+            f"{value * (1 + BESIDE):.12g}: the special formula for this value does not agree with the general formula",
         )
 
 

@@ -1,9 +1,9 @@
 """Results of a stage in a process that has computed nothing before.
 
 In:  a ``Bench`` and inputs, in the order in which they are to be computed.
-Out: digests of the results; None where the stage cannot be sent to another process.
+Out: digests of the results; None if the stage cannot be sent to another process.
 
-One server process imports the modules that every stage needs, and forks a new child for each question. It ends when its
+One server process imports the modules that every stage needs, and forks a new child for each request. It ends when its
 owner ends, because the pipe that it reads is then closed. On systems without fork nothing is compared.
 """
 
@@ -95,7 +95,7 @@ def _receive(pipe: IO[bytes]) -> bytes:
 
 
 def serve() -> None:
-    """Answer questions until the pipe is closed, each in a new child process."""
+    """Answer requests until the pipe is closed, each in a new child process."""
     pipe, back = sys.stdin.buffer, sys.stdout.buffer
     while True:
         try:

@@ -4,7 +4,7 @@ threads.
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken``.
 
-The results here are compared with those of a process in which the stage has computed nothing else (``pristine``).
+The results are compared with results of a process in which the stage has computed nothing else (``pristine``).
 """
 
 from __future__ import annotations
@@ -46,23 +46,24 @@ def one_after_another(bench: Bench) -> None:
     for number, (trial, before) in enumerate(found):
         hold(
             digests(trial.arrays) == before,
-            f"{bench.name} overwrites what it returned for {PICTURES[number]} input when it computes another picture: "
+            f"{bench.name} overwrites the array that it returned for {PICTURES[number]} input when it computes "
+            "another picture: "
             "return a new array",
         )
     for number, inputs in enumerate(given):
         hold(
             digests(bench.run(inputs).arrays) == found[number][1],
-            f"{bench.name} gives different bits for {PICTURES[number]} input after another picture: it remembers "
-            "something",
+            f"{bench.name} gives different bits for {PICTURES[number]} input after another picture: it keeps "
+            "state between pictures",
         )
     alone = pristine.digests_alone(bench, list(reversed(given))) if given else None
     if given and alone is None:
-        untried("it was not compared with a process of its own: none can be had, or it cannot import the stage")
+        untried("it was not compared with a fresh process, because none can be started or it cannot import the stage")
     for number, own in enumerate(reversed(alone or [])):
         hold(
             own is None or own == found[number][1],
             f"{bench.name} gives different bits for {PICTURES[number]} input than in a process that computed another "
-            "picture first: what it keeps from one picture reaches the next",
+            "picture first: state of one picture affects the next",
         )
 
 
@@ -133,7 +134,7 @@ def stopping_at_lines_of(bench: Bench, call: Callable[[], None]) -> Iterator[Non
 
 
 def own_folder(bench: Bench) -> str:
-    """Return the file or the package folder of a stage's code, apart from the engine's."""
+    """Return the file or the package folder of a stage's code, without the engine's code."""
     module = sys.modules.get(bench.kind.__module__)
     file = getattr(module, "__file__", None)
     if not file:

@@ -60,7 +60,7 @@ def drawn_as_declared(bench: Bench) -> None:
 
 
 def even(bench: Bench, port: str, frame: Frame, level: float) -> dict[str, Array]:
-    """Return uniform inputs of which one is at a share of full scale; whole numbers if it holds codes."""
+    """Return uniform inputs, one of them at a share of full scale; whole numbers if it holds codes."""
     array = bench.array(port, "uniform", frame) * level
     whole = bench.reads[port].dtype != "float"
     return {**bench.arrays("uniform", frame), port: np.rint(array) if whole else array}
@@ -74,7 +74,7 @@ def nothing_drawn(bench: Bench, port: str, main: str) -> bool:
 
 
 def check_level(bench: Bench, port: str, main: str, level: float, by_line: bool) -> None:
-    """Check each plane by itself, and with the next."""
+    """Check each plane by itself and together with the next plane."""
     inputs = even(bench, port, FRAME, level)
     value = float(np.asarray(inputs[port]).flat[0])
     expected: dict[str, Array] | None = None

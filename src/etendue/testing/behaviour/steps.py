@@ -74,7 +74,7 @@ def check_width(bench: Bench, main: str, codes: Array, levels: Array) -> None:
             share,
             2.2 * stated,
             f"{bench.name}: {main} moves in steps of {width:.4g}, {share:.2g} of full scale, but error() states "
-            f"{stated:.2g}: smaller than the half of a step by which it rounds",
+            f"{stated:.2g}: this is smaller than half a step, the error of rounding",
         )
 
 

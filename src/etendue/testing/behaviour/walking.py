@@ -3,8 +3,8 @@
 In:  ``Walk``: results at several places of a path.
 Out: the size of a jump, and where it is.
 
-A step is unusual if its change differs from that of a polynomial through its neighbours. The step is subdivided until
-it is a billionth of its position; the change that remains is a jump.
+A step is unusual if its change differs from the change of a polynomial through its neighbours. The step is subdivided
+until it is a billionth of its position; the remaining change is a jump.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ def outstanding(places: Array, values: Sequence[Array | None], worth: int, rank_
 
 
 def beside_zero(walk: Walk, variable: str, first: float, allowed: float) -> Jump | None:
-    """Compare the result at 0 with those at two small numbers. At the smaller number even a square root has changed
-    little; a jump is as large as at the other.
+    """Compare the result at 0 with the results at two small numbers. At the smaller number even a square root has
+    changed little, but a jump has the same size at both numbers.
     """
     trials = walk(np.array([0.0, first * TINY, first * NEAR]))
     values = [np.asarray(one[variable], dtype=float) for one in trials if one is not None]
@@ -116,8 +116,8 @@ def summaries(values: Sequence[Array | None]) -> Array:
 
 
 def narrowed(walk: Walk, variable: str, low: float, high: float, least: float, depth: int = DEPTH) -> Jump:
-    """Subdivide a step repeatedly, and keep the part whose change differs most from that of the other parts. If there
-    is a jump, that part contains all of it.
+    """Subdivide a step repeatedly, and keep the part whose change differs most from the change of the other parts. If
+    there is a jump, that part contains the whole jump.
     """
     none = (0.0, low, high)
     jump, sizes = none, list[float]()

@@ -99,14 +99,14 @@ def sum_kept(bench: Bench) -> None:
     within(
         off,
         allowed,
-        f"{bench.name} declares that it keeps the sum, but changes that of a point in the middle of the frame by "
+        f"{bench.name} declares that it keeps the sum, but changes the sum of a point in the middle of the frame by "
         f"{off:.2g}",
     )
 
 
 def variance_told(bench: Bench) -> None:
     """Check that ``run`` adds the variance that ``Noisy.variance`` states. The input varies a little around each of
-    several levels; the added variance is that of the output around a straight line.
+    several levels; the added variance is the variance of the output around a straight line.
 
     Tolerance: five standard errors of a variance, from the fourth moment of the drawn values.
     """

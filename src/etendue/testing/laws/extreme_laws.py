@@ -1,7 +1,7 @@
-"""The laws of numerical stability, one test method each; ``StageConformance`` adds them to those on declarations.
+"""The laws of numerical stability, one test method each; ``StageConformance`` adds them to the laws on declarations.
 
 In:  the bench of a stage.
-Out: nothing, or a broken law that says what goes wrong: cancellation, overflow, digits lost in float32, a jump, a
+Out: nothing, or a broken law that names the fault: cancellation, overflow, digits lost in float32, a jump, a
      hidden constant.
 """
 

@@ -65,7 +65,7 @@ class KnobLaws:
                 except ValueError:
                     continue  # the stage refuses this setting on this grid
                 if bound is None:
-                    raise LawBroken(f"{stage!r} states no error, but states one with another {name}")
+                    raise LawBroken(f"{stage!r} states no error, although it states an error with another {name}")
                 hold(
                     bound <= last,
                     f"{bench.name} states {bound:.3g} with {name} = {value}, but {last:.3g} with the cheaper {before}",

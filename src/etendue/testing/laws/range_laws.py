@@ -2,7 +2,7 @@
 
 In:  the bench of a stage.
 Out: nothing, or a broken law: a jump inside a range, a step larger than the stated error, an offset of half a code, a
-     neutral value that is not.
+     neutral value that changes the input.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ class RangeLaws:
     bench: Bench
 
     def test_nothing_jumps_over_thirteen_decades_of_light(self) -> None:
-        """A stage that decides or writes whole numbers may jump, but by no more than twice the error that it states."""
+        """A stage that decides or writes whole numbers may jump, but by at most twice the error that it states."""
         paths.continuous_in_light(self.bench)
 
     def test_nothing_jumps_over_the_range_of_a_parameter(self) -> None:
-        """The same along every number of the stage."""
+        """The same condition for every number of the stage."""
         paths.continuous_in_parameters(self.bench)
 
     def test_codes_stand_in_the_middle_of_their_steps(self) -> None:

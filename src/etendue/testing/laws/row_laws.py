@@ -25,7 +25,7 @@ class RowLaws:
     bench: Bench
 
     def test_rows_alone_are_the_rows_of_the_whole(self) -> None:
-        """A stage with a ``halo``, or an ``elementwise`` one, gives the same bits in strips of any height."""
+        """A stage with a ``halo``, or an ``elementwise`` stage, gives the same bits in strips of any height."""
         bench = self.bench
         try:
             halo = halo_of(bench.stage)

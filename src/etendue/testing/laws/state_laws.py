@@ -1,7 +1,7 @@
 """The laws of state, one test method each.
 
 In:  the bench of a stage.
-Out: nothing, or a broken law: something of one picture reaches the next, or another thread.
+Out: nothing, or a broken law: state of one picture affects the next, or another thread.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The law of windows: the result for a window is the window of the result for the whole frame.
 
 In:  an instance of a stage.
-Out: nothing, or a broken law: a mask, a pattern or a shading that begins where the window does, instead of where the
-     whole frame does.
+Out: nothing, or a broken law: a mask, a pattern or a shading that begins at the window instead of at the whole frame.
 """
 
 from __future__ import annotations
@@ -68,9 +67,10 @@ class WindowLaws:
                 within(
                     off,
                     EVEN if halo is None else SAME,
-                    f"{bench.name}: {variable} of a window from row {first[0]}, column {first[1]} on, of {what}, is "
-                    f"{off:.2g} of full scale from that of the whole; masks and patterns must begin where the whole "
-                    "does: ask for y and x in run, y[0] and x[0] are the window's first row and column",
+                    f"{bench.name}: {variable} of a window from row {first[0]}, column {first[1]} on, of "
+                    f"{what}, differs by {off:.2g} of full scale from the result for the whole; masks and "
+                    "patterns must begin at the same place as for the whole: ask for y and x in run, y[0] and "
+                    "x[0] are the window's first row and column",
                 )
 
 

@@ -1,4 +1,4 @@
-"""The laws on what a stage declares about itself, before anything is computed.
+"""The laws on the declarations of a stage, before anything is computed.
 
 In:  an instance of a stage.
 Out: nothing, or a broken law.
@@ -144,13 +144,13 @@ class WordLaws:
         for port, declaration in reads_of(kind).items() if own is Stage else ():
             hold(
                 not variables.variable(declaration.variable).below_zero,
-                f"{kind.__name__} declares nothing about negative values and therefore refuses those of {port}, which "
-                f"noise makes negative, so that runs "
-                "and compare fail; declare negative = 'keep' or 'clip', or negative = 'error' if that is intended",
+                f"{kind.__name__} declares nothing about negative values and therefore refuses the negative "
+                f"values of {port}, which noise causes, so that runs and compare fail; declare negative = "
+                "'keep' or 'clip', or negative = 'error' if that is intended",
             )
 
     def test_its_notes_are_of_their_form(self) -> None:
-        """``warn`` gets the facts of what the stage writes and the grids of what it reads, and returns texts."""
+        """``warn`` gets the facts of the outputs of the stage and the grids of its inputs, and returns texts."""
         stage, kind, bench = self.stage, type(self.stage), self.bench
         facts: Facts | Mapping[str, Facts] = UNKNOWN
         if is_source(kind):

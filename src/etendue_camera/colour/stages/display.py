@@ -69,7 +69,7 @@ def check_display(name: str) -> None:
 class Display(Displaying, Haloed):
     """Convert tristimulus values to linear display RGB, with the inverse of primaries x cones (paper, section 3.2).
 
-    An RGB space has no spectra: its matrix is the inverse of the one that its primaries and white define.
+    An RGB space has no spectra: its matrix is the inverse of the matrix that its primaries and white define.
     """
 
     role: ClassVar = "display primaries"

@@ -68,8 +68,8 @@ class ColourFit(Collecting):
     ridge: float = param(
         0.0,
         at_least=0,
-        doc="regularisation: weight of the matrix norm relative to the error; a larger one gives less noise and more "
-        "colour error",
+        doc="regularisation: weight of the matrix norm relative to the error; a larger weight gives less noise "
+        "and more colour error",
     )
 
     def __post_init__(self) -> None:
@@ -264,12 +264,12 @@ class Balance(Viewed, Haloed):
         return white_of(self.target)
 
     def assumes(self) -> dict[str, Hashable]:
-        """Return the target white that the gains assume; the paper's printed diagonal has its own."""
+        """Return the target white that the gains assume; the paper's printed diagonal assumes its own target white."""
         return {"the white of the display": white_name(self.target)} if self.gains == "white" else {}
 
     def viewing_white(self) -> FloatArray | None:
-        """Return XYZ of the white to which a viewer of the result is adapted, for rendering pictures; None: that of the
-        picture.
+        """Return XYZ of the white to which a viewer of the result is adapted, for rendering pictures; None: the white
+        of the picture itself.
         """
         return white_of(self.target) if self.gains == "white" else None
 

@@ -59,13 +59,15 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
 
     @property
     def photo_spread(self) -> float:
-        """Return the PRNU: that of the sensor if it states one, otherwise the parameter of this stage."""
+        """Return the PRNU (relative rms): the sensor's value if it states one, otherwise the parameter of
+        this stage.
+        """
         return self.sensor_prnu if self.sensor_prnu > 0 else self.prnu
 
     @property
     def dark_spread(self) -> float:
-        """Return the dark current non-uniformity: that of the sensor if it states one, otherwise the parameter of this
-        stage.
+        """Return the dark current non-uniformity (relative rms): the sensor's value if it states one, otherwise the
+        parameter of this stage.
         """
         return self.sensor_dark_nonuniformity if self.sensor_dark_nonuniformity > 0 else self.dark_nonuniformity
 
@@ -238,7 +240,7 @@ class FullWell(Well, Bounded, Datasheet):
         return {"charge": np.minimum(charge, charge.dtype.type(self.well()))}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        """Bound what clipping removes from the mean of a Poisson count, relative to the full well."""
+        """Return a bound on the decrease of the mean of a Poisson count by clipping, relative to the full well."""
         if facts.high is None or facts.high >= self.well():
             return None
         sigma = math.sqrt(max(facts.high, 1.0))

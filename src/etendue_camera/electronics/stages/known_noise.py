@@ -39,12 +39,14 @@ class KnownNoise(ReadOut, GainChain):
         return self.white() / self.dn_per_electron()
 
     def noise_model(self) -> tuple[float, float]:
-        """Return the variance per value, and that in the dark."""
+        """Return the variance per unit of value, and the variance in the dark."""
         electrons = self.electrons()
         return 1 / electrons, self.dark_floor() / electrons**2
 
     def dark_floor(self, sheets: Sheets = ()) -> float:
-        """Return the variance in the dark without dark charge, electron^2; ``sheets``: what other stages add."""
+        """Return the variance in the dark without dark charge, electron^2; ``sheets``: data sheets of the other stages
+        that add noise.
+        """
         own = self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
         return own + (elsewhere(sheets, "read_noise") + elsewhere(sheets, "dsnu"))
 

@@ -28,7 +28,7 @@ class Meter(GainChain):
 
     ``mean`` and ``centre`` bring the average to 12.8 % of saturation, as in ISO 12232; ``highlight`` brings a
     quantile to 90 %; ``exposure_value`` ignores the light: the time follows from the f-number, N^2 / 2^EV.
-    Saturation is that of the full well or the top code, whichever is reached first, so the time follows the ISO speed.
+    Saturation is the full well or the top code, whichever is reached first, so the time depends on the ISO speed.
     All pixels of the mosaic have equal weight.
     """
 
@@ -71,7 +71,7 @@ class Meter(GainChain):
         return self.timed(metering.metered_level(photocurrent, self.metering, self.quantile))
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Return bounds on the time, from what is known of the light."""
+        """Return bounds on the time, from the known range of the light."""
         if self.metering == "exposure_value":
             time = self.time(None)
             return Facts(low=time, high=time)
@@ -115,7 +115,8 @@ class Meter(GainChain):
 
 @dataclass(frozen=True, kw_only=True)
 class Bracket(Stage):
-    """Take repeated and bracketed exposures of one scene, a frame each: the brackets in order, each ``repeats`` times.
+    """Take repeated and bracketed exposures of one scene as separate frames: the brackets in order, each ``repeats``
+    times.
 
     Frames have independent shot and read noise; all frames have the same fixed patterns of the sensor.
     """

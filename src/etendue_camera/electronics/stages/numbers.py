@@ -106,8 +106,8 @@ class ExposureReport(KnownNoise):
     """Report the exposure of the frame: fractions of clipped and black pixels, and mean signal-to-noise ratio of the
     expected charge (0 for clipped pixels).
 
-    Noise is that of one frame: shot noise, read noise, DSNU, rounding, rows and columns. PRNU, the dark current pattern
-    and hot pixels are part of the expected charge, not of the noise.
+    Noise is the noise of one frame: shot noise, read noise, DSNU, rounding, rows and columns. PRNU, the dark current
+    pattern and hot pixels are part of the expected charge, not of the noise.
 
     A pixel counts as clipped at the top code, or where the expected charge exceeds the full well. The second condition
     is needed because codes do not reveal clipping at a full well below the top code, or before read noise.

@@ -111,22 +111,22 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
 
     @property
     def of_row_pattern(self) -> float:
-        """That of the sensor if it states one, else the stage's own."""
+        """Return the sensor's value if it states one, otherwise the parameter of this stage."""
         return self.sensor_row_pattern if self.sensor_row_pattern > 0 else self.row_pattern
 
     @property
     def of_column_pattern(self) -> float:
-        """That of the sensor if it states one, else the stage's own."""
+        """Return the sensor's value if it states one, otherwise the parameter of this stage."""
         return self.sensor_column_pattern if self.sensor_column_pattern > 0 else self.column_pattern
 
     @property
     def of_row_noise(self) -> float:
-        """That of the sensor if it states one, else the stage's own."""
+        """Return the sensor's value if it states one, otherwise the parameter of this stage."""
         return self.sensor_row_noise if self.sensor_row_noise > 0 else self.row_noise
 
     @property
     def of_column_noise(self) -> float:
-        """That of the sensor if it states one, else the stage's own."""
+        """Return the sensor's value if it states one, otherwise the parameter of this stage."""
         return self.sensor_column_noise if self.sensor_column_noise > 0 else self.column_noise
 
     @property

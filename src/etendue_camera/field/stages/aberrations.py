@@ -44,7 +44,7 @@ class Aberrations(Blur, Aberrated, Banded):
         at_least=0,
         below=1,
         held=(0, 0.999),
-        doc="diameter of the central obstruction divided by that of the aperture; 0: none",
+        doc="diameter of the central obstruction divided by the diameter of the aperture; 0: none",
     )
     accuracy: float = param(
         0.03,

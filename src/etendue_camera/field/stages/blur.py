@@ -218,7 +218,8 @@ class Distortion(Profiled, Banded, Bounded):
 
     q = (r / reference_radius)^2, with r the ideal height. Irradiance is not scaled by the change of area, because a
     lens preserves radiance: a uniform scene stays uniform, and the falloff stage applies the falloff at the real
-    position. Beyond the rendered light, the distorted frame shows its mirror image; the plan reports how far.
+    position. Beyond the rendered light, the distorted frame shows its mirror image; the plan reports the width of this
+    border.
     """
 
     role: ClassVar = "distortion"
@@ -318,7 +319,7 @@ class Distortion(Profiled, Banded, Bounded):
         most = _largest_move(self.map(), farthest(grid), tuple(w * 1e-3 for w in grid.bands().values()))
         factors = scene_rings.moved(most, np.array(facts.content.edges))[None]
         lost = peaks.relative(factors, np.ones_like(factors), facts.content, grid).apart
-        return lost, f"light moves by at most {most:.2g} um, and the scene has little detail that fine"
+        return lost, f"light moves by at most {most:.2g} um, and the scene has little detail of this size"
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """Keep the facts of a uniform plane. For any other plane keep the range of its samples, widened because a

@@ -121,14 +121,17 @@ class Falloff(Dimming, Profiled, Banded, Bounded):
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:
         low, high = self.bounds(grid)
-        return max(1.0 - low, high - 1.0), "the field is so small that falloff is below this at the corner"
+        return max(1.0 - low, high - 1.0), "the field is small: at the corner the falloff is below this bound"
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=not self.tabled())
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         notes = self.lens_notes(
-            "the fall-off", "the cos4 law stands in", self.of_lens() is not None, (self.focal_length, self.f_number)
+            "the fall-off",
+            "the cos4 law is used instead",
+            self.of_lens() is not None,
+            (self.focal_length, self.f_number),
         )
         if not self.tabled():
             return notes

@@ -65,7 +65,7 @@ class Vignetting(Dimming, Banded, Bounded):
     """Apply vignetting: a round rim in front of the entrance pupil cuts oblique beams. The open part is the overlap of
     two discs, and stopping down reduces the effect.
 
-    Its effect multiplies that of a falloff stage.
+    Its effect multiplies the effect of a falloff stage.
     """
 
     role: ClassVar = "vignetting"

@@ -69,8 +69,8 @@ class Profiled(Stage):
             notes.append(f"{self.lens_name()} opens to f/{own.aperture[0]:g}, not f/{aperture:g}")
         if self.crop_factor and own.crop_factor > self.crop_factor * 1.05:
             notes.append(
-                f"{self.lens_name()} was measured on a sensor of crop factor {own.crop_factor:g}, smaller than that of "
-                f"the body ({self.crop_factor:g}): beyond it the curves are continued"
+                f"{self.lens_name()} was measured on a sensor of crop factor {own.crop_factor:g}, smaller than "
+                f"the sensor of the body ({self.crop_factor:g}): beyond it the curves are continued"
             )
         return notes
 

@@ -113,7 +113,7 @@ class CorrectFoundDefects(DefectDetection):
 
 @dataclass(frozen=True, kw_only=True)
 class JoinDefectMaps(Stage):
-    """Join the maps of hot and dead pixels (``defects``) and of stuck ones (``stuck_pixels``)."""
+    """Join the maps of hot and dead pixels (``defects``) and of stuck pixels (``stuck_pixels``)."""
 
     role: ClassVar = "defect map"
     reads: ClassVar = {"defect_map": "y x [1] uint8", "stuck_map": "y x [1] uint8"}

@@ -105,8 +105,8 @@ class DemosaicDirectional(_Demosaic, Haloed):
     )
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the rounding plus what the floor hides, such as two greens on a flat background that differ by a tenth
-        of full scale.
+        """Return a bound on the rounding plus the differences hidden by the floor, such as two greens on a flat
+        background that differ by a tenth of full scale.
         """
         return (4e-7 + 5e-9 / self.floor if precision == "float32" else 1e-15 + 1e-17 / self.floor), "measured"
 

@@ -90,7 +90,8 @@ def _per_second(
 
 @dataclass(frozen=True, kw_only=True)
 class WhiteEstimate(KnownNoise):
-    """Estimate the colour of the white from the picture, or take it from a preset; its level is that of ``white``.
+    """Estimate the colour of the white from the picture, or take it from a preset; its level remains the level of
+    ``white``.
 
     ``grey_world``: the scene is grey on average; ``white_patch``: the brightest area is white; ``shades_of_grey``: a
     power mean between the two; ``preset``: gains from a list; ``illuminant``: the true white, unchanged. Mosaic cells
@@ -189,7 +190,7 @@ class BalanceMosaic(Haloed):
     level at which that channel clips. Above this level its true value is unknown, so ``highlights = "neutral"`` clips
     the other channels there too. ``white`` becomes the level rendered as display white, equal in all channels. This is
     the scene white if no channel clips below it; otherwise (and always with ``brightness = "camera"``) it is the
-    clipping level. Overexposed areas are white, whatever the exposure, and later stages need no change.
+    clipping level. Overexposed areas are white at any exposure, and later stages need no change.
     """
 
     role: ClassVar = "white balance"
@@ -248,9 +249,7 @@ class BalanceMosaic(Haloed):
 
 
 def _same_channels(grid: Grid, pattern: str, variable: str) -> Grid:
-    """Return the grid of a variable that has a channel axis; raise an error unless its channels are those of the
-    pattern.
-    """
+    """Return the grid of a variable that has a channel axis; raise an error unless its channels match the pattern."""
     found, wanted = tuple(grid["channel"].values()), mask_of(pattern).channels
     require.that(
         found == wanted,

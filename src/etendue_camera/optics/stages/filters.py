@@ -44,7 +44,8 @@ class Birefringent(Blur, Transfer):
     dispersion: str = param(
         "",
         table=True,
-        doc="CSV file wavelength_nm,scale: factor on both separations by wavelength; '': the same at every wavelength",
+        doc="CSV file wavelength_nm,scale: factor on both separations by wavelength; '': separations are the "
+        "same at every wavelength",
     )
 
     def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, FloatArray]:

@@ -140,7 +140,9 @@ class OpticalFilter(Banded, Bounded, Tinting):
         }
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        """Return what the filter removes from any band: white has light in every one, whatever the scene has."""
+        """Return the largest fraction that the filter removes from a band, because the white has light in
+        every band.
+        """
         if not self.table and math.isinf(self.cut_off):
             return 0.0, "it transmits everything"
         return float(np.abs(1.0 - self.transmission(grid)).max()), "it transmits nearly all of the light"

@@ -27,7 +27,7 @@ FEW = 1 << 14  # frequencies of a plane up to which all bands are evaluated at o
 
 @dataclass(frozen=True, kw_only=True)
 class Blur(Bounded):
-    """Apply a transfer function to irradiance. A uniform scene is not changed at all, so the stage is then left out."""
+    """Apply a transfer function to irradiance. The stage does not change a uniform scene and is left out for it."""
 
     role: ClassVar = "lens"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
@@ -46,7 +46,7 @@ class Blur(Bounded):
         return None
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Keep the facts of a uniform plane, which is unchanged, and drop the range of any other.
+        """Keep the facts of a uniform plane, which is unchanged, and drop the range of any other plane.
 
         Where the grid truncates the transfer function, values may leave the range slightly.
         """
@@ -70,7 +70,7 @@ class Diffraction(Blur, Cone, Transfer):
         at_least=0,
         below=1,
         held=(0, 0.999),
-        doc="diameter of the central obstruction divided by that of the aperture; 0: none",
+        doc="diameter of the central obstruction divided by the diameter of the aperture; 0: none",
     )
 
     def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> FloatArray:

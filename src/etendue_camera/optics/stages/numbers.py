@@ -27,7 +27,7 @@ class LensNumbers(Cone):
     """Compute the Airy diameter (eq. 4), Rayleigh and Sparrow separations and cut-off; the focal length (eq. 9);
     working f-numbers; depth of field.
 
-    The T-number is that of the lens focused at infinity. Distances are from the front principal plane; ``far_limit`` is
+    The T-number applies to the lens focused at infinity. Distances are from the front principal plane; ``far_limit`` is
     infinite if the focus distance is at least the hyperfocal distance.
     """
 

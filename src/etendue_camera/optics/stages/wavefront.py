@@ -94,7 +94,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         at_least=0,
         below=1,
         held=(0, 0.999),
-        doc="annular: diameter of the central obstruction divided by that of the aperture",
+        doc="annular: diameter of the central obstruction divided by the diameter of the aperture",
     )
     blades: int = param(6, at_least=3, at_most=64, doc="polygonal: number of blades")
     rotation: float = param(0.0, units="deg", doc="polygonal: angle of a corner, from +x towards +y")

@@ -103,13 +103,13 @@ def binned(
     bins : int
         Bins per pixel, measured across the rows.
     window : {"tukey", "hamming"}
-        Window on the derivative of the rows, and on that of the bins.
+        Window on the derivative of the rows, and window on the derivative of the bins.
     derivative : bool
         Whether to correct for the loss of the three-point derivative.
     cosine : bool
         Whether to project distances on the normal of the edge.
     half_width : float or None, pixels
-        Extent of the bins from the edge; None: as far as all rows have pixels.
+        Extent of the bins from the edge; None: the largest extent for which all rows have pixels.
 
     Returns
     -------

@@ -43,7 +43,7 @@ def doubts(found: MeasuredEdge, rise: float) -> tuple[str, ...]:
     Returns
     -------
     names out of ``NAMES``: the line is bent; the step changes along it; the areas have a pattern; the rise leaves no
-    uniform areas; the curve leaves its plateaus, as that of a line does; the curve rises twice.
+    uniform areas; the curve leaves its plateaus, as for a line; the curve rises twice.
 
     Notes
     -----

@@ -136,7 +136,8 @@ def edge_resolution(
     ``order`` does not follow, nor the effect of the uncertainty of the line, which is of second order. Coverage was
     92.5 to 96.5 % over 200 seeds, for steps of 10, 30 and 100 times the noise at 2, 5, 10 and 40 degrees, 93 to 95 %
     for shot noise and 91 to 95 % for noise averaged over 3 x 3 pixels; at 10 the mean error is at most 1 % of MTF50 and
-    its scatter 6 %: ``python benchmarks/resolution.py`` prints all of it. One edge of 200 x 400 pixels takes 0.05 s.
+    its scatter 6 %: ``python benchmarks/resolution.py`` prints these numbers. One edge of 200 x 400 pixels takes 0.05
+    s.
     """
     require.only(draws >= 50, "draws", draws, "at least 50")
     require.only(0 < confidence < 1, "confidence", confidence, "between 0 and 1")
@@ -246,7 +247,7 @@ def _draws(
     block: int,
     widening: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return MTF50 and MTF10 of curves with other noise, inf where they are not reached."""
+    """Return MTF50 and MTF10 of curves with other noise, inf if they are not reached."""
     count = rows.coefficients.shape[0]
     found: list[FloatArray] = []
     for start in range(0, draws, AT_A_TIME):

@@ -115,7 +115,7 @@ def movement(
     """Return the Gauss-Newton step of the polynomial that moves the fitted edge onto the picture, and its standard
     error.
 
-    ``row``, ``distance``, ``rest`` (picture minus fit) and ``steep`` (derivative of the fit) are those of the pixels
+    ``row``, ``distance``, ``rest`` (picture minus fit) and ``steep`` (derivative of the fit) are given for the pixels
     used.
     """
     polynomial = np.polynomial.polynomial

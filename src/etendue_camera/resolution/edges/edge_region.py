@@ -1,4 +1,4 @@
-"""Search for measurable straight edges in a picture, and for strips about them without other content.
+"""Search for measurable straight edges in a picture, and for strips around them that contain nothing else.
 
 In:  a linear picture (y, x).
 Out: windows (pixels) and the pixels of the strip in them.
@@ -63,7 +63,7 @@ class FoundEdge:
 def find_edges(
     image: FloatArray, sites: Sites | None = None, *, most: int = 8, tries: int = 40, shortest: float = SHORTEST
 ) -> tuple[list[FoundEdge], list[str]]:
-    """Return isolated straight edges, the most promising first, and why other candidates were rejected.
+    """Return isolated straight edges, the most promising first, and the reasons why other candidates were rejected.
 
     Parameters
     ----------
@@ -176,15 +176,15 @@ def _checked_strip(
 ) -> tuple[tuple[int, int, int, int], Sites]:
     tilt = abs((math.degrees(ridge.turn) + 45) % 90 - 45)
     if not slant[0] < tilt:
-        raise ValueError(lost("the strongest straight one is parallel to the pixel axes"))
+        raise ValueError(lost("the strongest straight edge is parallel to the pixel axes"))
     if not tilt < slant[1]:
-        raise ValueError(lost("the strongest straight one is nearly diagonal"))
+        raise ValueError(lost("the strongest straight edge is nearly diagonal"))
     inner = replace(ridge, start=ridge.start + ENDS, stop=ridge.stop - ENDS)
     if inner.stop - inner.start < 2 * shortest:
-        raise ValueError(lost(f"the longest straight one is shorter than {2 * shortest:g} pixels"))
+        raise ValueError(lost(f"the longest straight edge is shorter than {2 * shortest:g} pixels"))
     half = _half_width(survey.energy, inner)
     if half < NARROWEST:
-        raise ValueError(lost("there is something within 8 pixels of the strongest one"))
+        raise ValueError(lost("there is something within 8 pixels of the strongest edge"))
     inside = _within(survey.energy.shape, inner, half)
     if not inside.any():
         raise ValueError(lost("the candidate is not a single straight edge: it leaves the picture"))

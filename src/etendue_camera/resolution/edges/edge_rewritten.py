@@ -40,7 +40,7 @@ class Rewritten:
     noise: float  # rms noise assumed before the file, unit of the picture; on the side of the edge with less
 
     def about(self, value: float, low: float, high: float, confidence: float) -> tuple[float, float]:
-        """Return the interval about a measured frequency, including that of the bootstrap by rows (low, high).
+        """Return the interval about a measured frequency, including the interval of the bootstrap by rows (low, high).
 
         Notes
         -----

@@ -131,8 +131,8 @@ class EdgeSpread:
     def response(self, frequency: FloatArray) -> FloatArray:
         """Return |Fourier transform of the derivative|, 1 at zero: (..., frequency).
 
-        For the spline it is the transform of its coefficients' differences times that of a quadratic B-spline; beyond
-        its ends the derivative is ``spread``/d^2.
+        For the spline it is the transform of the differences of its coefficients times the transform of a quadratic
+        B-spline; beyond its ends the derivative is ``spread``/d^2.
         """
         ends = float(self.places[-1]) + 0.5 * self.knot
         tail = self.spread / ends  # the remainder beyond the ends
@@ -161,7 +161,9 @@ class EdgeSpread:
         return np.asarray(np.where(inside, spline, far), np.float64)
 
     def crossing(self, share: float) -> float:
-        """Return the distance at which the spline passes a fraction of its step, the one nearest to the middle."""
+        """Return the distance at which the spline passes a fraction of its step; if there are several, the distance
+        nearest to the middle.
+        """
         c = self.coefficients
         values = ((c[:-2] + 4 * c[1:-1] + c[2:]) / 6 - self.low) / (self.high - self.low)
         middle = max(int(np.argmax(values >= 0.5)), 1)
@@ -260,7 +262,7 @@ def influence(found: Fit, curve: EdgeSpread, rows: int, tails: bool) -> EdgeSpre
     """Return the contribution of each row's residuals to a curve: (rows, ...).
 
     The curve is linear in the pixel values as long as line and transition are fixed. Residuals are scaled up for the
-    degrees of freedom of the fit, and the normal equations are those of the fit.
+    degrees of freedom of the fit, and the normal equations of the fit are reused.
     """
     freedom = math.sqrt(found.rest.size / max(found.rest.size - len(found.coefficients), 1))
     change = scipy.linalg.cho_solve_banded((found.factor, True), found.by_row(rows).T).T * freedom
@@ -288,7 +290,9 @@ def refitted(found: Fit, curve: EdgeSpread, values: FloatArray, tails: bool) -> 
 
 
 def redrawn(curve: EdgeSpread, rows: EdgeSpread, weights: FloatArray) -> EdgeSpread:
-    """Return curves for n pictures whose residuals are those of this picture multiplied by ``weights`` (n, rows)."""
+    """Return curves for n pictures; their residuals are the residuals of this picture multiplied by ``weights`` (n,
+    rows).
+    """
     return EdgeSpread(
         curve.coefficients + weights @ rows.coefficients,
         curve.knot,

@@ -60,7 +60,7 @@ class EdgeResponse:
 
 @dataclass(frozen=True)
 class MeasuredEdge:
-    """The fit behind a response by the spline: enough to measure again with other noise."""
+    """The fit behind a response by the spline: all data needed to measure again with other noise."""
 
     fit: Fit
     curve: EdgeSpread
@@ -105,8 +105,8 @@ def slanted_edge(
         ``"iso"``: quarter-pixel bins as in the standard, with its corrections; `edge_bins.binned` has each of them as
         an option. ``knots_per_pixel`` and ``tails`` are then ignored.
     sites : (y, x) array of bool or None
-        The pixels to use, such as those of one colour of a mosaic; None: all. Frequencies stay in cycles per pixel of
-        the picture.
+        The pixels to use, such as all pixels of one colour of a mosaic; None: all. Frequencies stay in cycles per pixel
+        of the picture.
 
     Returns
     -------
@@ -120,13 +120,13 @@ def slanted_edge(
 
     Notes
     -----
-    The steps are those of ISO 12233, each made exact. (1) The line of the edge starts from the moments of the squared
+    The steps follow ISO 12233, but each is made exact. (1) The line of the edge starts from the moments of the squared
     gradient and is refined by Gauss-Newton on the picture itself. (2) Pixels are projected along the edge: their
     distances d from the line include the cosine of the slope. (3) Instead of a mean by bin, a cubic spline with uniform
     knots is fitted to all (d, value) by least squares, so that uneven filling of bins and their averaging have no
     effect:
-    the error of the fit in the response is of the order (f/knots_per_pixel)^8. (4) The derivative is that of the spline
-    and its Fourier transform is a closed form, so that no derivative filter needs correction.
+    the error of the fit in the response is of the order (f/knots_per_pixel)^8. (4) The spline is differentiated
+    analytically and its Fourier transform is a closed form, so that no derivative filter needs correction.
 
     The result is the transfer function of everything before the sampling, including the pixel aperture, even above 0.5
     cycles/pixel: sampling along a slant is fine enough to avoid aliasing. Light that a lens spreads farther than

@@ -40,7 +40,7 @@ class Observed:
     """The channel and light whose contrast is computed.
 
     ``weights``: (wavelength,) photons of the second channel (green) or the only one; None for equal bands.
-    ``channels``: (channel, wavelength), those of all channels in light equally strong in all bands.
+    ``channels``: (channel, wavelength), weights of all channels for light that is equally strong in all bands.
     ``light``: (wavelength,); None for such light.
     """
 
@@ -149,11 +149,11 @@ class Resolution(Probe):
     highest frequency at which contrast is ``cut_off_contrast``. All three are NaN if the frequency is not below
     ``highest``, and after any stage that moves light without a transfer function. ``aliasing``: fraction of the line
     spread energy (white spectrum) above Nyquist, which sampling folds back. ``sparrow``: separation at which the dip
-    between two points disappears. ``rayleigh``: separation at which the dip equals that of two Airy discs at Rayleigh's
-    criterion. Both assume that the curve is the same in all directions. ``effective_*``: MTF50, capped at Nyquist.
-    ``resolution_gain`` is the ratio by which MTF50 would grow without a factor; for sampling it is MTF50 over Nyquist.
-    ``limiting_factor`` is the index, into ``factor``, of the largest gain. ``mtf`` is the curve after each stage and
-    ``factor_mtf`` the curve of each factor alone, at 65 frequencies up to 1 cycle/pixel (``frequency``;
+    between two points disappears. ``rayleigh``: separation at which the dip equals the dip of two Airy discs at
+    Rayleigh's criterion. Both assume that the curve is the same in all directions. ``effective_*``: MTF50, capped at
+    Nyquist. ``resolution_gain`` is the ratio by which MTF50 would grow without a factor; for sampling it is MTF50 over
+    Nyquist. ``limiting_factor`` is the index, into ``factor``, of the largest gain. ``mtf`` is the curve after each
+    stage and ``factor_mtf`` the curve of each factor alone, at 65 frequencies up to 1 cycle/pixel (``frequency``;
     ``frequency_lp_mm`` in cycles/mm). Sampling has no transfer function and no curve.
     """
 
@@ -326,8 +326,8 @@ class Resolution(Probe):
         return self.nodes if self.solved else 2 * self.nodes
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the largest error of all metrics, relative for frequencies and separations: of splines, their
-        crossings, and the integral for a point.
+        """Return a bound on the errors of all metrics (relative for frequencies and separations), caused by splines,
+        their crossings, and the integral for a point.
 
         Solved crossings are accurate to 1e-9, where splines reach 1e-3. Below 48 nodes a point may lose its ring.
         """

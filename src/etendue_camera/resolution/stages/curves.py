@@ -4,7 +4,7 @@ edge.
 In:  transfer functions, measured edges; the pitch of the pixels.
 Out: contrast over ``frequency`` (cycles/pixel), and the same frequencies in cycles/mm.
 
-Frequencies are in cycles/pixel: 65 from 0 to 1, so that Nyquist is the 33rd whatever the pitch, cells of a sweep over
+Frequencies are in cycles/pixel: 65 from 0 to 1, so that Nyquist is the 33rd for every pitch, cells of a sweep over
 the pitch share one coordinate, and every sample is a binary fraction. At 1 cycle/pixel a pixel without gaps has its
 first zero, and a measured edge ends there. Linear interpolation between samples has an error below 1e-3 in contrast
 where the lens cut-off is above half a cycle per pixel. The error is larger for slower lenses: 3e-2 where all contrast

@@ -70,13 +70,14 @@ class EdgeProbe(PictureProbe):
     measured minus analytic. ``edge_flags`` adds 1 (MTF50 above Nyquist), 2 (not reached), 4 (clipped: in this picture,
     or in the mosaic before it), 8 (interval wider than a tenth), 16 (no edge to measure). ``esfr`` is the measured
     response at 65 frequencies up to 1 cycle/pixel (``frequency``; ``frequency_lp_mm`` in cycles/mm), NaN above 1
-    cycle/sample for light on a grid coarser than the pixels, and ``esfr_analytic`` that of the transfer functions.
+    cycle/sample for light on a grid coarser than the pixels, and ``esfr_analytic`` the response computed from the
+    transfer functions.
 
     ``limiting_factor`` is an index into ``factor``. It is noise if the intervals of the mosaic and of the first picture
     in camera channels, both capped at Nyquist, are wider than a tenth of MTF50, or if noise hides an edge that is
     visible in the noise-free pixels. Otherwise it is the factor with the largest ``resolution_gain``, the ratio by
     which MTF50 would grow without it. The gains of lens, diffusion, geometry and sampling are analytic (see
-    ``resolution``). The gain of demosaicing is MTF50 of the pixels divided by that of the first ``rgb_camera``, each
+    ``resolution``). The gain of demosaicing is MTF50 of the pixels divided by MTF50 of the first ``rgb_camera``, each
     capped at Nyquist. The gain of noise is 1 plus the width of the narrower interval divided by MTF50. It is NaN if
     pixels are clipped, if the analytic gains are unknown (a lens without a transfer function), or if the noise-free
     picture of the pixels shows no edge.
@@ -209,7 +210,7 @@ class EdgeProbe(PictureProbe):
         }
 
     def measured(self, variable: str, array: FloatArray, taken: Callable[[Any], Any], grid: Grid) -> Edge | None:
-        """Return the edge of a picture, None where there is none."""
+        """Return the edge of a picture; None if there is no edge."""
         y, x = grid.line("y"), grid.line("x")
         sites = None
         if variable == "mosaic_linear":
@@ -237,7 +238,7 @@ class EdgeProbe(PictureProbe):
         return once_for(array, (window, self.tails, weighed), make)
 
     def window(self, grid: Grid) -> Window | None:
-        """Return the region in a picture as slice limits; None where there is none."""
+        """Return the region in a picture as slice limits; None if there is no edge."""
         if not self.region_height > 0:
             return None
         y, x = grid.line("y"), grid.line("x")
@@ -341,7 +342,7 @@ def _noise(first: dict[str, tuple[Edge | None, float]]) -> float:
 
 
 def _span(centre: float, size: float, start: float, step: float, count: int) -> tuple[int, int]:
-    """Return the slice limits of the pixels in a range on the image plane; empty where it lies outside."""
+    """Return the slice limits of the pixels in a range on the image plane; empty if it is outside."""
     low = round((centre - 0.5 * size - start) / step + 0.5)
     high = round(low + size / step)
     return min(max(low, 0), count), min(max(high, 0), count)

@@ -1,7 +1,7 @@
 """One edge of one picture, searched, measured and cached: the work of `edge_resolution` at every stage.
 
 In:  a linear plane (y, x), with or without noise; a window (pixels) or none.
-Out: an ``Edge``, or None where none can be measured.
+Out: an ``Edge``, or None if no edge can be measured.
 """
 
 from __future__ import annotations
@@ -85,8 +85,9 @@ def known_edge(
     tails: bool,
     bordered: bool = False,
 ) -> Edge | None:
-    """Return the edge in a window, or the strongest; ``draws`` is 0 for a picture without noise, ``bordered`` marks one
-    that is continued by its mirror image."""
+    """Return the edge in a window, or the strongest; ``draws`` is 0 for a picture without noise, ``bordered`` marks a
+    picture that is continued by its mirror image.
+    """
     key = (picture.digest, window, limits, draws, tails, bordered)
     with _lock:
         if key in _known:
@@ -146,10 +147,10 @@ def _slices(window: Window) -> tuple[slice, slice]:
 
 
 def _inner(window: Window, shape: tuple[int, ...]) -> Window | None:
-    """Return the part of a window in the middle of the frame, None where it is too small to measure.
+    """Return the part of a window in the middle of the frame; None if this part is too small to measure.
 
-    Beyond the border of the light is its mirror image: near it, light that a lens scatters far does not come from an
-    edge.
+    Beyond its border the light is continued by its mirror image. Near the border, widely scattered light therefore
+    comes from the mirror image and not from an edge.
     """
     found: list[int] = []
     for low, high, size in ((*window[:2], shape[0]), (*window[2:], shape[1])):

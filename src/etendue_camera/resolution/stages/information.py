@@ -32,8 +32,8 @@ class Information(KnownNoise, Probe):
     """Compute the information capacity after each stage, noise-equivalent quanta and the ideal observer's SNR, for grey
     detail about the picture's mean.
 
-    The mean charge of each channel is taken from the picture (``expected_charge``); the part of it that light causes
-    follows from ``photocurrent``. Noise is shot noise, ``read_noise``, ``dsnu``, rounding, and the PRNU, dark current
+    The mean charge of each channel is taken from the picture (``expected_charge``); the part that light causes follows
+    from ``photocurrent``. Noise is shot noise, ``read_noise``, ``dsnu``, rounding, and the PRNU, dark current
     non-uniformity, row and column noise that earlier stages state. All pixels of the mosaic are combined, each with its
     own noise; stages after the mosaic are ignored, see ``etendue information``.
 

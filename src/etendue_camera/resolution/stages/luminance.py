@@ -76,7 +76,7 @@ def decoded(picture: FloatArray, encoding: str, exponent: float) -> FloatArray:
 
 
 def check_encoding(linear: Seen, encoded: Seen, encoding: str, exponent: float) -> None:
-    """Raise ValueError for an encoding other than the one between the last linear and the last encoded picture."""
+    """Raise ValueError unless the encoding is the encoding between the last linear and the last encoded picture."""
     if not linear or not encoded:
         return
     apart = float(np.abs(np.clip(linear[-1][1], 0, 1) - decoded(encoded[-1][1], encoding, exponent)).max(initial=0.0))

@@ -80,8 +80,8 @@ class StarProbe(_Pictures):
     """Measure the sinusoidal Siemens star of the pipeline's own scene at every stage that has a picture.
 
     Luminance is measured as in ``edge_resolution``, over the whole of every picture; a mosaic of several colours is
-    skipped. ``cycles`` and ``radius`` are those of the scene; if a star does not fit into a picture, the part that fits
-    is measured. Frequencies are means over all directions, including the rendering of the chart.
+    skipped. ``cycles`` and ``radius`` must equal the values of the scene; if a star does not fit into a picture, the
+    part that fits is measured. Frequencies are means over all directions, including the rendering of the chart.
 
     Contrast is relative to the star before the lens (the limit of the outer rings of the first ``irradiance`` towards
     frequency 0), so that veiling glare counts as lost contrast. The result is NaN if there is no star with this many
@@ -148,7 +148,7 @@ class StarProbe(_Pictures):
         return {"star_mtf50": rows[:, 0], "star_mtf50_cycles": rows[:, 1], "star_mtf10": rows[:, 2]}
 
     def measured(self, plane: FloatArray, grid: Grid, contrast: float) -> StarResponse | None:
-        """Return the star of a picture, None where there is none; contrast 0 where it is unknown."""
+        """Return the star of a picture; None if there is no star; contrast 0 where it is unknown."""
         places = [
             (c - start) / step for c, (start, step) in zip((self.centre_y, self.centre_x), _lines(grid), strict=True)
         ]
@@ -185,10 +185,10 @@ class LeavesProbe(_Pictures):
     """Measure the dead-leaves texture of the pipeline's own scene at every stage that has a picture, by its
     cross-spectrum with the light before the lens.
 
-    The reference is the first ``irradiance``. If its grid differs from that of the picture, it is blurred by a Gaussian
-    of one pixel, which is divided out again, and interpolated at the pixel centres. The rendering of the chart is in
-    both and cancels: the result is the response of the stages after it, averaged over all directions. Noise and aliases
-    are not in the reference and do not count.
+    The reference is the first ``irradiance``. If the grids of chart and picture differ, the chart is blurred by a
+    Gaussian of one pixel, which is divided out again, and interpolated at the pixel centres. The rendering of the chart
+    is in both and cancels: the result is the response of the stages after it, averaged over all directions. Noise and
+    aliases are not in the reference and do not count.
 
     Luminance is measured as in ``edge_resolution``, over the whole of every picture; a mosaic of several colours is
     skipped. The result is NaN if there is no texture (uniform light, or edges of one direction), if the picture is

@@ -75,10 +75,10 @@ class Wiener(Inverse):
 
     The filter models the picture as a power law over frequency with a known contrast. The noise is the camera's at the
     white level, plus the content that aliases from above the pixel's Nyquist frequency. Each channel has its own
-    transfer function. The mean is preserved. ``mtf50_gain`` is along x of the second channel (green), ``noise_gain``
-    the factor on white noise there; both are NaN where a preceding stage blurs without a transfer function. At the
-    Nyquist frequency half of the signal is aliased, so the filter restores at most half of the contrast there, and its
-    MTF50 does not exceed Nyquist.
+    transfer function. The mean is preserved. ``mtf50_gain`` is measured along x in the second channel (green), and
+    ``noise_gain`` is the factor on white noise in this channel; both are NaN if a preceding stage blurs without a
+    transfer function. At the Nyquist frequency half of the signal is aliased, so the filter restores at most half of
+    the contrast there, and its MTF50 does not exceed Nyquist.
     """
 
     reads: ClassVar = LOOKS
@@ -216,9 +216,10 @@ class RichardsonLucy(Inverse):
         return estimate, transfer, done
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the rounding error. It grows with each iteration, and faster if some pixels are far above clipping; it
-        also shifts the stopping point. With total variation there is no useful bound: where a picture is nearly flat,
-        rounding decides the direction of a gradient, so a picture in single precision may differ by its full scale.
+        """Bound the rounding error. The error grows with each iteration, and faster if some pixels are far above
+        clipping; it also shifts the stopping point. With total variation there is no useful bound: where a
+        picture is nearly flat, rounding decides the direction of a gradient, so a picture in single precision may
+        differ by its full scale.
         """
         if self.total_variation:
             return (1.0 if precision == "float32" else 1e-7) + self.table_error(), "measured"

@@ -104,7 +104,7 @@ def one_channel(values: FloatArray) -> FloatArray:
 def figures(
     asked: frozenset[str], system: System, response: Callable[[Any], Any], noise_gain: Callable[[], float]
 ) -> dict[str, Array]:
-    """Return those of ``mtf50_gain`` and ``noise_gain`` that are asked for, for a filter with this response (n,) along
+    """Return ``mtf50_gain`` and ``noise_gain``, if wanted, for a filter with this response (n,) along
     x; NaN for a blur that is only partly known.
     """
     found: dict[str, Array] = {}
@@ -118,7 +118,7 @@ def figures(
 
 
 def baseband(frequency: FloatArray) -> FloatArray:
-    """Map a frequency to the one a filter on pixels sees, 0 to 1/2 cycles/pixel."""
+    """Return the frequency after aliasing at the pixels, 0 to 1/2 cycles/pixel."""
     return np.abs(frequency - np.rint(frequency))
 
 

@@ -23,9 +23,9 @@ class MergeFrames(KnownNoise):
 
     ``mean`` divides all light by all time, for bursts of equal exposures; ``sigma_clipped`` rejects values too far from
     the median of the frames (motion, cosmic rays); ``hdr`` weights every frame by its known noise and rejects clipped
-    values. ``clipping_level`` is that of the shortest frame, which saturates last. ``merged_variance`` is the variance
-    of a mosaic value with this weighting, from shot noise and read-out noise; a demosaicer that averages neighbours
-    leaves less.
+    values. ``clipping_level`` is the level of the shortest frame, which saturates last. ``merged_variance`` is the
+    variance of a mosaic value with this weighting, from shot noise and read-out noise; a demosaicer that averages
+    neighbours leaves less.
     """
 
     role: ClassVar = "merging"
@@ -50,14 +50,16 @@ class MergeFrames(KnownNoise):
     working: ClassVar = 3.5
     error: ClassVar = measured(4e-6, 1e-14)
 
-    method: str = param("hdr", choices=("mean", "sigma_clipped", "hdr"), doc="how frames are weighted or rejected")
+    method: str = param("hdr", choices=("mean", "sigma_clipped", "hdr"), doc="method of weighting or rejecting frames")
     sigmas: float = param(
         3.0,
         above=0,
         at_most=100,
         doc="for 'sigma_clipped': rejection distance from the median, in sigmas of the known noise",
     )
-    around: int = param(2, at_least=0, at_most=64, doc="for 'hdr': pixels around clipped ones that are also rejected")
+    around: int = param(
+        2, at_least=0, at_most=64, doc="for 'hdr': width of the border around clipped pixels that is also rejected"
+    )
 
     def run(
         self,

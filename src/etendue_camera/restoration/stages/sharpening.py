@@ -149,7 +149,7 @@ class Denoise(KnownNoise, Bounded):
     """Denoise with an edge-preserving filter based on the camera's noise: areas that vary no more than the noise are
     replaced by their local mean.
 
-    The noise is that of the mosaic. Demosaicing averages some of it, so the default strength is on the strong side.
+    The noise level is taken from the mosaic. Demosaicing averages some of the noise, so the default strength is high.
     Channels are processed separately, and the mean of each is preserved.
     """
 

@@ -60,7 +60,7 @@ class RadianceCube(Source, Banded, Discretised):
     spacing: float = param(0.0, units="um", at_least=0, doc="sample spacing; 0: from the coordinates of the store")
 
     def discretisations(self) -> dict[str, str]:
-        return {"bins": "those of the file", "spacing": "that of the file", "margin": "that of the file"}
+        return {"bins": "fixed by the file", "spacing": "fixed by the file", "margin": "fixed by the file"}
 
     def refined(self, name: str, factor: int) -> dict[str, Any]:
         """Return no finer values: the sampling of a file is fixed."""

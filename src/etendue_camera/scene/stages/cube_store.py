@@ -2,7 +2,7 @@
 negative.
 
 In:  a store, an array in it, the values read.
-Out: nothing, or a ValueError that names the file, its content and what is allowed.
+Out: nothing, or a ValueError that names the file, its content and the supported forms.
 
 A missing chunk reads as the fill value without an error, so every chunk is checked: one listing of the array's folder
 (0.1 s for 10,000 chunks) and 16 bytes per chunk from the index of every shard.
@@ -46,7 +46,7 @@ def refuse_links(path: str) -> None:
 
 
 def check_array(path: str, variable: str, array: Any, unit: str) -> None:
-    """Check dims, size, dtype, packing and, where one is given, unit."""
+    """Check dims, size, dtype, packing and, if given, the unit."""
     shape = getattr(array, "shape", ())
     require.that(len(shape) == 3, f"{variable} in {path} must have the dims wavelength, y, x; its shape is {shape}")
     attributes = dict(array.attrs)

@@ -47,7 +47,7 @@ class PatchChart(Scene):
     softness: float = softness_knob()
 
     def known(self) -> Facts:
-        """Return facts; the contrast is that of the reflectances over all wavelengths."""
+        """Return facts; the contrast is computed from the reflectances over all wavelengths."""
         names, _, values = spectra.csv_rows(self.reflectances)
         if values.min() < 0:
             worst = names[int(np.argmin(values.min(axis=0)))]

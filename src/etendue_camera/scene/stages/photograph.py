@@ -94,7 +94,7 @@ class Photograph(Scene):
         rows, columns = self.size()
         height, width = _pixels(self.file)
         finer = min(height / rows, width / columns) < 2
-        return {**super().discretisations(), **({"spacing": "that of the file"} if finer else {})}
+        return {**super().discretisations(), **({"spacing": "fixed by the file"} if finer else {})}
 
     def rendered(self) -> None:
         """Return None: the processing by camera and file format is unknown."""

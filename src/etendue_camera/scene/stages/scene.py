@@ -183,7 +183,7 @@ class Scene(Source, Banded, Discretised):
         return {"surround": 2 * self.surround} if self.extends else {}
 
     def known(self) -> Facts:
-        """Return facts about the chart; its contrast is that of the reflectances."""
+        """Return facts about the chart; its contrast is computed from the reflectances."""
         raise TypeError(f"{type(self).__name__} must implement known")
 
     def band_limit(self) -> float | None:

@@ -1,4 +1,4 @@
-"""Random texture scenes: they show whether fine detail survives where there is no edge to measure.
+"""Random texture scenes: they show whether fine detail survives in areas without edges.
 
 In:  a chart's geometry (um on the image plane), an illuminant, the luminance of a white diffuser.
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
@@ -78,7 +78,7 @@ class DeadLeaves(Scene):
         return said
 
     def error(self, facts: Facts, grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the error of a sample relative to 32-fold oversampling, plus that of the tables."""
+        """Return a bound on the error of a sample relative to 32-fold oversampling, plus the error of the tables."""
         worst = SOFT_ERROR if self.softness >= 1 else HARD_ERROR
         crowded = max(1.0, FEW_SAMPLES * self.spacing / self.smallest)
         painted = min(1.0, worst * crowded / self.oversampling**2) * (self.high - self.low)

@@ -49,10 +49,10 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         above=0,
         at_most=0.1,
         fidelity=True,
-        reference="1e-14: kernels as wide as the diffusion reaches",
+        reference="1e-14: kernels as wide as the diffusion",
         settings=(0.1, 0.03, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-14),
-        doc="fraction of the charge that may diffuse beyond the kernels, where it is added to them; if no more than "
-        "this diffuses at all, the stage does nothing",
+        doc="fraction of the charge that may diffuse beyond the kernels, where it is added to them; if at most "
+        "this fraction diffuses, the stage does nothing",
     )
 
     def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, tuple[FloatArray, ...]]:

@@ -29,7 +29,7 @@ class Defects(Sampled):
 
     The stage comes before the exposure, so that the signal of a hot pixel grows with time, has shot noise and
     saturates. Pixels from a list (``row,column,kind`` with kind hot or dead; other kinds are for ``stuck_pixels``) are
-    added to the drawn ones.
+    added to the drawn pixels.
     """
 
     role: ClassVar = "sensor defects"
@@ -84,8 +84,8 @@ class Defects(Sampled):
 
 @dataclass(frozen=True, kw_only=True)
 class StuckPixels(Sampled):
-    """Give stuck pixels a constant code, whatever the light, time and noise: each pixel its own code, or all the
-    same.
+    """Give stuck pixels a constant code that does not depend on light, time and noise: a code for each pixel, or one
+    code for all.
     """
 
     role: ClassVar = "stuck pixels"

@@ -24,7 +24,9 @@ def _mask(pattern: str, state: tuple[int, int]) -> cfa.Mask:
 
 
 def bayer_order(pattern: str, what: str) -> str:
-    """Return the name of a Bayer order; raise ValueError for another array, naming what does not support it."""
+    """Return the name of a Bayer order; raise ValueError for another array, with the name of the method that does not
+    support it.
+    """
     mask = mask_of(pattern)
     if mask.bayer is None:
         raise ValueError(

@@ -110,7 +110,7 @@ def _columns_of(stage: Sensitive, names: tuple[str, ...]) -> list[int | None]:
             found.append(None)
         else:
             clear = (
-                ", or use sensitivity_kind = 'filter_transmittance', where a clear pixel needs none"
+                ", or use sensitivity_kind = 'filter_transmittance', for which a clear pixel needs no column"
                 if channel in CLEAR
                 else ""
             )
@@ -125,10 +125,9 @@ def _columns_of(stage: Sensitive, names: tuple[str, ...]) -> list[int | None]:
 def quantum_efficiency(stage: Sensitive, edges: tuple[float, ...]) -> FloatArray:
     """Return electrons per incident photon, (channel, wavelength), at zero spatial frequency.
 
-    A relative table is scaled to ``peak_qe`` per channel at its own peak, whatever the bins of the light; a clear pixel
-    without a column transmits everything.
-    ``system_qe`` tables include the silicon; ``filter_transmittance`` tables are multiplied by the collection D(0) and
-    the surface transmission.
+    A relative table is scaled to ``peak_qe`` per channel at its own peak, independently of the bins of the light; a
+    clear pixel without a column transmits everything. ``system_qe`` tables include the silicon;
+    ``filter_transmittance`` tables are multiplied by the collection D(0) and the surface transmission.
     """
     if stage.sensitivity == FLAT:
         return _of_the_silicon(stage, edges, np.ones((len(mask_of(stage.pattern).channels), len(edges) - 1)))
@@ -138,7 +137,7 @@ def quantum_efficiency(stage: Sensitive, edges: tuple[float, ...]) -> FloatArray
     peaks = highest.max(axis=1, keepdims=True)
     if not np.all(relative.max(axis=1) > 0):
         raise ValueError(
-            f"the sensitivity {stage.sensitivity!r} has a channel that sees nothing in {edges[0]:g}-{edges[-1]:g} nm"
+            f"the sensitivity {stage.sensitivity!r} has a channel without response in {edges[0]:g}-{edges[-1]:g} nm"
         )
     return _of_the_silicon(stage, edges, relative / peaks)
 
@@ -246,7 +245,7 @@ def electrons_per_irradiance(stage: Collecting, edges: tuple[float, ...]) -> Flo
     """Return electron/s of a pixel per W m-2 nm-1 in each bin, (channel, wavelength): width x lambda/hc x area x
     efficiency.
 
-    The area is that of the light-sensitive square, times the gain of its microlens.
+    The area is the area of the light-sensitive square times the gain of its microlens.
     """
     area = (stage.pixel_pitch * stage.aperture_fraction * 1e-6) ** 2 * stage.microlens_gain
     return quantum_efficiency(stage, edges) * (_photons(edges) * area)

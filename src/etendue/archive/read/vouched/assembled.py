@@ -1,7 +1,7 @@
-"""A shard as it is read from the verified store: the chunks of finished cells only, wherever they lie.
+"""A shard as it is read from the verified store: only the chunks of finished cells, from any file.
 
 In:  chunks by slot.
-Out: the chunks in the order of their slots, where each of them ends, and the index behind them.
+Out: the chunks in the order of their slots, the end of each chunk (bytes), and the index after them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from etendue.archive.sharding.shards import index_bytes
 
 @dataclass(frozen=True)
 class Assembled:
-    """A shard of the chunks of finished cells only, in the order of their slots; ``ends``: where each of them ends."""
+    """A shard that contains only the chunks of finished cells, in the order of their slots; ``ends``: end of each
+    chunk, bytes.
+    """
 
     slots: int
     chunks: list[StoredChunk]

@@ -3,8 +3,8 @@
 In:  a tree that xarray has opened from the verified store of an archive.
 Out: the same tree, in which each small variable is an array that reads all its cells at once, when it is first used.
 
-Zarr decodes every chunk by itself, at about 0.1 ms each; a metric of 9,000 cells has 9,000 chunks of some bytes. Here
-too every chunk is checked against the journal, and a missing cell has the fill value of its array.
+Zarr decodes every chunk by itself, at about 0.1 ms each; a metric of 9,000 cells has 9,000 chunks of a few bytes. Every
+chunk is still checked against the journal, and a missing cell has the fill value of its array.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Verified(Protocol):
 
 
 def with_columns(tree: xarray.DataTree, store: Verified) -> xarray.DataTree:
-    """Return a tree with its small variables as columns."""
+    """Return a tree in which every small variable is one lazy array that reads all its cells at once."""
     if store.archive.journal.files_a_cell:
         return tree
     for path, own in store.archive.journal.blocks.items():
@@ -56,7 +56,7 @@ def with_columns(tree: xarray.DataTree, store: Verified) -> xarray.DataTree:
 
 
 def _column(group: xarray.Dataset, store: Verified, path: str, name: str) -> xarray.Variable | None:
-    """Return a variable as a column; None if it is not small or xarray has decoded it to other values."""
+    """Return a variable as a column; None if the variable is not small, or xarray has decoded it to other values."""
     if name not in group.data_vars:
         return None
     variable, form = group[name].variable, store.archive.form(path, name)
@@ -71,7 +71,7 @@ def _column(group: xarray.Dataset, store: Verified, path: str, name: str) -> xar
 
 
 class _Column(BackendArray):
-    """A small variable: all its cells are read when any of them is."""
+    """A small variable; reading one cell reads all cells."""
 
     def __init__(self, store: Verified, folder: str, variable: xarray.Variable) -> None:
         self.store, self.folder = store, folder

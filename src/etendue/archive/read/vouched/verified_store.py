@@ -1,12 +1,12 @@
-"""The verified store of an archive: only what its journal confirms, including unfinished and running runs.
+"""The verified store of an archive: only data that its journal confirms, also of unfinished and active runs.
 
 In:  the folder of an archive, finished, interrupted or being written.
 Out: a read-only Zarr store and its tree. Nothing is written.
 
-On reading, a shard is assembled from the chunks that the journal records as done, in whichever files they lie;
-``status`` is derived from the journal too. A missing or altered chunk raises an error instead of giving the fill value.
-Coordinates and tables that differ from the manifest also raise an error. If a run was interrupted while arrays grew,
-the axes are taken from the journal. Tables are shown only once the run that wrote them has ended.
+On reading, a shard is assembled from the chunks that the journal records as done, in whichever files they are stored;
+``status`` is also derived from the journal. A missing or altered chunk raises an error instead of giving the fill
+value. Coordinates and tables that differ from the manifest also raise an error. If a run was interrupted while arrays
+grew, the axes are taken from the journal. Tables are shown only once the run that wrote them has ended.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ LOOKS = 4  # attempts at a chunk while a run is writing: its part may become a s
 def open_archive(folder: str | Path, journal: Read | None = None) -> xarray.DataTree:
     """Open an archive as a lazy ``xarray.DataTree``, also during its run and after an interrupted one.
 
-    Every finished cell can be read, wherever it lies at the moment, and ``status`` says which cells are finished.
-    Plain ``xarray.open_datatree(folder / "data.zarr")`` sees only what runs have published. ``journal``: passed if it
+    Every finished cell can be read, wherever it is stored at the moment, and ``status`` says which cells are finished.
+    Plain ``xarray.open_datatree(folder / "data.zarr")`` sees only published results. ``journal``: the journal, if it
     has been read already.
 
     Raises
@@ -81,7 +81,7 @@ class VouchedStore(WrapperStore[LocalStore]):
     Attributes
     ----------
     root : the metadata of the whole store; None if no run has written it yet
-    whole : whether the last run ended in order
+    whole : whether the last run ended normally
     """
 
     def __init__(self, store: LocalStore, folder: Path, archive: StoredArchive) -> None:
@@ -174,7 +174,9 @@ class VouchedStore(WrapperStore[LocalStore]):
         return {*TABLES, *(group.partition("/")[0] for group in self.archive.journal.axes)}
 
     def _refuse_unfolding(self, key: str, read: Buffer | None) -> None:
-        """Refuse a coordinate or table that unpacks beyond any plausible size or names a codec that no run uses."""
+        """Refuse a coordinate or table whose decompressed size is implausible, or that names a codec that no
+        run uses.
+        """
         if read is None or key.partition("/")[0] not in self.ours:
             return
         try:
@@ -258,7 +260,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         Raises
         ------
         ArchiveError
-            They are missing or damaged.
+            The bytes are missing or damaged.
         """
         archive = self.archive
         for look in range(LOOKS):
@@ -321,7 +323,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         return tree.files()
 
     def _grown(self, node: str, document: DocumentView, shape: tuple[int, ...]) -> Array:
-        """Return a coordinate along grown axes: the values on disk, and NaN for those not written yet."""
+        """Return a coordinate along grown axes: the values on disk, and NaN for values that are not written yet."""
         dtype, old = np.dtype(document["data_type"]), tuple(document["shape"])
         data = disk.content_of((self.folder / DATA / node).joinpath("c", *("0" for _ in shape))) or b""
         try:
@@ -350,13 +352,13 @@ class VouchedStore(WrapperStore[LocalStore]):
 
     @cached_property
     def _rows(self) -> Array:
-        """By number of a chunk the row of its cell in the journal."""
+        """Return, by number of the chunk, the row of its cell in the journal."""
         return self.archive.journal.said.rows_of_chunks()
 
     @cached_property
     def _ended(self) -> dict[str, dict[tuple[int, ...], str]]:
-        """Map each group and position to the status of a cell that ended without a result. Such cells have no
-        chunks, so only their axis values tell which group they belong to.
+        """Map each group and position to the status of a cell that ended without a result. Such cells have no chunks,
+        so their group follows only from their axis values.
         """
         entries = self.archive.journal.said
         left = {name: entries[name].status for name in entries.having("failed")}

@@ -180,7 +180,7 @@ def _draw_loss(axes: Axes, loss: DocumentView) -> None:
     axes.invert_yaxis()
     axes.axvline(0, color="0.4", linewidth=0.8)
     axes.set_title(f"{loss['what']}: {loss['value']:.3g}, ideal {loss['ideal']:.3g}\n({loss['figure']})", fontsize=8.5)
-    axes.set_xlabel("share of the loss, %; below 0: wins back", fontsize=7.5)
+    axes.set_xlabel("share of the loss, %; below 0: reduces the loss", fontsize=7.5)
     axes.tick_params(labelsize=7.5, length=2)
     axes.grid(axis="x", color="0.93")
     axes.set_axisbelow(True)
@@ -191,7 +191,7 @@ def _known(share: Any) -> float:
 
 
 def _with_shares(rows: list[list[Any]], losses: Sequence[DocumentView]) -> list[list[Any]]:
-    """Append each stage's share of every loss to its row; stages merged in a loss get a row of their own."""
+    """Append each stage's share of every loss to its row; stages merged in a loss get a separate row."""
     shares = [{one["stage"]: one["share"] for one in loss["stages"]} for loss in losses]
     names = [row[0] for row in rows]
     apart = [name for name in dict.fromkeys(name for own in shares for name in own) if name not in names]
@@ -209,7 +209,7 @@ def by_stage(holdings: Holdings) -> list[list[Any]]:
     """
     ledger = holdings.table("ledger")
     if ledger is None:
-        raise RequestError("no ledger: a budget needs a whole archive or the whole result of a run")
+        raise RequestError("no ledger: a budget needs a complete archive or the complete result of a run")
     stages = ledger["stage"].values.astype(object)
     rows = []
     for name in dict.fromkeys(stages.tolist()):

@@ -1,7 +1,7 @@
 """Curves: a variable over its own dim, such as frequency or signal, or a metric over an axis of the sweep.
 
 In:  holdings, the name of a variable, the dim along x, the dims shown as lines and as panels.
-Out: a ``Plot``. A line marks where an axis ends by nature, as frequency does at Nyquist: at half a cycle per pixel, or
+Out: a ``Plot``. A line marks the natural end of an axis, such as the Nyquist frequency: at half a cycle per pixel, or
      at the value of a variable with an ``end`` in the same unit.
 """
 
@@ -78,7 +78,7 @@ def curves(
 
 
 def _scale(grid: Sequence[Axes], held: HeldVariable, spread: PlotDim | None) -> None:
-    """Set scales and labels; ``spread``: the axis along x, if its values call for a logarithmic scale."""
+    """Set scales and labels; ``spread``: the axis along x, if its values require a logarithmic scale."""
     unit = unit_text(held.units)
     for axes in grid:
         if spread is not None:
@@ -158,7 +158,7 @@ def _along(held: HeldVariable, x: str, free: Sequence[str], dims: Sequence[PlotD
         ].name, ""
     if x in free or x in [dim.name for dim in dims]:
         if free and x not in free:
-            raise RequestError(f"--x {x}: {held.name} runs over {free[0]}; x must be that or a coordinate along it")
+            raise RequestError(f"--x {x}: {held.name} runs over {free[0]}; x must be this dim or a coordinate along it")
         return x, ""
     beside = [
         str(name) for name, own in group.variables.items() if free and free[0] in own.dims and own.dtype.kind in "fiu"
@@ -198,11 +198,11 @@ def _x_of(held: HeldVariable, along: str, beside: str, at: AxisValues) -> tuple[
                 units,
                 name_text(str(array.attrs.get("long_name", beside)), units),
             )
-    raise RequestError(f"{beside} has no values here")
+    raise RequestError(f"{beside} has no values at this position")
 
 
 def _end(holdings: Holdings, held: HeldVariable, at: AxisValues, units: str) -> tuple[float, str] | None:
-    """Return where x ends for a line, in its unit, and the name of that end; None if it has no known end."""
+    """Return the end of x for a line, in its unit, and the name of this end; None if it has no known end."""
     if units in PER_PIXEL:
         return 0.5, NYQUIST
     group = held.groups[0]

@@ -37,7 +37,7 @@ def figure_map(
     at: AxisValues | None = None,
     middle: AxisValues | None = None,
 ) -> Plot:
-    """Plot a map of a metric, or of an index by name. Without ``figure`` a sensible one is chosen.
+    """Plot a map of a metric, or of an index by name. Without ``figure`` a suitable metric is chosen.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def factor_map(
     at: AxisValues | None = None,
     middle: AxisValues | None = None,
 ) -> Plot:
-    """Plot a map of an index over two axes by the names that it stands for, such as the limiting factor.
+    """Plot a map of an index over two axes by the names that it denotes, such as the limiting factor.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def factor_map(
 
 
 def preferred(holdings: Holdings) -> HeldVariable:
-    """Return the metric plotted by default: the preferred one; one that varies over the sweep."""
+    """Return the metric plotted by default: the first preferred metric that varies, else another metric."""
     figures = [one for one in holdings.of_kind("figure") if not one.known.counted]
     if not figures:
         raise RequestError(

@@ -1,4 +1,5 @@
-"""Panels: a metric over two dims, one panel for each value of others; numbers by colour, names by colour with a legend.
+"""Panels: a metric over two dims, one panel for each value of further dims; numbers by colour, names by colour with a
+legend.
 
 In:  arrays (panel, y, x) with the labels of each; numbers, or indices into names.
 Out: a figure, every cell with its value or its name's colour; failed cells are marked.
@@ -59,9 +60,9 @@ def map_of_figures(
     sides : Sides
     title, unit : str
     digits : int
-        Digits that are written.
+        Number of significant digits to write.
     failed, there : (panel, y, x) bool arrays
-        Cells that failed, and those that were computed: a computed cell without a number is marked.
+        Cells that failed, and cells that were computed: a computed cell without a number is marked.
 
     Returns
     -------
@@ -127,7 +128,7 @@ def map_of_names(
 ) -> Figure:
     """Show names by colour with a legend; ``indices`` (panel, y, x) point into ``names``; NaN stays white.
 
-    ``said``: meaning of white; ``tints``: colours of names that have one.
+    ``said``: meaning of white; ``tints``: colours of names that have a colour.
 
     Raises
     ------
@@ -238,7 +239,7 @@ def _panels(sides: Sides, title: str) -> tuple[Figure, list[Axes], float]:
 
 
 def _ticks(put: Callable[..., object], labels: Sequence[Any], inches: float, turned: bool) -> None:
-    """Label as many cells as there is room for."""
+    """Label as many cells as fit."""
     texts = [_text(label) for label in labels]
     letters = max((len(text) for text in texts), default=1)
     each = 0.062 * letters + 0.06 if turned else 0.13

@@ -1,5 +1,5 @@
-"""Trade-offs: two metrics of every cell of a sweep, and the Pareto front, on which one improves only where the other
-worsens.
+"""Trade-offs: two metrics of every cell of a sweep, and the Pareto front, on which one metric improves only if the
+other worsens.
 
 In:  holdings, two metrics, and for each whether higher or lower is better.
 Out: a ``Plot``, its front labelled by axis values.
@@ -76,12 +76,13 @@ def pareto(
 ) -> Plot:
     """Plot two metrics against each other, every cell a point; the Pareto front is drawn and labelled.
 
-    ``better``: ``higher`` or ``lower`` for each metric, in order or by name; by default that of the variable.
+    ``better``: ``higher`` or ``lower`` for each metric, in order or by name; by default the direction declared by the
+    variable.
 
     Raises
     ------
     RequestError
-        Unknown metrics; it is not known which is better; a dim such as ``stage`` is left open.
+        A metric is unknown, its better direction is unknown, or no value is given for a dim such as ``stage``.
     """
     held = _chosen(holdings, first, second)
     sense = [_better(one, place, better) for place, one in enumerate(held)]
@@ -109,11 +110,11 @@ def pareto(
         for own, v, on in zip(index, values, best, strict=True)
     ]
     lost = int((~np.isfinite(values).all(axis=1)).sum())
-    return Plot(figure, columns, rows, [f"{lost} of {len(values)} cells have no such values"] if lost else [])
+    return Plot(figure, columns, rows, [f"{lost} of {len(values)} cells lack one of the two metrics"] if lost else [])
 
 
 def _behind(held: Sequence[HeldVariable], place: dict[str, AxisValue]) -> list[str]:
-    """Choose the last entry of a named dim, such as the last of the stages that blur; return the texts that say so."""
+    """Choose the last entry of a named dim, such as the last stage that blurs; return texts that state this choice."""
     said = []
     for one in held:
         for dim in one.dims:
@@ -267,7 +268,7 @@ def _name_sides(axes: Axes, held: Sequence[HeldVariable], sense: Sequence[str], 
 
 
 def _marks(dims: Sequence[PlotDim], hue: int | None, shape: int | None, colours: Any) -> list[Any]:
-    """Return legend entries of colours and markers; of many colours a selection."""
+    """Return legend entries of colours and markers; for many colours, a selection."""
     from matplotlib.lines import Line2D
 
     marks: list[tuple[str, Any, str]] = []

@@ -43,12 +43,13 @@ class Column:
 def columns_of(
     holdings: Holdings, figures: Sequence[str], at: AxisValues, middle: AxisValues
 ) -> tuple[list[Column], list[Any], str]:
-    """Return factors and metrics over the rows in which all metrics are finished; the rows; what else is fixed.
+    """Return factors and metrics over the rows in which all metrics are finished; the rows; the fixed values of other
+    axes.
 
     Raises
     ------
     RequestError
-        It is no design, or a metric is unknown.
+        The archive has no design, or a metric is unknown.
     """
     dim = rows_dim(holdings)
     if not dim:
@@ -61,7 +62,7 @@ def columns_of(
     found = [_metric(one, dim, rows, place, middle) for one in held]
     there = np.isfinite(np.stack([column.values for column in found])).all(axis=0)
     if not there.any():
-        raise RequestError(f"no sample has all of {', '.join(one.name for one in held)}")
+        raise RequestError(f"no sample has values of all of {', '.join(one.name for one in held)}")
     factors = [_factor(own.name, own.units, [own.values.get(row) for row in rows]) for own in factors_of(holdings, dim)]
     columns = [Column(one.name, one.title, one.values[there], one.names, one.metric) for one in (*factors, *found)]
     kept = [row for row, is_there in zip(rows, there, strict=True) if is_there]

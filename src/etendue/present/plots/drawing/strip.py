@@ -1,6 +1,6 @@
 """Strips: every stage of one cell as a picture, in order, each with an enlarged detail; and single pictures.
 
-In:  holdings; the cell by axis values, by default the one of which the archive has pictures of all stages.
+In:  holdings; the cell by axis values, by default the cell of which the archive has pictures of all stages.
 Out: a ``Plot``: a sample takes a whole number of dots if possible, the first row of an array is on top, the aspect
      ratio is kept.
 """
@@ -55,7 +55,7 @@ class Tile:
 
 
 def strip(holdings: Holdings, variable: str = "", stage: str = "", at: AxisValues | None = None) -> Plot:
-    """Plot all stages of one cell, or one ``variable`` at all values of the one axis that ``at`` leaves open.
+    """Plot all stages of one cell, or one ``variable`` at all values of the only axis that ``at`` does not fix.
 
     Raises
     ------
@@ -135,7 +135,9 @@ def picture_of(held: HeldVariable, at: AxisValues) -> tuple[xarray.DataArray, bo
 
 
 def _open_text(held: HeldVariable, open_: list[str]) -> str:
-    """Return the message that a swept variable requires a choice of values, and the command that shows all values."""
+    """Return the message that says that a swept variable requires a choice of values, and gives the command that shows
+    all values.
+    """
     said = []
     for dim in open_:
         values = held.values_of(dim)
@@ -162,7 +164,7 @@ def _words_at(held: HeldVariable, dims: Sequence[str]) -> str:
 
 
 def _picture(held: HeldVariable, at: AxisValues) -> tuple[xarray.DataArray, bool] | None:
-    """Return one cell of a variable from the group that has it; None if none has."""
+    """Return one cell of a variable from the group that has it; None if no group has it."""
     values = {dim: value for dim, value in at.items() if dim in held.axes}
     inner = {dim: value for dim, value in at.items() if dim in held.dims}
     for group in held.groups_at(at):
@@ -177,16 +179,14 @@ def _picture(held: HeldVariable, at: AxisValues) -> tuple[xarray.DataArray, bool
 
 
 def drawn_of(held: HeldVariable) -> Drawn:
-    """Return how a variable is drawn, as far as that is the same for all cells; ``shown`` is '' if it is not shown by
-    default.
+    """Return the drawing properties of a variable that are the same for all cells; ``shown`` is '' if it is not shown
+    by default.
     """
     return read(held.variable, held.groups[0].variables[held.variable].attrs, {})
 
 
 def white_of(holdings: Holdings, held: HeldVariable, at: AxisValues) -> float:
-    """Return the linear value shown as white in the picture of a cell: the same for all stages of its kind, as far as
-    they exist.
-    """
+    """Return the linear value shown as white in the picture of a cell: the same for all existing stages of its kind."""
     kept = [one for one in holdings.of_kind("picture") if drawn_of(one).shown or one is held]
 
     def bright_of(number: int) -> float | None:
@@ -222,7 +222,7 @@ def of_frames(frames: xarray.Dataset) -> list[Tile]:
 
 
 def _with_parts(found: list[tuple[str, str, xarray.DataArray, bool, float]]) -> list[Tile]:
-    """Return tiles of stored arrays, each with its value of white, and with the detail where the edges are."""
+    """Return tiles of stored arrays, each with its value of white and a detail at an edge."""
     drawn = [
         (stage, variable, pictures.drawn(array, white, failed), failed)
         for stage, variable, array, failed, white in found

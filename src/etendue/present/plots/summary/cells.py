@@ -2,7 +2,7 @@
 from statuses.
 
 In:  holdings; the ledger, the journal, the folder of an archive, as far as they exist.
-Out: words, counts, rows of what failed and of what was left out.
+Out: words, counts, rows of failed cells and of omissions.
 """
 
 from __future__ import annotations

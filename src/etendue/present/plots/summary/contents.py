@@ -1,8 +1,8 @@
-"""Summary of an archive or of a run in memory: what it is, its progress, axes, metrics, pictures, and failures.
+"""Summary of an archive or of a run in memory: its name, progress, axes, metrics, pictures, and failures.
 
 In:  an ``xarray.DataTree`` from ``open_archive``, xarray or ``simulate``, of a run that is finished, interrupted or in
      progress.
-Out: a ``Glance``: numbers, texts and small pictures. Texts may come from strangers: escape them before display.
+Out: a ``Glance``: numbers, texts and small pictures. Texts are untrusted: escape them before display.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Glance:
     at : axis values of the cell whose metrics and pictures are shown
     omitted : what was left out or approximated, a row per stage and reason
     failed : (stage, where, message)
-    commands : command and what it does
+    commands : commands and their descriptions
     """
 
     name: str
@@ -106,7 +106,7 @@ class Glance:
 
 
 def glance(tree: xarray.DataTree | xarray.Dataset) -> Glance:
-    """Return the summary of a tree; what cannot be read becomes a note."""
+    """Return the summary of a tree; parts that cannot be read become notes."""
     place, folder = place_of(tree)
     why = _damage(folder) if folder else ""
     if not why:
@@ -176,7 +176,9 @@ def _whole(tree: xarray.DataTree | xarray.Dataset, place: str, folder: Path | No
 
 
 def place_of(tree: xarray.DataTree | xarray.Dataset) -> tuple[str, Path | None]:
-    """Return where a tree was read from, quoted for a shell, and the folder of its archive; ('', None) in memory."""
+    """Return the place from which a tree was read, quoted for a shell, and the folder of its archive; ('', None) in
+    memory.
+    """
     source = str((tree.root if isinstance(tree, xarray.DataTree) else tree).encoding.get("source", ""))
     if "://" in source:
         return shlex.quote(source.rstrip("/").removesuffix(f"/{DATA}")), None
@@ -206,8 +208,8 @@ def _named(tree: xarray.DataTree | xarray.Dataset, folder: Path | None) -> str:
 
 
 def _damage(folder: Path) -> str:
-    """Return the changes in an archive since it was written, apart from chunks of cells, and how to repair them; '' if
-    there are none.
+    """Return the changes in an archive since it was written, apart from chunks of cells, and the command that repairs
+    them; '' if there are none.
     """
     try:
         refuse_changed(folder, is_running(folder))
@@ -221,8 +223,8 @@ def _damage(folder: Path) -> str:
 
 
 def _cell(holdings: Holdings) -> Document:
-    """Return the cell to show: that of the run's pictures; else, among the furthest finished, the one nearest the
-    middle.
+    """Return the cell to show: the cell of the run's pictures; else, among the cells that have progressed furthest, the
+    cell nearest the middle.
     """
     said = shown_at(holdings)
     if said:
@@ -242,7 +244,7 @@ def _cell(holdings: Holdings) -> Document:
 
 
 def _finished(one: HeldVariable) -> list[Document]:
-    """Return where a stage is finished, from its status alone: no other array is read."""
+    """Return a mask of the finished cells of a stage, from its status alone; no other array is read."""
     found = []
     for group in one.groups:
         if "status" in group:
@@ -254,7 +256,7 @@ def _finished(one: HeldVariable) -> list[Document]:
 
 
 def _is_finished(one: HeldVariable, at: AxisValues) -> bool:
-    """Return whether the cell at some values of the sweep is finished; a variable that no axis reaches counts as
+    """Return whether the cell at some values of the sweep is finished; a variable that no axis affects counts as
     finished.
     """
     place = {dim: at[dim] for dim in one.axes}

@@ -1,4 +1,4 @@
-"""Rendering of a run's outcome: the summary of the archive or of the tree in memory, and what this run did.
+"""Rendering of a run's outcome: the summary of the archive or of the tree in memory, and a description of this run.
 
 In:  the outcome of a run.
 Out: HTML for a notebook, lines for a terminal.
