@@ -255,8 +255,8 @@ def arrays_of(plan: Plan, wanted: dict[CellRef, set[str]]) -> tuple[dict[tuple[C
 def undone(plan: Plan, ref: CellRef, fields: dict[str, Any]) -> Plan:
     """Return the plan with one decision undone. All keys are new: what was computed before is found by its key."""
     mark = f"undone {ref} {sorted(fields.items(), key=str)}"
-    cells = {other: replace(cell, key=f"{cell.key} {mark}") for other, cell in plan.cells.items()}
-    return replace(plan, cells=cells | {ref: replace(cells[ref], **fields)})
+    cells = {other: cell.changed(key=f"{cell.key} {mark}") for other, cell in plan.cells.items()}
+    return replace(plan, cells=cells | {ref: cells[ref].changed(**fields)})
 
 
 def measured(plan: Plan, number: int, kind: str) -> tuple[list[Found], float]:

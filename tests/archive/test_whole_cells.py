@@ -78,7 +78,7 @@ def test_cells_looked_at_together_are_judged_as_each_is_alone(archive, plan, har
 
 
 def test_a_cell_with_another_key_is_not_there(archive, plan):
-    cells = {ref: replace(cell, key=f"{number:032x}") for number, (ref, cell) in enumerate(plan.cells.items())}
+    cells = {ref: cell.changed(key=f"{number:032x}") for number, (ref, cell) in enumerate(plan.cells.items())}
     finished, chunks, _ = judged(archive, replace(plan, cells=cells), True)
     assert not any(finished) and not chunks
 

@@ -186,7 +186,7 @@ def test_an_error_grows_where_light_is_clipped_by_the_light_over_the_well():
         plan = plan_of(text, {"camera.integration_time": exposure, "tolerance": 1e-3})
         (well,) = [cell for cell in plan.cells.values() if isinstance(cell.stage, FullWell)]
         high = plan.of("shot_noise")[0].facts.high
-        factors = factors_of(dict(plan.cells), False)
+        factors = dict(factors_of(dict(plan.cells), False))
         assert factors["shot_noise", ()] == pytest.approx(max(1.0, high / well.stage.well()), rel=0.05)
         found.append(factors["pixel", ()])
     assert found[0] == 1.0

@@ -173,6 +173,7 @@ def test_where_a_segment_begins_stands_in_keys(monkeypatch):
 def test_whether_light_is_streamed_stands_in_keys(monkeypatch):
     """Streamed or whole, transfer functions give other last bits; what makes light gives the same."""
     before = plan_of(chain())
+    assert all(cell.key for cell in before.cells.values())  # found when they are asked for
     monkeypatch.setattr(cost, "LARGEST_WHOLE", 1000)
     assert changed(before, plan_of(chain())) == {"diffraction", "lens_gaussian", "diffusion"} | BEHIND_PIXEL
 

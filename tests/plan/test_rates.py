@@ -44,7 +44,7 @@ def test_a_size_that_never_ran_is_told_by_the_closest_one():
     small, large = plan_of(TEXT), plan_of(TEXT.replace('"48 um"', '"96 um"'))
     cost.remember(small, reports_of(small, lambda cell: 1.0), (0, 0.0))
     node, cell = large.node("diffraction"), large.of("diffraction")[0]
-    told, known = cost.told_seconds(node, [cell], large.precision, cost.Rates())
+    told, known = cost.seconds_of(node, [(cell, 1)], large.precision, cost.Rates())
     other = small.of("diffraction")[0]
     ratio = cost.cell_seconds(node, cell, large.precision) / cost.cell_seconds(node, other, small.precision)
     assert known
@@ -65,7 +65,7 @@ def test_what_a_left_out_stage_saves_includes_what_is_not_written():
     out = next(s for s in summary(plan)["stages"] if s["left_out"] and s["name"] == "diffraction")
     (cell,) = plan.of("diffraction")
     written = cost.WRITING * cost.cell_bytes(plan.node("diffraction"), cell, plan.precision)
-    alone = cost.told_seconds(plan.node("diffraction"), [cell], plan.precision, cost.Rates())[0]
+    alone = cost.seconds_of(plan.node("diffraction"), [(cell, 1)], plan.precision, cost.Rates())[0]
     assert out["left_out"]["seconds_saved"] > written > 0
     assert alone == pytest.approx(2e-5)
 

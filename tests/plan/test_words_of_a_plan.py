@@ -1,7 +1,6 @@
 """What a plan says of omissions, coarser settings, assumptions and bounds is what it decided; no cell is computed."""
 
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -65,13 +64,13 @@ def test_a_bound_is_told_at_the_stage_and_in_the_results_where_they_differ():
     plan = plan_of(TEXT)
     node, (cell,) = plan.node("diffraction"), plan.of("diffraction")
     for growth in (1.0, 3.0):
-        out = replace(cell, left_out=LeftOut(0.01, "so"), growth=growth)
+        out = cell.changed(left_out=LeftOut(0.01, "so"), growth=growth)
         found = omissions.left_out(node, [cell, out], plan.precision)
         assert (found["cells"], found["of"], found["at_stage"]) == (1, 2, 0.01)
         assert found["bound"] == pytest.approx(0.01 * growth)
         (said,) = omission_lines("diffraction", found, None)
         assert ("0.03 in the results" in said) == ("results" in said) == (growth > 1)
-        coarse = replace(cell, approximated=(Approximated("obstruction", 0.1, 0.0, 0.01),), growth=growth)
+        coarse = cell.changed(approximated=(Approximated("obstruction", 0.1, 0.0, 0.01),), growth=growth)
         (one,) = omissions.approximated(node, [coarse], plan.precision)
         assert (one["at_stage"], one["bound"]) == (0.01, pytest.approx(0.01 * growth))
 
@@ -79,10 +78,14 @@ def test_a_bound_is_told_at_the_stage_and_in_the_results_where_they_differ():
 def test_a_stage_is_held_against_the_last_before_it_that_assumes_something():
     def cell(name, value, *before):
         stage = SimpleNamespace(assumes=lambda: {"x": value})
-        return SimpleNamespace(node=name, stage=stage, inputs=[("", source, "") for source in before])
+        return SimpleNamespace(node=name, ref=(name, ()), stage=stage, inputs=[("", (one, ()), "") for one in before])
 
     cells = {"a": cell("a", 1.5), "b": cell("b", 2.5, "a"), "c": cell("c", 1.5, "b"), "d": cell("d", 1.5, "c")}
-    assert taken_differently(cells) == [
+    nodes = [
+        SimpleNamespace(name=name, inputs=[[(port, source, v) for port, (source, _), v in one.inputs]])
+        for name, one in cells.items()
+    ]
+    assert taken_differently(nodes, cells) == [
         "b: x is 2.5 here, but 1.5 in 'a', earlier on its path",
         "c: x is 1.5 here, but 2.5 in 'b', earlier on its path",
     ]
@@ -119,8 +122,8 @@ def test_seconds_are_those_of_the_nearest_size_that_was_measured():
     assert rates.seconds(cell, 2e-3, "float32") == pytest.approx(2 * 2e-3)
     assert rates.seconds(cell, 2e2, "float32") == pytest.approx(5 * 2e2)
     assert rates.seconds(cell, 1.0, "float64") is None
-    out = replace(cell, left_out=LeftOut(0.1, "so"))  # which takes the engine's time alone, known everywhere
-    assert cost.told_seconds(plan.node("diffraction"), [out], "float32", cost.Rates())[1]
+    out = cell.changed(left_out=LeftOut(0.1, "so"))  # which takes the engine's time alone, known everywhere
+    assert cost.seconds_of(plan.node("diffraction"), [(out, 1)], "float32", cost.Rates())[1]
 
 
 @pytest.mark.parametrize(("full", "why"), [(0.0, "there is no light"), (1.0, "the scene is uniform")])

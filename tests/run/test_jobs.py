@@ -86,7 +86,8 @@ def _traced(times: int, folder: Path) -> tuple[int, int, int]:
     """Cells; bytes of the plan; the most that storing the sweep takes beside it."""
     tracemalloc.start()
     plan = make_plan(parse_pipeline(DOTS.replace("TIMES", str(times))), installed_stages())
-    planned, _ = tracemalloc.get_traced_memory()
+    assert all(cell.key and cell.inputs is not None and cell.seed is not None for cell in plan.cells.values())
+    planned, _ = tracemalloc.get_traced_memory()  # with what a plan finds when it is asked
     tracemalloc.reset_peak()
     execute(plan, folder, Options(scheduler="serial"))
     _, peak = tracemalloc.get_traced_memory()

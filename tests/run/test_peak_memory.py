@@ -69,7 +69,7 @@ def test_a_stage_that_is_left_out_holds_nothing():
     plan = plan_of(keep=["rgb_display"], wanted=["rgb_display"])
     for name in ("sharpen", "read_noise", "falloff"):
         cells = {
-            ref: replace(cell, left_out=LeftOut(0.0, "a law")) if ref[0] == name else cell
+            ref: cell.changed(left_out=LeftOut(0.0, "a law")) if ref[0] == name else cell
             for ref, cell in plan.cells.items()
         }
         needs = []

@@ -10,33 +10,59 @@ from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any
 
+from etendue.contract.stage import Stage
 from etendue.plan.identity.once import Once
 from etendue.plan.model import Cell, CellRef, Node
 
+Assumed = dict[str, tuple[str, Any]]  # by what is assumed: the stage that assumes it, and the value
 
-def taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
+
+def taken_differently(nodes: Iterable[Node], cells: Mapping[CellRef, Cell]) -> list[str]:
     """Return a note for every stage whose assumption differs from that of an earlier stage on its path."""
-    assumed: dict[CellRef, dict[str, tuple[str, Any]]] = {}
+    by_node: dict[str, list[Cell]] = {}
+    for cell in cells.values():
+        by_node.setdefault(cell.node, []).append(cell)
+    # What is assumed up to the cells of a node: once if all assume the same, else by cell.
+    everywhere: dict[str, Assumed] = {}
+    somewhere: dict[CellRef, Assumed] = {}
     notes: dict[str, None] = {}
     # Cells with equal stages and equal inputs make the same assumptions.
-    alike: Once[dict[str, tuple[str, Any]]] = Once()
+    alike: Once[Assumed] = Once()
 
-    def assumed_by(cell: Cell) -> dict[str, tuple[str, Any]]:
-        found: dict[str, tuple[str, Any]] = {}
-        for _, source, _ in cell.inputs:
-            found |= assumed[source]
+    def assumed_by(cell: Cell, *before: Assumed) -> Assumed:
+        found: Assumed = {}
+        for one in before:
+            found |= one
         for what, value in cell.stage.assumes().items():
-            before = found.get(what)
-            if before is not None and before[1] != value:
-                theirs = f"{_shown(before[1])} in {before[0]!r}, earlier on its path"
+            earlier = found.get(what)
+            if earlier is not None and earlier[1] != value:
+                theirs = f"{_shown(earlier[1])} in {earlier[0]!r}, earlier on its path"
                 notes[f"{cell.node}: {what} is {_shown(value)} here, but {theirs}"] = None
             found[what] = (cell.node, value)
         return found
 
-    for ref, cell in cells.items():
-        before = [assumed[source] for _, source, _ in cell.inputs]
-        assumed[ref] = alike((cell.stage, *before), partial(assumed_by, cell), cell.node)
+    for node in nodes:
+        own = by_node.get(node.name, [])
+        sources = {source for bound in node.inputs for _, source, _ in bound}
+        if len(node.inputs) == 1 and sources <= everywhere.keys():
+            before = [everywhere[source] for _, source, _ in node.inputs[0]]
+            found = [alike((one, *before), partial(assumed_by, one_cell, *before)) for one, one_cell in _stages(own)]
+            if all(one == found[0] for one in found):
+                everywhere[node.name] = found[0] if found else {}
+                continue
+        for cell in own:
+            before = [everywhere[r[0]] if r[0] in everywhere else somewhere[r] for _, r, _ in cell.inputs]
+            somewhere[cell.ref] = alike((cell.stage, *before), partial(assumed_by, cell, *before))
     return list(notes)
+
+
+def _stages(cells: Iterable[Cell]) -> list[tuple[Stage, Cell]]:
+    """Return the stages of some cells, each with the first of them."""
+    found: Once[tuple[Stage, Cell]] = Once()
+    for cell in cells:
+        if found.get((cell.stage,)) is None:
+            found.put((cell.stage, cell), (cell.stage,))
+    return found.values()
 
 
 def _shown(value: Any) -> str:

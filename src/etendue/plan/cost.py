@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Any
@@ -40,14 +41,22 @@ def too_large(declaration: Declaration, grid: Grid, precision: str) -> bool:
     return by_band and bytes_of(declaration, grid, precision) > LARGEST_WHOLE
 
 
+def counted(cells: Iterable[Cell]) -> Iterable[tuple[Cell, int]]:
+    """Return the first of the cells that have all in common but their facts, with their number."""
+    cells = list(cells)
+    every = [cell.settled for cell in cells]
+    first = dict(zip(reversed(every), reversed(cells), strict=True))
+    return [(first[settled], count) for settled, count in Counter(every).items()]
+
+
 def alike(cells: Iterable[Cell]) -> list[tuple[Cell, int]]:
     """Return one cell of each group of equal cost, with the size of the group. Cells of equal stage and equal grids
     have equal cost.
     """
-    groups: Once[list[Cell]] = Once()
-    for cell in cells:
-        groups((cell.stage, cell.grids, cell.input_grids), list, cell.left_out is None).append(cell)
-    return [(own[0], len(own)) for own in groups.values()]
+    groups: Once[list[tuple[Cell, int]]] = Once()
+    for cell, count in counted(cells):
+        groups((cell.stage, cell.grids, cell.input_grids), list, cell.left_out is None).append((cell, count))
+    return [(own[0][0], sum(count for _, count in own)) for own in groups.values()]
 
 
 def cell_bytes(node: Node, cell: Cell, precision: str, variables: Iterable[str] | None = None) -> int:
@@ -158,10 +167,12 @@ def _size(estimate: float) -> int:
     return round(math.log2(estimate) * OCTAVES)
 
 
-def told_seconds(node: Node, cells: Iterable[Cell], precision: str, rates: Rates) -> tuple[float, bool]:
-    """Return the seconds of some cells of a stage without writing, and whether this machine has run it."""
+def seconds_of(node: Node, groups: Iterable[tuple[Cell, int]], precision: str, rates: Rates) -> tuple[float, bool]:
+    """Return the seconds of some cells without writing, and whether this machine has run their stage. With each cell
+    stands the number of cells of equal cost.
+    """
     total, known = 0.0, True
-    for cell, count in alike(cells):
+    for cell, count in groups:
         estimate = cell_seconds(node, cell, precision)
         own = rates.seconds(cell, estimate, precision)
         known = known and (own is not None or cell.left_out is not None)
@@ -173,7 +184,7 @@ def with_writing(node: Node, cells: Iterable[Cell], precision: str, stored: int,
     """Return the seconds of some cells of a stage and of writing their ``stored`` bytes, and whether both were measured
     on this machine.
     """
-    seconds, known = told_seconds(node, cells, precision, rates)
+    seconds, known = seconds_of(node, alike(cells), precision, rates)
     per_byte = rates.per_byte
     if per_byte is None:
         return seconds + stored * WRITING, known and not stored

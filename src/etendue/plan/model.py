@@ -7,219 +7,33 @@ axes. A ``CellRef`` names a cell by its node and its position on each of the nod
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from math import prod
 from operator import mul
 from typing import Any
 
 from etendue.contract.arrays.dims import banded
-from etendue.contract.arrays.facts import Facts
-from etendue.contract.arrays.grid import Coordinate, Grid
-from etendue.contract.arrays.variables import Declaration
 from etendue.contract.capabilities import (
-    Probe,
     Source,
     Summed,
     Tinting,
-    draws_anew,
-    ends_in_sum,
-    is_random,
-    is_source,
     is_transfer,
 )
-from etendue.contract.stage import Stage, per_kind, quantities_of, reads_of, writes_of
+from etendue.contract.stage import Stage, per_kind, reads_of, writes_of
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.identity.same_as import of_cell, same_as
+from etendue.plan.structure.cell import ALL_DIGITS as ALL_DIGITS
+from etendue.plan.structure.cell import Approximated as Approximated
+from etendue.plan.structure.cell import Cell as Cell
+from etendue.plan.structure.cell import CellRef as CellRef
+from etendue.plan.structure.cell import LeftOut as LeftOut
+from etendue.plan.structure.nodes import Alternative as Alternative
+from etendue.plan.structure.nodes import Axis as Axis
+from etendue.plan.structure.nodes import Node as Node
 from etendue.types.documents import DocumentView
 
-CellRef = tuple[str, tuple[int, ...]]
 StageVariable = tuple[str, str]
-# never written to; plain dicts, since a mapping proxy cannot be pickled
-ALL_DIGITS: Mapping[str, int | None] = {}
-NO_STEPS: Mapping[str, float] = {}
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One swept parameter. ``key`` is its name in the file; ``dim`` is its name as a dimension."""
-
-    key: str
-    dim: str
-    values: tuple[Any, ...]  # floats, ints or texts; labels if the axis swaps a stage
-    units: str = ""
-    gives: Mapping[str, tuple[Any, ...]] = field(
-        default_factory=dict, hash=False
-    )  # values by parameter, for an axis that sets several at once
-    factors: tuple[Axis, ...] = ()  # axes whose values change together along this one
-    rows: tuple[tuple[int, ...], ...] = ()  # by position: the position on each of them
-    of: str = ""  # the axis of which this one has the distinct combinations of some factors; '' for one of its own
-    places: tuple[int, ...] = ()  # by position on that axis: the position here
-
-    def value(self, name: str, position: int) -> Any:
-        """Return the value of a parameter at a position."""
-        return self.gives[name][position] if name in self.gives else self.values[position]
-
-    def column(self, factor: int) -> tuple[Any, ...]:
-        """Return the value of one factor of the axis at every position."""
-        return tuple([self.factors[factor].values[row[factor]] for row in self.rows])
-
-
-@dataclass(frozen=True)
-class Alternative:
-    """One stage that a node can use: its class and its fixed parameters."""
-
-    use: str
-    label: str
-    kind: type[Stage]
-    values: DocumentView
-    distribution: str
-    version: str
-    digest: str
-    written: frozenset[str] = frozenset()  # parameters that the file gives
-
-
-@dataclass(frozen=True)
-class Node:
-    """A stage of the pipeline, with its inputs and the axes that affect it."""
-
-    name: str
-    number: int
-    place: str
-    alternatives: tuple[Alternative, ...]
-    direct: tuple[tuple[str, str], ...]  # (axis dim, parameter) set by an axis
-    use_axis: str | None  # dim of the axis that swaps this stage
-    # per alternative: (port or shared quantity, node, variable); ports first
-    inputs: tuple[tuple[tuple[str, str, str], ...], ...]
-    looks_at: tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer' or variable, nodes in order)
-    writes: Mapping[str, Declaration]
-    axes: tuple[str, ...]
-    # optional variables that nothing uses
-    optional: Mapping[str, Declaration] = field(default_factory=dict)
-    segment: tuple[str, ...] = ()  # names of the transfer nodes of its segment, up to itself
-    mapped: tuple[str, ...] = ()  # leading dims of its inputs that it does not work on: it runs once per value
-
-    @property
-    def found(self) -> dict[str, str]:
-        """The shared quantities that earlier stages write, each with the stage that writes it."""
-        pairs = zip(self.alternatives, self.inputs, strict=True)
-        return {name: source for one, bound in pairs for name, source, _ in bound if name in quantities_of(one.kind)}
-
-    @property
-    def kind(self) -> type[Stage]:
-        return self.alternatives[0].kind
-
-    @property
-    def is_source(self) -> bool:
-        return is_source(self.kind)
-
-    @property
-    def is_transfer(self) -> bool:
-        return is_transfer(self.kind)
-
-    @property
-    def ends_in_sum(self) -> bool:
-        return ends_in_sum(self.kind)
-
-    @property
-    def is_probe(self) -> bool:
-        return issubclass(self.kind, Probe)
-
-    @property
-    def is_random(self) -> bool:
-        return any(is_random(a.kind) for a in self.alternatives)
-
-    @property
-    def draws_anew(self) -> bool:
-        return any(draws_anew(a.kind) for a in self.alternatives)
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """The reason why a cell is left out, and the error bound of this omission, relative to the full scale of its
-    variable.
-
-    ``apart``: the bound of the worst band, relative to the full scale of that band. It applies to later stages that use
-    single bands; it is 0 if it is not larger.
-    """
-
-    bound: float
-    why: str
-    apart: float = 0.0
-
-
-@dataclass(frozen=True)
-class Approximated:
-    """A knob that the plan has set, its value in the reference, and a bound on the error that the difference adds to
-    the output of the cell.
-    """
-
-    knob: str
-    value: Any
-    reference: Any
-    bound: float
-
-
-@dataclass(slots=True)
-class Cell:
-    """One stage at one combination of its axes. The planner writes it once; then it is only read, so cells share the
-    parts in which they are equal.
-    """
-
-    ref: CellRef
-    stage: Stage
-    use: str
-    inputs: tuple[tuple[str, CellRef, str], ...]  # (port or shared quantity, cell, variable); ports first
-    looks_at: tuple[tuple[str, tuple[CellRef, ...]], ...]
-    key: str
-    versions: Mapping[str, str]  # versions of the libraries that are in its key
-    seed: bytes
-    # lines of its seed whose value only a run finds (plan.words.Open), and the fixed lines after them
-    open_words: tuple[Any, ...]
-    input_grids: Mapping[str, Grid]
-    grids: Mapping[str, Grid]
-    facts: Facts
-    left_out: LeftOut | None
-    approximated: tuple[Approximated, ...]
-    error: tuple[float | None, str]
-    segment_input: tuple[CellRef, str] | None = None
-    growth: float = 1.0  # largest factor by which an error of its output grows on its way to the wanted variables
-    mapped: tuple[tuple[str, Coordinate], ...] = ()  # leading dims of the output; the stage runs once per value
-    # by variable whose digits follow the tolerance: the exponent of the step it is rounded to; None: all digits stay
-    digits: Mapping[str, int | None] = field(default_factory=lambda: ALL_DIGITS)
-
-    def at_wanted(self, bound: float) -> float:
-        """Return a bound at the wanted variables for a bound at this cell. It is at most 1, because values beyond full
-        scale are clipped.
-        """
-        bound = max(bound, self.left_out.apart) if self.left_out else bound
-        return max(bound, min(1.0, bound * self.growth)) if bound > 0 else bound
-
-    @property
-    def node(self) -> str:
-        return self.ref[0]
-
-    @property
-    def index(self) -> tuple[int, ...]:
-        return self.ref[1]
-
-    @property
-    def found(self) -> tuple[tuple[str, CellRef, str], ...]:
-        """The inputs that are shared quantities written by earlier stages."""
-        quantities = quantities_of(type(self.stage))
-        return tuple(one for one in self.inputs if one[0] in quantities)
-
-    @property
-    def steps(self) -> Mapping[str, float]:
-        """By variable, the step to whose multiples the variable is rounded."""
-        return {n: 2.0**own for n, own in self.digits.items() if own is not None} if self.digits else NO_STEPS
-
-    @property
-    def bound(self) -> float:
-        """Upper bound of the error that omission and approximation add to the output of the cell, relative to full
-        scale.
-        """
-        return self.left_out.bound if self.left_out else max((one.bound for one in self.approximated), default=0.0)
 
 
 def scene_of(cells: Mapping[CellRef, Cell], cell: Cell) -> Cell:

@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 
 from etendue.contract.stage import parameters_of
-from etendue.plan.cost import WRITING, Rates, cell_bytes, cell_seconds, told_seconds
+from etendue.plan.cost import WRITING, Rates, alike, cell_bytes, cell_seconds, seconds_of
 from etendue.plan.identity.once import Once
 from etendue.plan.model import Approximated, Cell, Node
 from etendue.types.documents import Document
@@ -45,13 +45,13 @@ def _without(node: Node, cells: Sequence[Cell], precision: str, stored: Collecti
     """Return the seconds that it would take to compute some left-out cells and to write their variables that have no
     array.
     """
-    whole = [replace(cell, left_out=None) for cell in cells]
+    whole = [(cell.changed(left_out=None), count) for cell, count in alike(cells)]
     if rates is None:
-        return sum(cell_seconds(node, cell, precision) for cell in whole)
+        return sum(count * cell_seconds(node, cell, precision) for cell, count in whole)
     per_byte = WRITING if rates.per_byte is None else rates.per_byte
     main = list(node.writes)[:1] if not stored else []
-    unwritten = sum(cell_bytes(node, cell, precision, main) for cell in whole)
-    return told_seconds(node, whole, precision, rates)[0] + per_byte * unwritten
+    unwritten = sum(count * cell_bytes(node, cell, precision, main) for cell, count in whole)
+    return seconds_of(node, whole, precision, rates)[0] + per_byte * unwritten
 
 
 def approximated(
@@ -63,7 +63,7 @@ def approximated(
     found: dict[tuple[str, Hashable], list[Approximated]] = {}
     wanted: dict[tuple[str, Hashable], float] = {}  # bounds at the wanted variables
     saved: dict[tuple[str, Hashable], list[float | None]] = {}
-    alike: Once[float | None] = Once()
+    known: Once[float | None] = Once()
     for cell in cells:
         for one in cell.approximated:
             found.setdefault((one.knob, one.value), []).append(one)
@@ -71,7 +71,7 @@ def approximated(
             wanted[place] = max(wanted.get(place, 0.0), cell.at_wanted(one.bound))
             spared = partial(_saved, node, cell, one, precision, rates)
             parts = (cell.stage, cell.grids, cell.input_grids)
-            saved.setdefault(place, []).append(alike(parts, spared, one, cell.left_out is None))
+            saved.setdefault(place, []).append(known(parts, spared, one, cell.left_out is None))
     if not found:
         return None
     return [
@@ -92,7 +92,7 @@ def approximated(
 def saved(node: Node, cell: Cell, precision: str) -> float | None:
     """Return the seconds that the decisions about a cell are expected to save; None if unknown."""
     if cell.left_out:
-        return cell_seconds(node, replace(cell, left_out=None), precision) - cell_seconds(node, cell, precision)
+        return cell_seconds(node, cell.changed(left_out=None), precision) - cell_seconds(node, cell, precision)
     return _sum([_saved(node, cell, one, precision) for one in cell.approximated])
 
 
@@ -100,7 +100,7 @@ def _saved(node: Node, cell: Cell, one: Approximated, precision: str, rates: Rat
     """Return the seconds that one setting saves, all others unchanged; None if the knob states no costs."""
     parameter = parameters_of(type(cell.stage))[one.knob][0]
     try:
-        other = replace(cell, stage=replace(cell.stage, **{one.knob: one.reference}))
+        other = cell.changed(stage=replace(cell.stage, **{one.knob: one.reference}))
     except ValueError:  # the stage refuses the reference setting
         return None
     estimate = cell_seconds(node, cell, precision)

@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from types import MappingProxyType
 
 from etendue.contract.registry import Registry
@@ -24,6 +25,7 @@ from etendue.plan.designs.summary import axes_said, design_said
 from etendue.plan.expansion.cells import Told, expand
 from etendue.plan.expansion.digits import stored_bytes
 from etendue.plan.expansion.fields import notes_on_the_scene
+from etendue.plan.identity.once import Once
 from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.plan.wiring.automatic import settled
 from etendue.plan.wiring.graph import build_graph, resolve_keep
@@ -145,23 +147,23 @@ def _warnings(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], tolerance: f
     notes = (
         _rewritten_in_vain(nodes),
         met_twice(nodes),
-        taken_differently(cells),
+        taken_differently(nodes, cells),
         _beyond_tolerance(cells, tolerance),
         _grown(cells, tolerance),
     )
     # A dict removes duplicates and, unlike a set, keeps the order of the warnings the same in every process.
     texts = dict.fromkeys(itertools.chain(*notes))
-    among: dict[Stage, list[str]] = {}  # by stage, since one stage serves many cells
+    among: Once[list[str]] = Once()
+    said: Once[list[str]] = Once()
     for cell in cells.values():
-        kind = type(cell.stage)
+        stage, kind = cell.stage, type(cell.stage)
+        if kind.warn is Stage.warn and kind.warn_among is Stage.warn_among:
+            continue
+        warn = partial(stage_calls.texts, stage, "warn", cell.facts, cell.input_grids)
         try:
-            found = (
-                [] if kind.warn is Stage.warn else stage_calls.texts(cell.stage, "warn", cell.facts, cell.input_grids)
-            )
+            found = [] if kind.warn is Stage.warn else said((stage, cell.facts, cell.input_grids), warn)
             if kind.warn_among is not Stage.warn_among:
-                if cell.stage not in among:
-                    among[cell.stage] = stage_calls.texts(cell.stage, "warn_among", uses)
-                found += among[cell.stage]
+                found = found + among((stage,), partial(stage_calls.texts, stage, "warn_among", uses))
         except ValueError as error:
             raise RequestError([Fault(places[cell.node], plain(str(error)))]) from None
         except PluginError as error:
@@ -175,7 +177,7 @@ def _beyond_tolerance(cells: Mapping[CellRef, Cell], tolerance: float) -> list[s
     ``dear`` and the plan does not choose such settings by itself.
     """
     worst: dict[tuple[str, str, Hashable], float] = {}
-    for cell in cells.values():
+    for cell, _ in cost.counted(cells.values()):
         dear = next((name for name, (p, _, _) in parameters_of(type(cell.stage)).items() if p.dear), None)
         error = cell.error[0]
         if dear is not None and cell.left_out is None and error is not None and error > tolerance:
@@ -194,9 +196,11 @@ def _grown(cells: Mapping[CellRef, Cell], tolerance: float) -> list[str]:
     """
     worst: dict[str, float] = {}
     for cell in cells.values():
+        if cell.growth <= TOLD:
+            continue
         bounds = [one.bound for one in cell.approximated] + ([cell.left_out.bound] if cell.left_out else [])
         most = cell.at_wanted(max(bounds, default=0.0))
-        if cell.growth > TOLD and most > tolerance:
+        if most > tolerance:
             worst[cell.node] = max(worst.get(cell.node, 0.0), most)
     return [
         f"{stage}: its omissions and coarser settings are within the tolerance there, but after a meter, a gain or "

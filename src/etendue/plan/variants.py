@@ -100,7 +100,7 @@ def at_point(plan: Plan, place: AxisValues, wanted: tuple[StageVariable, ...]) -
 def with_draw(plan: Plan, number: int) -> Plan:
     """Return the plan with random draws of the noise; each number gives another draw."""
     more = f"\ndraw={number}".encode()
-    cells = {ref: _copy(cell, seed=cell.seed + more) if cell.seed else cell for ref, cell in plan.cells.items()}
+    cells = {ref: cell.changed(seed=cell.seed + more) if cell.seed else cell for ref, cell in plan.cells.items()}
     return replace(plan, cells=cells, expected=False)
 
 
@@ -123,18 +123,13 @@ def _at_origin(cell: Cell) -> Cell:
     a cell never reads two positions of one stage.
     """
     before = cell.segment_input
-    return _copy(
-        cell,
+    return cell.changed(
         ref=_first(cell.ref),
         inputs=tuple((port, _first(ref), variable) for port, ref, variable in cell.inputs),
         looks_at=tuple((port, tuple(map(_first, refs))) for port, refs in cell.looks_at),
         open_words=tuple(replace(word, ref=_first(word.ref)) for word in cell.open_words),
         segment_input=before and (_first(before[0]), before[1]),
     )
-
-
-def _copy(cell: Cell, **changes: object) -> Cell:
-    return replace(cell, **changes)  # type: ignore[arg-type]
 
 
 def _first(ref: CellRef) -> CellRef:

@@ -96,11 +96,11 @@ def job_bytes(job: Job, precision: str) -> tuple[float, float]:
 def _jobs(plan: Plan, workers: int, in_memory: bool, pictures: bool) -> Mapping[CellRef, Job]:
     """Return the jobs of the largest cells and of some neighbours."""
     chosen = _chosen(plan, AROUND * workers)
-    refs = [
-        ref
-        for ref in plan.cells
-        if ref[0] not in plan.seen_only
-        and all(i in chosen[dim] for dim, i in zip(plan.node(ref[0]).axes, ref[1], strict=True))
+    refs: list[CellRef] = [
+        (node.name, index)
+        for node in plan.nodes
+        if node.name not in plan.seen_only
+        for index in itertools.product(*(sorted(chosen[dim]) for dim in node.axes))
     ]
     todo = ancestry(plan, refs) if len(refs) < len(plan.cells) else set(refs)
     show = frozenset(ref for ref in shown_cells(plan).values() if pictures and ref in todo)

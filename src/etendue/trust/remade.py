@@ -79,7 +79,7 @@ def store_files(stored: Stored, again: Again, ended: bool) -> dict[str, bytes]:
     laid.put_status(tree, journal.said, (), computed)
     as_then = plan  # the plan with the keys that its cells had
     if any(plan.cells[ref].key != key for ref, key in again.keys.items()):
-        as_then = replace(plan, cells={ref: replace(cell, key=again.keys[ref]) for ref, cell in plan.cells.items()})
+        as_then = replace(plan, cells={ref: cell.changed(key=again.keys[ref]) for ref, cell in plan.cells.items()})
     own = {"ledger": tables.ledger(as_then, reports), "summary": tables.summary(plan, reports)}
     for name, table in own.items():
         _put_table(tree, name, table)

@@ -7,7 +7,7 @@ chosen here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +25,15 @@ class WatchedFacts(dict[str, Any]):
     """
 
     looked = False
+
+    def __iter__(self) -> Iterator[str]:  # so that copies are made by ``__getitem__``
+        return iter(self.keys())
+
+    def __or__(self, other: Any) -> Any:
+        return {**self} | other
+
+    def copy(self) -> Any:
+        return {**self}
 
     def __getitem__(self, port: str) -> Any:
         self.looked = True
@@ -44,6 +53,7 @@ class WatchedFacts(dict[str, Any]):
 
 
 Asked = Callable[[Stage], tuple[float | None, str]]
+Set = Callable[[Stage, Settings], Stage | None]  # ``with_settings``
 
 
 @dataclass(frozen=True)
@@ -63,7 +73,7 @@ def open_knobs(kind: type[Stage], written: Collection[str]) -> tuple[str, ...]:
 
 
 def choose(
-    stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked
+    stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked, change: Set | None = None
 ) -> tuple[Stage, tuple[Approximated, ...]]:
     """Return a stage with its open knobs set, and the chosen settings whose error exceeds the error of the reference.
 
@@ -82,7 +92,7 @@ def choose(
     steps = [Knob("", name, _allowed(declared[name][0], declared[name][2])) for name in knobs]
 
     def evaluate(settings: Settings) -> Stated:
-        own = with_settings(stage, settings)
+        own = (change or with_settings)(stage, settings)
         return Stated(settings, None if own is None else asked(own)[0], own)
 
     search = Search(evaluate)

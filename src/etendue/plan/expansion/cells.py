@@ -10,13 +10,12 @@ import itertools
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import replace
-from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 from etendue.contract.arrays.facts import UNKNOWN, Facts
 from etendue.contract.arrays.grid import Grid
-from etendue.contract.capabilities import Noisy, Probe, Source
-from etendue.contract.stage import Stage, looks, looks_at_stages, parameters_of, quantities_of, reads_of, writes_of
+from etendue.contract.capabilities import Probe, Source
+from etendue.contract.stage import Stage, looks_at_stages, parameters_of, quantities_of, reads_of, writes_of
 from etendue.contract.values.bounds import MOST_CELLS, beyond, number
 from etendue.contract.values.late_bound import LateValue
 from etendue.errors import Fault, MachineError, PluginError, RequestError
@@ -24,26 +23,25 @@ from etendue.pipeline.file import PipelineFile
 from etendue.plan import stage_calls
 from etendue.plan.designs.bundles import position_maps
 from etendue.plan.expansion import scenes
-from etendue.plan.expansion.deciding import Decider, Decisions, segment_input
+from etendue.plan.expansion.deciding import Decider
 from etendue.plan.expansion.digits import Digits
 from etendue.plan.expansion.earlier import nearest_of
-from etendue.plan.expansion.forms import CellGrids, Draft, output_grid
+from etendue.plan.expansion.forms import CellGrids, output_grid
 from etendue.plan.expansion.growth import state_growth
 from etendue.plan.expansion.recipes import Recipes
-from etendue.plan.identity.once import Once
+from etendue.plan.expansion.settling import Settling
 from etendue.plan.machine import available_memory
-from etendue.plan.model import ALL_DIGITS, Alternative, Cell, CellRef, Node
+from etendue.plan.model import Alternative, Cell, CellRef, Node
 from etendue.plan.wiring.graph import Graph
 from etendue.plan.wiring.quantities import to_be_found
+from etendue.plan.wiring.readings import reading_of
 from etendue.plan.wiring.request import Choice
 from etendue.telling import human_bytes, plain
 
-BYTES_OF_A_CELL = 1300  # bytes of memory per cell of a plan, measured by benchmarks/scale.py
+BYTES_OF_A_CELL = 400  # bytes of memory per cell of a plan, measured by benchmarks/scale.py
 
 
 Told = Callable[[int, int], None]  # called with the cells planned so far and the total
-Maps = Mapping[tuple[str, str], tuple[int, ...]]  # positions on one axis by those on another
-PositionMap = Callable[[tuple[int, ...]], tuple[int, ...]]  # maps the position of a cell to that of a cell it reads
 
 
 def expand(
@@ -52,14 +50,14 @@ def expand(
     """Return all cells, the precision in which they are computed, and the seconds spent on the analysis of new
     scenes.
     """
-    expansion = _Expansion(graph, pipeline, choice, told)
+    expansion = Expansion(graph, pipeline, choice, told)
     cells = expansion.expand()
     if choice.leave_out:
         state_growth(cells)
     return cells, expansion.precision, expansion.looked
 
 
-class _Expansion:
+class Expansion:
     def __init__(self, graph: Graph, pipeline: PipelineFile, choice: Choice, told: Told) -> None:
         self.told = told
         self.graph = graph
@@ -75,9 +73,12 @@ class _Expansion:
         self.readings = {
             (node.name, number): reading_of(node, number, self.nodes, self.maps) for node, number in numbered
         }
+        # positions by axes, shared by all nodes with the same axes; cells by node, in this order
+        self.places: dict[tuple[str, ...], list[tuple[int, ...]]] = {}
+        self.by_node: dict[str, list[Cell]] = {}
+        self.wheres: dict[tuple[str, ...], dict[str, tuple[int, tuple[int, ...] | None]]] = {}
+        self.between: dict[tuple[tuple[str, ...], tuple[str, ...]], list[int]] = {}
         self.forms: dict[Hashable, CellGrids] = {}
-        # Decisions by stage and form, shared by cells whose inputs have no known facts: nothing else can differ there.
-        self.decisions: Once[Decisions] = Once()
         self.grids: dict[Grid, Grid] = {}
         self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions, choice.keys)
         self.faults: dict[str, Fault] = {}
@@ -125,16 +126,15 @@ class _Expansion:
             self.grids |= self.earlier.begin(self.precision)
         self.digits = Digits(self.cells, self.nodes, self.choice.digits, self.precision)
         self.decider = Decider(self.graph, self.choice, self.cells, self.stage_at, self.precision)
-        # positions by axes, shared by all nodes with the same axes
-        places: dict[tuple[str, ...], list[tuple[int, ...]]] = {}
+        self.recipes.precision = self.precision
+        sizes = {node.name: math.prod(len(self.axes[dim].values) for dim in node.axes) for node in self.graph.nodes}
+        self.recipes.counts |= sizes
         # Nodes are in the order of the file, and a node reads only earlier ones: the cells it reads exist already.
         for node in self.graph.nodes:
-            if node.axes not in places:
-                places[node.axes] = list(itertools.product(*(range(len(self.axes[dim].values)) for dim in node.axes)))
-            for index in places[node.axes]:
-                self.add(node, index)
-                if not len(self.cells) % 500:
-                    self.told(len(self.cells), total)
+            if node.axes not in self.places:
+                positions = itertools.product(*(range(len(self.axes[dim].values)) for dim in node.axes))
+                self.places[node.axes] = list(positions)
+            self.add(node, total)
             # Report all faults of one node and then stop, because the cells that later nodes read do not exist.
             if self.faults:
                 raise RequestError(list(self.faults.values())[:12], self.pipeline.file)
@@ -211,78 +211,53 @@ class _Expansion:
         facts = replace(facts, white=found.white or None)
         return replace(facts, content=found, uniform=facts.uniform or found.detail == 0, low=low, high=high), grids
 
-    def add(self, node: Node, index: tuple[int, ...]) -> None:
-        if self.earlier is not None and (known := self.earlier.take(node.name, index)) is not None:
-            self.cells[known.ref] = known
+    def add(self, node: Node, total: int) -> None:
+        """Make the cells of a node."""
+        earlier, cells = self.earlier, self.cells
+        taken = None if earlier is None else earlier.all_of(node, self.recipes)
+        own = self.by_node[node.name] = taken or []
+        if taken is not None:
+            cells.update((cell.ref, cell) for cell in own)
             return
-        cells, by_dim = self.cells, self.by_dim(node, index)
-        number = by_dim[node.use_axis] if node.use_axis else 0
-        one, reading = node.alternatives[number], self.readings[node.name, number]
-        inputs = tuple(
-            [(port, cells[source, at(index)].ref, variable) for port, source, variable, at in reading.inputs]
-        )
-        stage = self.stage_at(node, number, by_dim, self.found(one, inputs) if reading.quantities else ())
-        looks_at = tuple(
-            [(port, tuple([cells[name, at(index)].ref for name, at in seen])) for port, seen in reading.looks_at]
-        )
-        input_facts = {p: self.cells[ref].facts for p, ref, _ in inputs if p in reading.ports}
-        try:
-            draft = Draft(node, number, stage, inputs, looks_at, self.form(node, number, stage, inputs))
-            same = reading.alike and all(f is UNKNOWN for f in input_facts.values())
+        settling = Settling(self, node)
+        for at, index in enumerate(self.places[node.axes]):
+            cell = None if earlier is None else earlier.find(node.name, index, self.recipes)
+            cell = cell or settling.cell(at, index)
+            if cell is not None:  # else it has a fault
+                cells[cell.ref] = cell
+                own.append(cell)
+                if not len(cells) % 500:
+                    self.told(len(cells), total)
 
-            def decide() -> Decisions:
-                declared = self.describe(node, stage)[0] if node.is_source else None
-                return self.decider.decide(draft, input_facts, by_dim, declared)
-
-            decisions = self.decisions((stage,), decide, node.name, draft.form) if same else decide()
-            if decisions.stage is not stage:
-                stage = decisions.stage
-                draft = draft._replace(stage=stage)
-            seed, open_words = self.recipes.seed(draft)
-        except PluginError as error:
-            self.faults.setdefault(str(error), Fault(node.place, self.by_whom(node, stage, error)))
-            return
-        except (ValueError, RequestError) as error:
-            self.faults.setdefault(node.name, self.unfit(node, by_dim, error))
-            return
-        kept = self.digits.of(draft, decisions.facts) if decisions.left_out is None else ALL_DIGITS
-        versions, key = self.recipes.key(draft, decisions.left_out, seed, open_words, self.precision, kept)
-        cell = Cell(
-            ref=(node.name, index),
-            stage=stage,
-            use=one.use,
-            inputs=inputs,
-            looks_at=looks_at,
-            key=key,
-            versions=versions,
-            seed=seed,
-            open_words=open_words,
-            input_grids=draft.form.input_grids,
-            grids=draft.form.grids,
-            facts=decisions.facts,
-            left_out=decisions.left_out,
-            approximated=decisions.approximated,
-            error=decisions.error,
-            segment_input=segment_input(self.cells, draft),
-            mapped=draft.form.mapped,
-            digits=kept,
-        )
-        self.cells[cell.ref] = cell
+    def where(self, axes: tuple[str, ...]) -> Mapping[str, tuple[int, tuple[int, ...] | None]]:
+        """Return, by axis and factor of an axis, the place in the index of a cell with these axes and, for factors, the
+        positions on it by those on the axis.
+        """
+        if axes in self.wheres:
+            return self.wheres[axes]
+        found: dict[str, tuple[int, tuple[int, ...] | None]] = {dim: (at, None) for at, dim in enumerate(axes)}
+        for at, dim in enumerate(axes):
+            axis = self.axes[dim]
+            if axis.rows:
+                columns = zip(axis.factors, zip(*axis.rows, strict=True), strict=True)
+                found.update((factor.dim, (at, rows)) for factor, rows in columns)
+        self.wheres[axes] = found
+        return found
 
     def by_dim(self, node: Node, index: tuple[int, ...]) -> dict[str, int]:
         """Return the positions of a cell on its axes, and on the factors of these axes."""
-        found = dict(zip(node.axes, index, strict=True))
-        for dim, position in zip(node.axes, index, strict=True):
-            axis = self.axes[dim]
-            if axis.rows:
-                found.update(zip((factor.dim for factor in axis.factors), axis.rows[position], strict=True))
-        return found
+        own = self.where(node.axes).items()
+        return {dim: index[at] if rows is None else rows[index[at]] for dim, (at, rows) in own}
 
-    def unfit(self, node: Node, by_dim: Mapping[str, int], error: Exception) -> Fault:
-        """Return the fault of a stage, at the first combination where it occurs."""
-        where = ", ".join(f"{d} = {self.axes[d].values[i]}" for d, i in by_dim.items())
+    def unfit(self, node: Node, index: tuple[int, ...], error: Exception) -> None:
+        """Note the fault of a stage, at the first combination where it occurs."""
+        where = ", ".join(f"{d} = {self.axes[d].values[i]}" for d, i in self.by_dim(node, index).items())
         text = "; ".join(f.message for f in error.faults) if isinstance(error, RequestError) else plain(str(error))
-        return Fault(f"{node.place}{f' at {where}' if where else ''}", text)
+        self.faults.setdefault(node.name, Fault(f"{node.place}{f' at {where}' if where else ''}", text))
+
+    def refused(self, node: Node, stage: Stage, error: PluginError) -> None:
+        """Note the fault of a plugin."""
+        self.faults.setdefault(str(error), Fault(node.place, self.by_whom(node, stage, error)))
 
     @staticmethod
     def by_whom(node: Node, stage: Stage, error: PluginError) -> str:
@@ -327,52 +302,3 @@ class _Expansion:
             if not looks_at_stages(what) or (what == "transfer" and self.nodes[name].is_transfer)
         }
         return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
-
-
-# -- where the inputs of a cell come from ------------------------------------------------------------------------------
-
-
-class Reading(NamedTuple):
-    """The origin of the inputs of an alternative of a node, and the stages that it looks at."""
-
-    inputs: tuple[tuple[str, str, str, PositionMap], ...]  # port or shared quantity, node, variable, where
-    looks_at: tuple[tuple[str, tuple[tuple[str, PositionMap], ...]], ...]
-    ports: frozenset[str]
-    quantities: frozenset[str]
-    alike: bool  # whether the decisions about a cell follow from its stage and the grids and facts of its inputs
-
-
-def reading_of(node: Node, number: int, nodes: Mapping[str, Node], maps: Maps) -> Reading:
-    """Return the inputs of an alternative of a node and the stages that it looks at, with their positions."""
-    kind = node.alternatives[number].kind
-    ports = reads_of(kind)
-    seen = [one for one in node.looks_at if one[0] in ports and looks(ports[one[0]]) == one[1]]
-    return Reading(
-        tuple(
-            (port, source, variable, places(node, nodes[source], maps))
-            for port, source, variable in node.inputs[number]
-        ),
-        tuple((port, tuple((name, places(node, nodes[name], maps)) for name in names)) for port, _, names in seen),
-        frozenset(ports),
-        frozenset(quantities_of(kind)),
-        not (node.is_source or node.segment or issubclass(kind, Noisy)),
-    )
-
-
-def places(node: Node, source: Node, maps: Maps) -> PositionMap:
-    """Return the map from a position of ``node`` to one of ``source``; dims that ``node`` lacks are at their first
-    value, which is right because a node lacks only dims that do not change what it reads. Rows of a design have the
-    combination of factors that they are part of.
-    """
-    where = {dim: place for place, dim in enumerate(node.axes)}
-    if source.axes == node.axes:
-        return lambda index: index
-    found: list[tuple[int, tuple[int, ...] | None]] = []
-    for dim in source.axes:
-        via = next((own for own in node.axes if (own, dim) in maps), "") if dim not in where else ""
-        found.append((where[via], maps[via, dim]) if via else (where.get(dim, -1), None))
-    if len(found) > 1 and all(place >= 0 and rows is None for place, rows in found):
-        return itemgetter(*(place for place, _ in found))
-    return lambda index: tuple(
-        [0 if place < 0 else index[place] if rows is None else rows[index[place]] for place, rows in found]
-    )

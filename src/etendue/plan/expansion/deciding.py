@@ -19,6 +19,8 @@ from etendue.plan import stage_calls
 from etendue.plan.expansion import leave_out
 from etendue.plan.expansion.approximate import WatchedFacts, choose, open_knobs, with_settings
 from etendue.plan.expansion.forms import Draft
+from etendue.plan.expansion.search import Settings
+from etendue.plan.identity.once import Once
 from etendue.plan.model import Approximated, Cell, CellRef, LeftOut, Node
 from etendue.plan.wiring.graph import Graph
 from etendue.plan.wiring.request import Choice
@@ -33,6 +35,7 @@ class Decisions(NamedTuple):
     approximated: tuple[Approximated, ...]
     error: tuple[float | None, str]
     facts: Facts
+    blind: bool  # whether all but the facts is the same whatever the facts of the inputs
 
 
 StageAt = Callable[[Node, int, Mapping[str, int]], Stage]  # the stage of an alternative at a combination of the axes
@@ -47,7 +50,15 @@ class Decider:
         self.nodes, self.choice, self.cells, self.stage_at = graph.nodes, choice, cells, stage_at
         self.precision = precision
         self.rule = leave_out.LeaveOutRule(choice.tolerance if choice.leave_out else None, choice.norm)
+        # stages that add noise, the axes that change each, and whether it waits for a value that a run finds
+        self.noisy = [
+            (node, {dim for dim in (node.use_axis, *(dim for dim, _ in node.direct)) if dim}, bool(node.found))
+            for node in graph.nodes
+            if all(issubclass(one.kind, Noisy) for one in node.alternatives)
+        ]
         self.chosen: dict[Any, Any] = {}  # stages with their knobs set, by what the choice depended on
+        self.tried: Once[tuple[Stage | None]] = Once()  # stages with settings of their knobs
+        self.stated: Once[tuple[float | None, str]] = Once()  # errors that stages state without reading facts
         # knobs that the file leaves open, by node and alternative
         self.knobs: dict[tuple[str, int], tuple[str, ...]] = {}
         # Without leaving out, the plan must not approximate either.
@@ -62,11 +73,12 @@ class Decider:
         """Decide a cell from the facts of its inputs; ``declared`` are the facts that a source states of its own
         output.
         """
-        node, stage, form = draft.node, draft.stage, draft.form
+        node, stage, form, watched = draft.node, draft.stage, draft.form, WatchedFacts(facts_in)
         facts = stage_calls.carried(stage, facts_in, form.input_grids) if declared is None else declared
         left_out = None
         approximated: tuple[Approximated, ...] = ()
-        earlier = self.choice.decided.get((node.name, tuple(by_dim[dim] for dim in node.axes)))
+        decided = self.choice.decided
+        earlier = decided.get((node.name, tuple(by_dim[dim] for dim in node.axes))) if decided else None
         if earlier is not None:
             left_out, approximated = earlier.left_out, earlier.approximated
             if leave_out.through(stage, form.whole_grids, form.grids) is None:
@@ -74,28 +86,25 @@ class Decider:
             stage = with_settings(stage, {one.knob: one.value for one in approximated}) or stage
         elif node.name not in self.choice.computed:
             noises = partial(self.noises, by_dim)
-            left_out = leave_out.decide(self.rule, stage, facts_in, form.whole_grids, form.grids, noises)
+            left_out = leave_out.decide(self.rule, stage, watched, form.whole_grids, form.grids, noises)
         # Leaving out comes first: it is cheaper than any setting, and a cell left out needs no setting.
         if not left_out and self.knobs.get((node.name, draft.number)):
-            stage, approximated = self.approximate(draft, facts_in)
-        error = self.error(draft, stage, facts_in)
+            stage, approximated = self.approximate(draft, watched)
+        error = self.error(draft, stage, watched)
         facts = behind(stage, facts_in, form.input_grids, facts)
         if left_out:
             # A cell that is left out passes its input on, so the facts of that input hold for its output.
             main = next(iter(node.writes))
             facts = next((self.cells[ref].facts for _, ref, v in draft.inputs if v == main), facts)
-        return Decisions(stage, left_out, approximated, error, facts)
+        return Decisions(stage, left_out, approximated, error, facts, not (watched.looked or left_out))
 
     def noises(self, by_dim: Mapping[str, int]) -> list[Noisy] | None:
         """Return every stage that adds noise, with its parameters at a combination of axis values; None if the
         parameters of one are found only during the run, or depend on other axes.
         """
         found: list[Noisy] = []
-        for node in self.nodes:
-            if not all(issubclass(one.kind, Noisy) for one in node.alternatives):
-                continue
-            dims = {*([node.use_axis] if node.use_axis else []), *(dim for dim, _ in node.direct)}
-            if node.found or not dims <= by_dim.keys():
+        for node, dims, awaits in self.noisy:
+            if awaits or not dims <= by_dim.keys():
                 return None
             stage = self.stage_at(node, by_dim[node.use_axis] if node.use_axis else 0, by_dim)
             assert isinstance(stage, Noisy)
@@ -109,21 +118,41 @@ class Decider:
         # Most stages state errors without reading facts. Such a choice is valid for any facts, so facts are not in its
         # key.
         place = (draft.stage, self.before(draft), tuple(draft.form.input_grids.items()))
-        whole = (*place, tuple(facts.items()))
-        known = self.chosen.get(place) or self.chosen.get(whole)
+        known = self.chosen.get(place)
+        if known is None:
+            whole = (*place, tuple(facts.items()))
+            known = self.chosen.get(whole)
         if known is None:
             seen, knobs = WatchedFacts(facts), self.knobs[draft.node.name, draft.number]
-            stage, set_ = choose(draft.stage, knobs, self.choice.tolerance, lambda one: self.error(draft, one, seen))
+            stage, set_ = choose(
+                draft.stage, knobs, self.choice.tolerance, lambda one: self.error(draft, one, seen), self.with_settings
+            )
             # One object for all cells with equal stages: later caches compare stages by identity.
             known = (self.chosen.setdefault(stage, stage), set_)
             self.chosen[whole if seen.looked else place] = known
         return known
 
+    def with_settings(self, stage: Stage, settings: Settings) -> Stage | None:
+        """Return ``with_settings``, which many cells ask of one stage."""
+        place = (stage,), *settings.items()
+        known = self.tried.get(*place)
+        if known is None:
+            self.tried.put(known := (with_settings(stage, settings),), *place)
+        return known[0]
+
     def error(self, draft: Draft, stage: Stage, facts: Mapping[str, Facts]) -> tuple[float | None, str]:
         """Return the error that ``stage`` states in place of the draft's own stage, and its basis."""
         node, grids = draft.node, draft.form.input_grids
         if not node.segment or not isinstance(stage, Summed):
-            return stage_calls.error_of(stage, "error", facts, grids, self.precision)
+            known = self.stated.get((stage, draft.form))
+            if known is not None:
+                return known
+            seen = facts if isinstance(facts, WatchedFacts) else WatchedFacts(facts)
+            looked, seen.looked = seen.looked, False
+            found = stage_calls.error_of(stage, "error", seen, grids, self.precision)
+            alike = not seen.looked
+            seen.looked |= looked
+            return self.stated((stage, draft.form), lambda: found) if alike else found
         # A stage that sums over bands ends a segment: its error depends on the light that enters the segment.
         port, before, _ = draft.inputs[0]
         source, _ = segment_input(self.cells, draft) or (before, "")

@@ -13,7 +13,10 @@ from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Noisy
 from etendue.contract.stage import parameters_of
 from etendue.pipeline.file import PipelineFile
+from etendue.plan.expansion.recipes import Recipes
+from etendue.plan.identity.once import Once
 from etendue.plan.model import Cell, CellRef, Node, Plan
+from etendue.plan.structure.cell import Settled
 from etendue.plan.wiring.graph import Graph
 from etendue.plan.wiring.request import Choice
 
@@ -25,15 +28,29 @@ class Earlier:
         self.plan, self.unchanged, self.precision = plan, unchanged, plan.precision
         self.has_sources = sources <= unchanged
         self.same: set[CellRef] = set()  # of the new plan, the cells taken over so far
+        self.whole: set[str] = set()  # nodes of which all cells are taken over
+        self.settled: Once[Settled] = Once()
 
     def begin(self, precision: str) -> dict[Grid, Grid]:
         """Return the grids of the plan, each under itself; take nothing over if the precision differs."""
         if precision != self.precision:
             self.unchanged = frozenset()
             return {}
-        return {grid: grid for cell in self.plan.cells.values() for grid in cell.grids.values()}
+        every = {cell.settled for cell in self.plan.cells.values()}
+        return {grid: grid for settled in every for grid in settled.grids.values()}
 
-    def take(self, name: str, index: tuple[int, ...]) -> Cell | None:
+    def all_of(self, node: Node, recipe: Recipes) -> list[Cell] | None:
+        """Return all cells of a node if they and everything that they read and look at are unchanged; else None."""
+        read = {source for bound in node.inputs for _, source, _ in bound}
+        seen = {name for _, _, names in node.looks_at for name in names}
+        if node.name not in self.unchanged or not self.whole.issuperset(read | seen):
+            return None
+        self.whole.add(node.name)
+        cells = [self.take(cell, recipe) for cell in self.plan.of(node.name)]
+        self.same.update(cell.ref for cell in cells)
+        return cells
+
+    def find(self, name: str, index: tuple[int, ...], recipe: Recipes) -> Cell | None:
         """Return the previous cell if its stage and everything that it reads and looks at are unchanged; else None."""
         cell = self.plan.cells.get((name, index)) if name in self.unchanged else None
         if cell is None:
@@ -44,8 +61,12 @@ class Earlier:
         if not all(ref in same for _, refs in cell.looks_at for ref in refs):
             return None
         same.add(cell.ref)
-        # The growth of a cell depends on later cells, and is set anew.
-        return replace(cell, growth=1.0) if cell.left_out or cell.approximated else cell
+        return self.take(cell, recipe)
+
+    def take(self, cell: Cell, recipe: Recipes) -> Cell:
+        """Return a cell as one of the new plan: nothing of it refers to the earlier plan."""
+        settled = self.settled((cell.settled,), lambda: replace(cell.settled, recipe=recipe))
+        return cell.taken(settled)
 
 
 def nearest_of(plans: Sequence[Plan], graph: Graph, pipeline: PipelineFile, choice: Choice) -> Earlier | None:

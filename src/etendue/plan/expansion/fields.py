@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from etendue.contract.arrays.grid import Grid, Line
 from etendue.contract.wording import words
+from etendue.plan.cost import counted as counted_alike
 from etendue.plan.identity.once import Once
 from etendue.plan.model import Axis, Cell, CellRef, Node, scene_of
 
@@ -44,7 +45,14 @@ def notes_on_the_scene(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], axe
     """
     by_node: dict[str, list[tuple[_Field, Cell]]] = {}
     known: Once[_Field | None] = Once()  # cells share equal grids
+    sampling = {
+        cell.settled
+        for cell, _ in counted_alike(cells.values())
+        if known((cell.grids, cell.input_grids), partial(_field, cell)) is not None
+    }
     for cell in cells.values():
+        if cell.settled not in sampling:
+            continue
         field = known((cell.grids, cell.input_grids), partial(_field, cell))
         if field is not None and not cell.facts.uniform:
             by_node.setdefault(cell.node, []).append((field, cell))

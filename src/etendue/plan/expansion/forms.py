@@ -70,7 +70,6 @@ class Draft(NamedTuple):
     number: int  # number of the alternative
     stage: Stage
     inputs: tuple[tuple[str, CellRef, str], ...]  # (port or shared quantity, cell, variable)
-    looks_at: tuple[tuple[str, tuple[CellRef, ...]], ...]
     form: CellGrids
 
     @property

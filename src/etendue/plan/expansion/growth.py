@@ -14,11 +14,14 @@ would recompute the light, and a cell in a sweep could differ from the same cell
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
+from etendue.contract.arrays.facts import UNKNOWN
 from etendue.contract.capabilities import Noisy, Probe
 from etendue.contract.stage import Stage, quantities_of
 from etendue.plan import stage_calls
+from etendue.plan.identity.once import Once
 from etendue.plan.model import Cell, CellRef
 
 
@@ -28,12 +31,11 @@ def state_growth(cells: dict[CellRef, Cell]) -> None:
     decided = [cell for cell in decided if not isinstance(cell.stage, Noisy)]
     if not decided:
         return
-    steps = Steps(cells)
-    for shares in (False, True):
-        own = [cell for cell in decided if cell.stage.pointwise is shares]
-        factors = factors_of(cells, shares, steps) if own else {}
-        for cell in own:
-            cell.growth = factors[cell.ref]
+    for shares in {cell.stage.pointwise for cell in decided}:
+        own = {cell.ref: cell for cell in decided if cell.stage.pointwise is shares}
+        for ref, factor in factors_of(cells, shares):
+            if ref in own:
+                own[ref].growth = factor
 
 
 class Kind(NamedTuple):
@@ -48,12 +50,12 @@ class Kind(NamedTuple):
 
 
 class Steps:
-    """The growth of an error in each single stage, cached by cell."""
+    """The growth of an error in each single stage."""
 
     def __init__(self, cells: dict[CellRef, Cell]) -> None:
         self.cells = cells
         self.kinds: dict[tuple[str, type[Stage]], Kind] = {}
-        self.known: dict[CellRef, float] = {}
+        self.alike: Once[float] = Once()  # of cells that read no facts
 
     def kind(self, cell: Cell) -> Kind:
         kind = type(cell.stage)
@@ -70,36 +72,38 @@ class Steps:
         return found
 
     def step(self, cell: Cell) -> float:
-        found = self.known.get(cell.ref)
-        if found is None:
-            facts = {port: self.cells[ref].facts for port, ref, _ in cell.inputs}
-            found = self.known[cell.ref] = stage_calls.growth_of(cell.stage, facts)
-        return found
+        index = cell.ref[1]
+        facts = {port: self.cells[name, at(index)].facts for port, name, _, at in cell.settled.reading.inputs}
+        if all(one is UNKNOWN for one in facts.values()):
+            return self.alike((cell.stage,), lambda: stage_calls.growth_of(cell.stage, facts), *facts)
+        return stage_calls.growth_of(cell.stage, facts)
 
 
-def factors_of(cells: dict[CellRef, Cell], shares: bool, steps: Steps | None = None) -> dict[CellRef, float]:
-    """Return the factor of every cell. ``shares``: for changes that multiply every value by nearly the same factor.
-    Clipping does not enlarge such changes relative to full scale, and a number computed from the light changes by the
-    same factor.
+def factors_of(cells: dict[CellRef, Cell], shares: bool) -> Iterator[tuple[CellRef, float]]:
+    """Yield every cell with its factor, the last first. ``shares``: for changes that multiply every value by nearly the
+    same factor. Clipping does not enlarge such changes relative to full scale, and a number computed from the light
+    changes by the same factor.
     """
-    steps = steps or Steps(cells)
+    steps = Steps(cells)
     direct: dict[CellRef, float] = {}
     beside: dict[CellRef, float] = {}
     # A cell comes after the cells it reads. In reverse, the factor of a cell is complete before it is passed on.
     for ref, cell in reversed(cells.items()):
-        kind, known = steps.kind(cell), direct.get(ref)
+        kind, known = steps.kind(cell), direct.pop(ref, None)
         steers = known is not None and not kind.plane
-        factor = direct[ref] = max(1.0, (known or 1.0) + beside.get(ref, 0.0))
+        factor = max(1.0, (known or 1.0) + beside.pop(ref, 0.0))
+        yield ref, factor
         if kind.seen:
             continue
         whole = factor
         if kind.grows:
             step = steps.step(cell)
             whole *= min(step, 1.0) if shares and (steers or kind.elementwise) else step
-        for port, source, _ in cell.inputs:
+        index = ref[1]
+        for port, name, _, at in cell.settled.reading.inputs:
+            source = name, at(index)
             if port in kind.given:  # a number that the source computes
                 direct[source] = max(direct.get(source, 0.0), factor)
             elif port in kind.planes:
                 ways = beside if steers else direct
                 ways[source] = max(ways.get(source, 0.0), whole)
-    return direct

@@ -1,31 +1,37 @@
-"""Build the identity of a cell: its key, and the words that seed its random numbers.
+"""Build the identity of cells: their keys, and the words that seed their random numbers.
 
 In:  a stage at a combination of the axes, and the cells before it.
 Out: the fields of its key and their digest; the words that key its random numbers.
+
+What comes from files and installed distributions is found when a stage is planned (``head``). Keys and seeds are made
+of it when somebody asks for the first of a stage.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping
+from functools import partial
+from itertools import islice
 from typing import Any
 
 from etendue.contract.capabilities import Sampled, draws_anew, is_random
-from etendue.contract.stage import Stage, looks, looks_at_stages, parameters_of, quantities_of, reads_of
+from etendue.contract.stage import Stage, files_of, looks, looks_at_stages, parameters_of, quantities_of, reads_of
 from etendue.plan import stage_calls
 from etendue.plan.cost import too_large
 from etendue.plan.expansion import seed_words
 from etendue.plan.expansion.digits import in_words
-from etendue.plan.expansion.forms import CellGrids, Draft
 from etendue.plan.identity.code import code_digest, libraries_of
-from etendue.plan.identity.keys import digest, key_of, parameters_for_key, plain_text, version_of
+from etendue.plan.identity.keys import key_of, parameters_for_key, plain_text, version_of
 from etendue.plan.identity.once import Once
-from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, light_of, pixel_of, scene_of
+from etendue.plan.model import Alternative, Cell, CellRef, Node, chains, is_whole, light_of, pixel_of, scene_of
+from etendue.plan.structure.cell import NOT_DRAWN, Drawn, Settled
 from etendue.types.documents import Document
 
 NONE: Mapping[str, str] = {}  # never written to; a plain dict, since a mapping proxy cannot be pickled
 Lines = frozenset[str]
-Head = tuple[str, Mapping[str, str], bool]  # text, library versions, whether the seed is part of the key
+Head = tuple[str, Mapping[str, str]]  # text, library versions
 AS_TEXT = json.JSONEncoder(sort_keys=True).encode
 
 
@@ -46,10 +52,14 @@ class Recipes:
     ) -> None:
         self.cells, self.nodes, self.pipeline_seed, self.expected = cells, nodes, seed, expected
         self.stated, self.keys = versions, keys
+        self.precision = ""  # known before the first cell
+        self.counts: dict[str, int] = {}  # of cells by node, in order
+        self.keyed: set[str] = set()  # nodes whose cells have their keys
         self.words: Once[tuple[str, ...]] = Once()
         self.digests: Once[str] = Once()  # digests of parameters
         self.heads: Once[Head] = Once()
-        self.forms: dict[CellGrids, str] = {}  # text of the grids
+        self.forms: Once[str] = Once()  # text of all grids of a cell
+        self.grids: Once[str] = Once()  # text of a grid
         self.looked: dict[Hashable, str] = {}  # text of the transfer functions looked at; many cells share it
         self.versions: dict[frozenset[str], dict[str, str]] = {}
         self.behind: dict[CellRef, Lines | None] = {}
@@ -62,85 +72,111 @@ class Recipes:
         """
         return self.digests((stage,), lambda: key_of(parameters_for_key(stage)))
 
-    def key(
-        self,
-        draft: Draft,
-        left_out: LeftOut | None,
-        seed: bytes,
-        open_words: tuple[seed_words.Open, ...],
-        precision: str,
-        kept: Mapping[str, int | None],
-    ) -> tuple[Mapping[str, str], str]:
-        """Return the library versions in a cell's key, and the key; ``kept``: the digits of the variables that the cell
-        passes on.
-        """
-        node, inputs = draft.node, draft.inputs
-        if left_out:
-            # A cell that is left out passes its input on unchanged: same bits, same key.
-            main = next(iter(node.writes))
-            source = next(ref for _, ref, v in inputs if v == main)
-            return NONE, self.cells[source].key
+    def key(self, ref: CellRef) -> str:
+        """Return the key of a cell. The keys of all cells of its stage, and of earlier stages, are made together."""
         if not self.keys:
-            return NONE, ""
-        head, versions, draws = self.head(draft, precision)
-        lines = [head, self.text_of_form(draft.form), *(f"{port} {self.cells[ref].key}" for port, ref, _ in inputs)]
-        if node.segment:
-            lines.append(self.text_of_segment(node, inputs, precision))
-        if draws:
-            lines.append(seed.decode())  # includes the values of ancestors that are left out
-            lines += [f"{word.stage}.{word.name} {self.cells[word.ref].key}" for word in open_words]
-        if kept:
-            lines.append(in_words(kept))
-        if draft.looks_at:
-            lines.append(self.text_of_looked_at(node, draft.one, draft.looks_at))
-        return versions, digest("\n".join(lines).encode())
+            return ""
+        first = 0
+        for name, count in self.counts.items():
+            if name not in self.keyed:
+                self.make_keys(self.nodes[name], list(islice(self.cells.values(), first, first + count)))
+                self.keyed.add(name)
+            if name == ref[0]:
+                break
+            first += count
+        found = self.cells[ref]._key
+        assert found is not None
+        return found
 
-    def head(self, draft: Draft, precision: str) -> Head:
-        """Return the common first part of the keys of all cells of a stage at a node."""
-        node, stage, one = draft.node, draft.stage, draft.one
-        asked = [ref for port, refs in draft.looks_at if looks(reads_of(one.kind)[port]) == "transfer" for ref in refs]
-        libraries = frozenset().union(*(libraries_of(type(self.cells[ref].stage)) for ref in asked))
+    def make_keys(self, node: Node, cells: list[Cell]) -> None:
+        """Make the keys of the cells of a node; those before them have theirs."""
+        begun: dict[Settled, hashlib.blake2b] = {}  # digests of what cells have in common
+        main, every = next(iter(node.writes), ""), self.cells
+        for cell in cells:
+            if cell._key is not None:
+                continue
+            settled, index = cell.settled, cell.ref[1]
+            before = [(port, every[source, at(index)]._key, v) for port, source, v, at in settled.reading.inputs]
+            if settled.left_out:
+                # A cell that is left out passes its input on unchanged: same bits, same key.
+                cell._key = next(key for _, key, variable in before if variable == main)
+                continue
+            if settled not in begun:
+                begun[settled] = hashlib.blake2b(self.begin(settled).encode(), digest_size=16)
+            found = begun[settled].copy()
+            lines = [f"\n{port} {key}" for port, key, _ in before]
+            if node.segment:
+                lines.append(f"\n{self.text_of_segment(node, cell, self.precision)}")
+            if settled.draws:
+                lines.append(f"\n{cell.seed.decode()}")  # includes the values of ancestors that are left out
+                lines += [f"\n{word.stage}.{word.name} {every[word.ref]._key}" for word in cell.open_words]
+            if settled.digits:
+                lines.append(f"\n{in_words(settled.digits)}")
+            if settled.reading.looks_at:
+                lines.append(f"\n{self.text_of_looked_at(node, self.alternative(node, cell), cell.looks_at)}")
+            found.update("".join(lines).encode())
+            cell._key = found.hexdigest()
+
+    def begin(self, settled: Settled) -> str:
+        """Return the first lines of the text that the keys of some cells digest."""
+        return f"{settled.head}\n{self.text_of_form(settled)}"
+
+    def alternative(self, node: Node, cell: Cell) -> Alternative:
+        return node.alternatives[cell.ref[1][node.axes.index(node.use_axis)] if node.use_axis else 0]
+
+    def head(self, node: Node, one: Alternative, stage: Stage, asked: frozenset[type[Stage]]) -> Head:
+        """Return the common first part of the keys of all cells of a stage at a node, which look at transfer functions
+        of some kinds. All files that keys and seeds depend on are read here.
+        """
+        if not self.keys:
+            return "", NONE
+        libraries = frozenset().union(*map(libraries_of, asked))
+        if files_of(stage):
+            self.lines(node.name, stage)
         return self.heads(
             (stage,),
-            lambda: self.new_head(draft, precision, libraries, bool(asked)),
+            lambda: self.new_head(node, one, stage, libraries, bool(asked)),
             node.name,
             one.label,
             libraries if asked else None,
         )
 
-    def new_head(self, draft: Draft, precision: str, libraries: frozenset[str], asked: bool) -> Head:
-        node, stage, one = draft.node, draft.stage, draft.one
-        averaged = self.expected and isinstance(stage, Sampled)
+    def draws(self, stage: Stage) -> bool:
+        """Return whether a stage draws random numbers that depend on the seed. Fixed patterns depend on a serial
+        number, which is a parameter and so in the key already.
+        """
+        return draws_anew(type(stage)) and not (self.expected and isinstance(stage, Sampled))
+
+    def new_head(self, node: Node, one: Alternative, stage: Stage, libraries: frozenset[str], asked: bool) -> Head:
         bound = is_random(type(stage)) or node.segment or asked
         versions = self.versions_of(libraries.union(libraries_of(type(stage)), ("numpy", "scipy") if bound else ()))
         fields: Document = {
             "stage": one.use,
             "code": one.digest,
             "parameters": self.parameters(stage),
-            "precision": precision,
+            "precision": self.precision,
             "versions": versions,
-            "expected": averaged,
+            "expected": self.expected and isinstance(stage, Sampled),
             "along": {name: q.along for name, q in quantities_of(type(stage)).items() if q.along},
         }
-        # Fixed patterns depend on a serial number, which is a parameter and so in the key already.
-        draws = draws_anew(type(stage)) and not averaged
-        if draws:
+        if self.draws(stage):
             fields["seed"], fields["name"] = self.pipeline_seed, node.name
-        return AS_TEXT(fields), versions, draws
+        return AS_TEXT(fields), versions
 
-    def text_of_form(self, form: CellGrids) -> str:
-        """Return the grids of the outputs of a cell, and the dims over which it is mapped, as text."""
-        known = self.forms.get(form)
-        if known is None:
-            grids = [[v, plain_text(grid)] for v, grid in form.grids.items()]
-            known = self.forms[form] = AS_TEXT([grids, plain_text(form.mapped)])
-        return known
+    def text_of_form(self, settled: Settled) -> str:
+        """Return the grids of what cells write, and the dims that they are mapped over, as text."""
 
-    def text_of_segment(self, node: Node, inputs: Sequence[tuple[str, CellRef, str]], precision: str) -> str:
+        def text() -> str:
+            grids = [[v, self.grids((grid,), partial(plain_text, grid))] for v, grid in settled.grids.items()]
+            return AS_TEXT([grids, plain_text(settled.mapped)])
+
+        return self.forms((settled.grids, settled.mapped), text)
+
+    def text_of_segment(self, node: Node, cell: Cell, precision: str) -> str:
         """Return the number of stages between the beginning of its segment and a transfer function, and whether the
         light there is streamed band by band: both change bits of the result.
         """
-        first, _, variable = inputs[0][1], None, inputs[0][2]
+        _, first, variable = cell.inputs[0]
         for _ in range(len(node.segment) - 1):
             _, first, variable = self.cells[first].inputs[0]
         streamed = too_large(self.nodes[first[0]].writes[variable], self.cells[first].grids[variable], precision)
@@ -176,7 +212,7 @@ class Recipes:
             [scene_of(self.cells, c).facts.rendered for c in cells[:1]],
             [light_of(self.cells, c) for c in pixel_of(cells)],
             [chains([c.node for c in cells], self.nodes), [is_whole(self.cells, c) for c in cells]],
-            [plain_text(g) for c in cells for g in c.grids.values()],
+            [self.grids((g,), partial(plain_text, g)) for c in cells for g in c.grids.values()],
         ]
 
     def versions_of(self, libraries: frozenset[str]) -> dict[str, str]:
@@ -187,21 +223,22 @@ class Recipes:
             }
         return known
 
-    def seed(self, draft: Draft) -> tuple[bytes, tuple[seed_words.Open, ...]]:
-        """Return the words that key the random numbers of a cell. They contain values only, no positions on axes, so
-        that a cell computed alone equals the same cell in a sweep.
+    def drawn(self, ref: CellRef) -> Drawn:
+        """Return the words that key the random numbers of a cell, and those that a run must find. They contain values
+        only, no positions on axes, so that a cell computed alone equals the same cell in a sweep.
         """
-        name, stage = draft.node.name, draft.stage
-        if not draws_anew(type(stage)) or (self.expected and isinstance(stage, Sampled)):
-            return b"", ()
+        cell, name = self.cells[ref], ref[0]
+        stage, quantities = cell.stage, cell.settled.reading.quantities
+        if not self.draws(stage):
+            return NOT_DRAWN
         if common := stage_calls.common_draws(stage):
             return f"{self.pipeline_seed}|{name}|{common if isinstance(common, str) else ''}".encode(), ()
-        quantities = quantities_of(type(stage))
-        read = [ref for port, ref, _ in draft.inputs if port not in quantities]
-        read += [ref for _, refs in draft.looks_at for ref in refs]
-        behind = [self.lines_behind(ref) for ref in read]
-        if None in behind or any(port in quantities for port, _, _ in draft.inputs):
-            return self.open_seed(draft, read)
+        inputs = cell.settled.reading.inputs
+        read = [(source, at(ref[1])) for port, source, _, at in inputs if port not in quantities]
+        read += [other for _, refs in cell.looks_at for other in refs]
+        behind = [self.lines_behind(source) for source in read]
+        if None in behind or any(port in quantities for port, _, _, _ in inputs):
+            return self.open_seed(cell, read)
 
         def found() -> bytes:
             every = frozenset(self.lines(name, stage)).union(*(lines for lines in behind if lines))
@@ -209,13 +246,12 @@ class Recipes:
 
         return self.seeds((stage,), found, name, *behind), ()
 
-    def open_seed(self, draft: Draft, read: list[CellRef]) -> tuple[bytes, tuple[seed_words.Open, ...]]:
+    def open_seed(self, own: Cell, read: list[CellRef]) -> Drawn:
         """Return the seed if a run must find some of its values: the known lines, and the lines left open."""
-        name, stage = draft.node.name, draft.stage
+        name, stage = own.node, own.stage
         cells = seed_words.behind(self.cells, [self.cells[ref] for ref in read])
         lines = set(self.lines(name, stage)).union(*(self.lines(cell.node, cell.stage) for cell in cells))
-        quantities = quantities_of(type(stage))
-        found = [(name, type(stage), one) for one in draft.inputs if one[0] in quantities]
+        found = [(name, type(stage), one) for one in own.found]
         found += [(cell.node, type(cell.stage), one) for cell in cells for one in cell.found]
         if not found:
             return seed_words.seed_of(self.pipeline_seed, name, lines), ()
@@ -234,7 +270,11 @@ class Recipes:
         if ref in self.behind:
             return self.behind[ref]
         cell = self.cells[ref]
-        before = [None] if cell.found else [self.lines_behind(source) for _, source, _ in cell.inputs]
+        reading, index = cell.settled.reading, ref[1]
+        if any(port in reading.quantities for port, _, _, _ in reading.inputs):
+            before: list[Lines | None] = [None]
+        else:
+            before = [self.lines_behind((source, at(index))) for _, source, _, at in reading.inputs]
 
         def union() -> Lines | None:
             every = frozenset(self.lines(cell.node, cell.stage)).union(*(lines for lines in before if lines))

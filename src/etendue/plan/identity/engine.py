@@ -109,6 +109,8 @@ HELD = (
     "etendue.plan.identity.once",
     "etendue.plan.identity.same_as",
     "etendue.plan.model",
+    "etendue.plan.structure.cell",
+    "etendue.plan.structure.nodes",
     "etendue.plugins.discovery",
     "etendue.plugins.guests",
     "etendue.plugins.hookspecs",

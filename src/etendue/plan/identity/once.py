@@ -5,7 +5,7 @@ Most cells of a plan share stages and grids; comparing or hashing one would cost
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from typing import Generic, TypeVar
 
 Found = TypeVar("Found")
@@ -18,7 +18,7 @@ class Once(Generic[Found]):
     """
 
     def __init__(self) -> None:
-        self._found: dict[tuple[Hashable, ...], tuple[Found, tuple[object, ...]]] = {}
+        self._found: dict[tuple[Hashable, ...], tuple[Found, Sequence[object]]] = {}
 
     def __call__(self, objects: tuple[object, ...], find: Callable[[], Found], *also: Hashable | type) -> Found:
         place = *map(id, objects), *also
@@ -26,6 +26,14 @@ class Once(Generic[Found]):
         if known is None:
             known = self._found[place] = find(), objects
         return known[0]
+
+    def get(self, objects: Sequence[object], *also: Hashable | type) -> Found | None:
+        """Return a result that is known."""
+        known = self._found.get((*map(id, objects), *also))
+        return None if known is None else known[0]
+
+    def put(self, found: Found, objects: Sequence[object], *also: Hashable | type) -> None:
+        self._found[*map(id, objects), *also] = found, objects
 
     def values(self) -> list[Found]:
         return [found for found, _ in self._found.values()]

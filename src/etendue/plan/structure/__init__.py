@@ -1,0 +1,1 @@
+"""What a plan consists of: axes, nodes and cells."""
