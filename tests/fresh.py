@@ -19,18 +19,21 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+DRAWING = ("report", "plot", "compare")  # commands that load all of these, which others would pay for when they end
+LIBRARIES = "pandas xarray zarr dask.array dask.threaded matplotlib.figure matplotlib.backends.backend_agg"
 SERVER = """
-import importlib, os, pickle, runpy, shutil, sys, warnings
+import gc, importlib, os, pickle, runpy, shutil, sys, warnings
 
 for name in '''
     numpy numpy.f2py scipy.fft scipy.interpolate scipy.optimize scipy.special scipy.spatial scipy.ndimage click
     pluggy cloudpickle rich.console rich.table rich.markup rich.progress numcodecs PIL.Image PIL.ImageDraw
     PIL.ImageFont PIL.PngImagePlugin PIL.JpegImagePlugin PIL.GifImagePlugin PIL.PpmImagePlugin PIL.BmpImagePlugin
     asyncio concurrent.futures csv email.parser importlib.metadata json multiprocessing sqlite3 tomllib zipfile
-'''.split():
+'''.split() + sys.argv[1:]:
     importlib.import_module(name)
 assert not any(name.partition(".")[0] == "etendue" for name in sys.modules)
 warnings.simplefilter("ignore")
+gc.freeze()  # a child that looked through what it has from here would copy it
 path, requests, answers = list(sys.path), os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
 while True:
     try:
@@ -71,10 +74,10 @@ else:
 class _Server:
     """A process that forks, and ends with this one."""
 
-    def __init__(self) -> None:
+    def __init__(self, libraries: list[str]) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="etendue-fresh-"))  # which it removes itself
         self.process = subprocess.Popen(
-            [sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=self.folder
+            [sys.executable, "-c", SERVER, *libraries], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=self.folder
         )
 
     def run(self, **asked: Any) -> tuple[int, str, str]:
@@ -97,8 +100,8 @@ class _Server:
 
 
 @cache
-def _server(pid: int) -> _Server:
-    return _Server()
+def _server(pid: int, draws: bool) -> _Server:
+    return _Server(LIBRARIES.split() if draws else [])
 
 
 def process(
@@ -114,5 +117,5 @@ def process(
     if not hasattr(os, "fork"):
         asked = [sys.executable, *(("-m", "etendue") if code is None else ("-c", code)), *given["words"]]
         return subprocess.run(asked, cwd=cwd, env=env, capture_output=True, text=True, check=False)
-    done, out, err = _server(os.getpid()).run(**given)
+    done, out, err = _server(os.getpid(), bool(words) and words[0] in DRAWING).run(**given)
     return subprocess.CompletedProcess(given["words"], done, out, err)

@@ -1,6 +1,7 @@
 """Laws of light over the field: overlapping pupils, oblique chief rays, tables."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,9 +12,13 @@ from numpy.testing import assert_allclose
 from etendue_camera.field.illumination import chief_ray_angle, cosine_response, overlap_of_discs, table_at, vignetting
 
 radii = floats(-3.0, 4.0)  # decades
-CHORDS = (lambda nodes, weights: (0.5 * (nodes + 1), weights))(
-    *np.polynomial.legendre.leggauss(400)
-)  # on [0, 1], weights twice
+
+
+@cache
+def chords():
+    """Nodes on [0, 1], and twice their weights."""
+    nodes, weights = np.polynomial.legendre.leggauss(400)
+    return 0.5 * (nodes + 1), weights
 
 
 def test_equal_discs_overlap_as_the_transfer_function_of_a_circle():
@@ -36,7 +41,7 @@ def test_the_overlap_is_the_integral_over_chords(decade, u):
     angle = math.acos(crossing / small)
     beyond = small**2 * (angle - math.sin(2 * angle) / 2)
     middle = max(shift - large, -small)
-    t, weights = CHORDS
+    t, weights = chords()
     x = middle + (crossing - middle) * t**2  # the large circle's chord begins like a square root
     inside = np.sqrt(np.maximum(large**2 - (x - shift) ** 2, 0.0))
     cut = 2 * np.sum(weights * inside * t * (crossing - middle)) if large + small > shift and middle < crossing else 0.0

@@ -29,3 +29,14 @@ def test_a_picture_is_averaged_whatever_the_blocks(monkeypatch, block, size):
     truth = down @ ((picture / 255.0) ** 2).transpose(2, 0, 1) @ across.T
     np.testing.assert_allclose(found, truth, atol=4e-16, rtol=0)
     assert found.mean() == pytest.approx(((picture / 255.0) ** 2).mean(), abs=1e-14)
+
+
+@pytest.mark.parametrize("block", [1, 300, 1 << 22])
+def test_an_enlarged_picture_repeats_its_samples_and_averages_few(monkeypatch, block):
+    """Bit for bit; sums are over as many rows as the picture has, whatever the size of the result."""
+    monkeypatch.setattr(resampling, "_BLOCK", block)
+    picture, summed, of = np.random.default_rng(3).random((3, 4, 3)), [], resampling._Pieces.of
+    monkeypatch.setattr(resampling._Pieces, "of", lambda *given: (summed.append(found := of(*given)), found)[1])
+    found = resampling.area_average(picture, 300, 200, np.square)
+    assert np.array_equal(found, np.square(picture).transpose(2, 0, 1).repeat(100, axis=1).repeat(50, axis=2))
+    assert sum(one.size for one in summed) <= 2 * picture.size

@@ -6,6 +6,7 @@ at once.
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import json
 import subprocess
@@ -52,7 +53,10 @@ def many_runs():
     module = importlib.util.module_from_spec(spec)
     sys.modules["many_runs"] = module
     spec.loader.exec_module(module)
+    gc.unfreeze()  # of the tests: runs freeze nothing
     yield module
+    gc.collect()
+    gc.freeze()
     del sys.modules["many_runs"]
 
 

@@ -66,6 +66,12 @@ class _Pieces:
     def between(self, first: int, last: int) -> _Pieces:
         return _Pieces(self.place[first:last], self.share[first:last])
 
+    def distinct(self) -> tuple[_Pieces, npt.NDArray[np.intp]]:
+        """Return the pieces without output samples equal to the one before, and how often each is repeated."""
+        new = np.diff(self.place, axis=0).any(axis=1) | np.diff(self.share, axis=0).any(axis=1)
+        first = np.concatenate([[0], np.flatnonzero(new) + 1])
+        return _Pieces(self.place[first], self.share[first]), np.diff(first, append=len(self.place))
+
 
 def _pieces(n_in: int, n_out: int) -> _Pieces:
     for name, value in (("n_in", n_in), ("n_out", n_out)):
@@ -105,21 +111,23 @@ def area_average(
 
     Notes
     -----
-    Some rows of the result are decoded at a time, so that a picture of 50 million pixels needs little more than its own
-    bytes; each row of the result is one sum in the order of the rows, independent of the blocks.
+    Equal rows and columns of an enlarged picture are computed once. Some rows of the result are decoded at a time, so
+    that a picture of 50 million pixels needs little more than its own bytes; each row of the result is one sum in the
+    order of the rows, independent of the blocks.
     Error: 3e-16 against ``down @ picture @ across.T``.
     """
     height, width, channels = picture.shape
-    down, across = _pieces(height, rows), _pieces(width, columns)
-    each = max(1, _BLOCK * rows // (width * channels * max(height, rows)))
-    found = np.empty((channels, rows, columns))
-    for first in range(0, rows, each):
-        last = min(first + each, rows)
-        top, bottom = first * height // rows, -(-last * height // rows)
-        linear = decode(picture[top:bottom])
+    (down, alike), (across, beside) = _pieces(height, rows).distinct(), _pieces(width, columns).distinct()
+    count = len(down.place)
+    each = max(1, _BLOCK * count // (width * channels * max(height, count)))
+    found = np.empty((channels, count, len(across.place)))
+    for first in range(0, count, each):
+        last = min(first + each, count)
         weights = down.between(first, last)
+        top = weights.place[0, 0]
+        linear = decode(picture[top : weights.place[-1, -1] + 1])
         for channel in range(channels):
             found[channel, first:last] = across.of(
                 weights.of(np.ascontiguousarray(linear[..., channel]), top).T.copy()
             ).T
-    return found
+    return found if found.shape[1:] == (rows, columns) else found.repeat(alike, axis=1).repeat(beside, axis=2)

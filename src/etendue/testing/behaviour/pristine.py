@@ -3,14 +3,16 @@
 In:  a ``Bench`` and inputs, in the order in which they are to be computed.
 Out: digests of the results; None if the stage cannot be sent to another process.
 
-One server process imports the modules that every stage needs, and forks a new child for each request. It ends when its
-owner ends, because the pipe that it reads is then closed. On systems without fork nothing is compared.
+One server process imports the modules that every stage needs and the libraries that its owner has loaded, and forks a
+new child for each request. It ends when its owner ends, because the pipe that it reads is then closed. On systems
+without fork nothing is compared.
 """
 
 from __future__ import annotations
 
 import atexit
 import contextlib
+import gc
 import importlib
 import os
 import pickle
@@ -26,6 +28,16 @@ from etendue.testing.bench import Arrays, Bench, digests
 _lock = threading.Lock()
 _server: list[subprocess.Popen[bytes]] = []
 COMMAND = "from etendue.testing.behaviour import pristine; pristine.serve()"
+LIBRARIES = (
+    "scipy.fft",
+    "scipy.interpolate",
+    "scipy.linalg",
+    "scipy.ndimage",
+    "scipy.optimize",
+    "scipy.special",
+    "xarray",
+    "dask.array",
+)  # which take longer to import than most stages to run
 Answer = list[dict[str, str] | None]
 
 
@@ -35,7 +47,8 @@ def digests_alone(bench: Bench, inputs: list[Arrays]) -> Answer | None:
         return None
     words = (bench.stage, bench.given_grids, bench.scales, bench.coordinates, inputs)
     try:
-        question = pickle.dumps(([*sys.path, *_home(bench.kind.__module__)], pickle.dumps(words)))
+        loaded = [name for name in LIBRARIES if name in sys.modules]
+        question = pickle.dumps((loaded, [*sys.path, *_home(bench.kind.__module__)], pickle.dumps(words)))
     except Exception:  # another law reports stages that cannot be pickled
         return None
     with _lock:
@@ -102,6 +115,10 @@ def serve() -> None:
             question = _receive(pipe)
         except EOFError:
             return
+        for name in pickle.loads(question)[0]:
+            with contextlib.suppress(Exception):
+                importlib.import_module(name)
+        gc.freeze()  # a child that looked through what it has from here would copy it
         reading, writing = os.pipe()
         child = os.fork()
         if not child:
@@ -118,7 +135,7 @@ def serve() -> None:
 
 def _answer(question: bytes) -> Answer | None:
     try:
-        path, words = pickle.loads(question)
+        _, path, words = pickle.loads(question)
         sys.path[:] = path
         importlib.invalidate_caches()
         stage, grids, scales, coordinates, inputs = pickle.loads(words)
