@@ -54,15 +54,17 @@ class Running:
         """Compute all remaining cells, in batches. If interrupted, finished results remain in the store."""
         work, keeper = self.work, self.keeper
         show = frozenset(ref for ref in self.shown.values() if ref in self.looks and ref in work.todo)
-        jobs = make_jobs(
-            self.plan,
-            work.todo,
-            keeper.target,
-            deliver_all=keeper.keeps_arrays,
-            show=show,
-            place=keeper.place if scheduler_of(options.scheduler).here else None,
-            looks={ref: one.beside(keeper.keeps_arrays, self.plan.kept, ref[0]) for ref, one in self.looks.items()},
-        )
+        jobs: Mapping[CellRef, Job] = {}  # making them goes through all cells, also if none is left to compute
+        if work.todo:
+            jobs = make_jobs(
+                self.plan,
+                work.todo,
+                keeper.target,
+                deliver_all=keeper.keeps_arrays,
+                show=show,
+                place=keeper.place if scheduler_of(options.scheduler).here else None,
+                looks={ref: one.beside(keeper.keeps_arrays, self.plan.kept, ref[0]) for ref, one in self.looks.items()},
+            )
         self.progress.begin(len(work.todo))
         stop = Stop()
         try:

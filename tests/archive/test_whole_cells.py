@@ -11,10 +11,12 @@ from etendue.archive.journaling.journal import NAME
 from etendue.archive.read.reading import open_archive
 from etendue.archive.read.shard_columns import shard_column
 from etendue.archive.sharding.shards import ShardFiles
+from etendue.archive.structure.naming import Names
 from etendue.archive.write.store import ArchiveWriter
 from etendue.archive.write.whole_cells import WholeCells
 from etendue.present.page import figures
 from etendue.present.page.opened import Opened
+from tests.designs.given import plan_of
 
 
 def edited(archive, shard, change):
@@ -75,6 +77,13 @@ def test_cells_looked_at_together_are_judged_as_each_is_alone(archive, plan, har
     assert (finished, chunks, 0) == judged(archive, plan, False)
     unseen = (HARM["nothing"], HARM["bytes of a shard"])  # bytes are read when they are needed
     assert together == len(plan.cells) if harm in unseen else together < len(plan.cells)
+
+
+def test_names_come_in_the_order_of_the_cells(plan):
+    for one in (plan, plan_of({"design.points": 8})):
+        names = Names(one)
+        assert list(names.in_order()) == [names[ref] for ref in one.cells]
+        assert len(set(names.in_order())) == len(names) > 8
 
 
 def test_a_cell_with_another_key_is_not_there(archive, plan):

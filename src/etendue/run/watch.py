@@ -6,6 +6,7 @@ Out: returns when the work has ended; raises ``Interrupted`` if it was stopped.
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
 from collections.abc import Callable, Iterator, Set
@@ -16,7 +17,7 @@ from etendue import interrupts
 from etendue.compute.ownership import abandoned
 from etendue.compute.tables import TABLES
 from etendue.plan.model import CellRef
-from etendue.run.memory import keep_freed_memory
+from etendue.run.memory import AT_ONCE, keep_freed_memory
 from etendue.run.one_thread import ONE_THREAD
 from etendue.run.schedulers import How, scheduler
 
@@ -92,6 +93,8 @@ def run_batches(
     if not batches:
         return
     with _as_a_run():
+        if interrupts.owns():  # until here a command hardly collects; what cells leave may hold arrays
+            gc.set_threshold(AT_ONCE, *gc.get_threshold()[1:])
         run = scheduler(how.address).run()
         watched(lambda: run(batches, deliver, before, after, how), how.stop)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, MutableMapping
+from collections.abc import Collection, Iterable, Iterator, MutableMapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -235,9 +235,9 @@ class Entries(MutableMapping[str, Entry]):
         """Return the named cells that are done with a key other than the given one."""
         return self.done_among(name for name, key in keys if name in self.rows and self.key_at(self.rows[name]) != key)
 
-    def done_beside(self, names: Mapping[CellRef, str]) -> list[str]:
+    def done_beside(self, names: Iterable[str]) -> list[str]:
         """Return the names of done cells that are not among ``names``."""
-        known = set(names.values()) if self.rows else set()
+        known = set(names) if self.rows else set()
         return [name for name in self.done() if name not in known]
 
     def counts(self, outdated: Collection[str] = ()) -> Counter[tuple[str, str]]:

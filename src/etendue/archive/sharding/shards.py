@@ -254,6 +254,7 @@ def put_shard(
     The part with most of the bytes becomes the shard: other chunks are appended to it, then the index, then it is
     renamed. An existing shard in that place is replaced, never modified.
     """
+    chunks = dict(chunks)  # a mapping may make each of them anew whenever it is asked
     base = _base(root, path, slots, chunks)
     folder, _, name = path.rpartition("/")
     beside = base or f"{folder}/.{name}.{os.urandom(6).hex()}{disk.PART}"
@@ -285,10 +286,8 @@ def put_shard(
         raise
     finally:
         os.close(handle)
-    moved = {slot: (written, ChunkPlace(path, *places[slot], written.digest)) for slot, (written, _) in chunks.items()}
-    return Put(
-        Shard(copied + len(data), kept_of(moved), True), Index.of(slots, places) if slots else places, copied - end
-    )
+    kept = _runs((one.part, one.offset, places[slot][0], one.size) for slot, (one, _) in chunks.items())
+    return Put(Shard(copied + len(data), kept, True), Index.of(slots, places) if slots else places, copied - end)
 
 
 def kept_of(chunks: Mapping[int, tuple[WrittenChunk, ChunkPlace]]) -> tuple[tuple[str, int, int, int], ...]:

@@ -14,9 +14,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from etendue.archive.records.manifest import DATA
+from etendue.contract.arrays.grid import Coordinate
 from etendue.plan.identity.keys import digest
+from etendue.plan.identity.once import Once
 from etendue.plan.identity.same_as import shape_of
 from etendue.plan.model import Cell, CellRef, Node
 from etendue.types.documents import DocumentView
@@ -85,17 +88,22 @@ def shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
 
     The name is ``64x64`` from the sizes of y and x, followed by every other dim that differs between the cells.
     """
-    own = {cell.ref: shape_of(cell) for cell in cells}
-    first = own[cells[0].ref]
-    differ = {dim for found in own.values() for dim in found if found[dim] != first.get(dim)} - {"y", "x"}
-    names: dict[CellRef, str] = {}
+    every, once = list[dict[str, tuple[int, Coordinate | None]]](), Once[int]()
+
+    def number(cell: Cell) -> int:
+        every.append(shape_of(cell))
+        return len(every) - 1
+
+    own = {cell.ref: once((cell.grids,), partial(number, cell)) for cell in cells}  # many cells share their grids
+    differ = {dim for found in every for dim in found if found[dim] != every[0].get(dim)} - {"y", "x"}
+    names: list[str] = []
     shapes: dict[str, set[tuple[Hashable, ...]]] = {}
-    for ref, found in own.items():
+    for found in every:
         plane = f"{found['y'][0]}x{found['x'][0]}" if "y" in found and "x" in found else ""
         rest = [dim for dim in found if dim in differ or (not plane and found[dim][0] > 0)]
-        names[ref] = "_".join([*([plane] if plane else []), *(f"{dim}{found[dim][0]}" for dim in rest)]) or "scalar"
-        shapes.setdefault(names[ref], set()).add(tuple(sorted(found.items())))
-    for ref, name in names.items():
+        names.append("_".join([*([plane] if plane else []), *(f"{dim}{found[dim][0]}" for dim in rest)]) or "scalar")
+        shapes.setdefault(names[-1], set()).add(tuple(sorted(found.items())))
+    for place, (name, found) in enumerate(zip(names, every, strict=True)):
         if len(shapes[name]) > 1:  # same sizes but different bins or labels
-            names[ref] = f"{name}_{digest(repr(tuple(sorted(own[ref].items()))).encode())[:8]}"
-    return names
+            names[place] = f"{name}_{digest(repr(tuple(sorted(found.items()))).encode())[:8]}"
+    return {ref: names[place] for ref, place in own.items()}

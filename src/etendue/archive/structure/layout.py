@@ -105,16 +105,18 @@ def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
         moves |= {node.name: becomes} if becomes else {}
         axes = [(dim, plan.axis(dim).values) for dim in node.axes]
         found: dict[str, dict[str, dict[Any, None]]] = {}
+        cells_of: dict[str, list[Cell]] = {}
         for cell in cells:
             path = home[cell.ref]
             if path not in groups:
                 groups[path] = GroupLayout(path, node.name, {dim: [] for dim in node.axes}, {}, {})
-                found[path] = {dim: {} for dim in node.axes}
+                found[path], cells_of[path] = {dim: {} for dim in node.axes}, []
+            cells_of[path].append(cell)
             for (dim, values), i in zip(axes, cell.ref[1], strict=True):
                 found[path][dim][values[i]] = None
         for path, values_of in found.items():
             groups[path].axes.update({dim: list(values) for dim, values in values_of.items()})
-            own_cells = [cell for cell in cells if home[cell.ref] == path]
+            own_cells = cells_of[path]
             groups[path].cells = _places(plan, node, groups[path], own_cells)
             _fill(plan, node, groups[path], own_cells, kept, own_cells)
     return _shared(plan, Layout(groups, parents, Homes(plan, homes), moves))

@@ -114,7 +114,7 @@ def staying(plan: Plan, entries: Entries, stored: set[tuple[str, str]]) -> tuple
     if not entries:
         return plan, stay, lost
     names = Names(plan)
-    for name in entries.done_beside(names):
+    for name in entries.done_beside(names.in_order()):
         if entries.first_file(name):
             lost.add(name.split(" ")[0], [entries[name]])
     for node in plan.nodes:

@@ -119,7 +119,7 @@ class Laid:
     def rows(self, entries: Entries) -> Array:
         """Return, by number of the cell, its row in the journal; -1 if it has no row."""
         if self._rows is None or self._rows[0] != len(entries.rows):  # a cell keeps its row
-            rows = map(entries.rows.get, self.names.values(), repeat(-1)) if entries.rows else repeat(-1)
+            rows = map(entries.rows.get, self.names.in_order(), repeat(-1)) if entries.rows else repeat(-1)
             self._rows = len(entries.rows), np.fromiter(rows, np.int64, self.plan.numbers.count)
         return self._rows[1]
 

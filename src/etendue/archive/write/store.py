@@ -229,7 +229,7 @@ class ArchiveWriter:
         self.todo = todo
         self.ended = bytearray(self.plan.numbers.count)  # by cell: 0, or its status + 1 once it has ended
         gone = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
-        gone += self.journal.entries.done_beside(self.names)
+        gone += self.journal.entries.done_beside(self.names.in_order())
         self.tree = self.laid.tree(self.journal.entries, todo)
         # A run that has nothing to do changes no file, so that digests and dates of the archive stay as they are.
         if todo or gone or blocks.unsettled() or not last_run.in_order(self):
