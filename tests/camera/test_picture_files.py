@@ -246,6 +246,6 @@ def test_a_photograph_of_16_bits_has_the_reflectance_that_was_written(tmp_path):
     )
     from etendue_camera.scene.stages.photograph import _linear_photograph
 
-    found, _ = _linear_photograph(path, 16, 16)
+    found = np.stack(_linear_photograph(path, 16, 16))
     assert np.abs(found - linear).max() < 2.4 * 0.5 / 65535
     assert stage.describe()[0].contrast == np.inf

@@ -323,6 +323,17 @@ class WholeOnly(Banded):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SeesItsRows(WholeOnly):
+    """Says that it can work on some rows, and divides by their middle."""
+
+    def in_rows(self) -> bool:
+        return True
+
+    def run(self, irradiance: Any) -> dict[str, Any]:
+        return {"irradiance": irradiance / (1 + np.arange(irradiance.shape[1])[:, None])}
+
+
+@dataclass(frozen=True, kw_only=True)
 class WithoutCreates(Sound):
     """Writes a dim which nothing it reads has, and does not say what it is."""
 

@@ -32,6 +32,8 @@ from etendue.telling import foreign
 from etendue.types.arrays import Array, CellArrays, FloatArray
 
 SMALL_BAND = 1 << 14  # pixels that are computed sooner than a thread is started: 0.2 ms
+EVERY = slice(None)
+LARGE_BAND = 64 << 20  # bytes of which two would be too much
 
 
 class BandArray(ABC):
@@ -41,6 +43,7 @@ class BandArray(ABC):
     dtype: np.dtype[Any]
     ndim = 3
     on_demand = True  # each access computes the band
+    in_rows = False  # whether some rows of a band may be computed alone
 
     @property
     def size(self) -> int:
@@ -56,6 +59,10 @@ class BandArray(ABC):
     @abstractmethod
     def __getitem__(self, band: int) -> Array:
         """Return one band, (y, x)."""
+
+    def rows(self, band: int, rows: slice) -> Array:
+        """Return some rows of a band."""
+        return self[band][rows]
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> FloatArray:
         whole = np.empty(self.shape, dtype=dtype or self.dtype)
@@ -93,23 +100,31 @@ class StageBands(BandArray):
     def __post_init__(self) -> None:
         self.shape = _shape(self.job, self.variable)
         self.dtype = np.dtype(self.job.precision)
+        stage: Any = self.job.stage
+        self.in_rows = stage.in_rows() and all(
+            array.in_rows for array in self.given.values() if isinstance(array, BandArray)
+        )
 
-    def __getitem__(self, band: int) -> Any:
-        arrays = run_bands(self.job, self.given, slice(band, band + 1))
+    def __getitem__(self, band: int) -> Array:
+        return self.rows(band, slice(None))
+
+    def rows(self, band: int, rows: slice) -> Array:
+        arrays = run_bands(self.job, self.given, slice(band, band + 1), rows=rows)
         if not isinstance(arrays, Mapping) or self.variable not in arrays:
             raise PluginError(f"{self.job.ref[0]!r} gave no {self.variable} for band {band}")
         with foreign(f"{self.job.ref[0]!r}"):
             plane = np.asarray(arrays[self.variable])[0]
-        if plane.shape != self.shape[1:]:
+        expected = len(range(self.shape[1])[rows]), self.shape[2]
+        if plane.shape != expected:
             raise PluginError(
-                f"{self.job.ref[0]!r} gave band {band} of {self.variable} with shape {plane.shape}, not "
-                f"{self.shape[1:]}"
+                f"{self.job.ref[0]!r} gave band {band} of {self.variable} with shape {plane.shape}, not {expected}"
             )
         plane = plane.astype(self.dtype, copy=False)
         flat = plane.reshape(-1)
         if not np.isfinite(np.dot(flat, flat)) and not np.isfinite(flat).all():
             raise PluginError(f"{self.job.ref[0]!r} wrote NaN or infinite values into band {band} of {self.variable}")
-        return plane
+        found: Array = plane
+        return found
 
 
 def _shape(job: Job, variable: str) -> tuple[int, ...]:
@@ -122,17 +137,23 @@ def _cut(grid: Grid, bands: slice) -> Grid:
     return grid.replace(**{grid.banded: Bands(grid.bands().edges[bands.start : bands.stop + 1])})
 
 
-def _of_bands(array: Array | BandArray, dims: tuple[str, ...], grid: Grid, bands: slice) -> Any:
-    if not grid.banded or dims[:1] != (grid.banded,):
-        return array
+def _of_bands(array: Array | BandArray, dims: tuple[str, ...], grid: Grid, bands: slice, rows: slice) -> Any:
+    banded = grid.banded and dims[:1] == (grid.banded,)
     if isinstance(array, BandArray):
+        if not banded:
+            return array
+        if bands.stop - bands.start == 1:  # no copy of a large band
+            return (array[bands.start] if rows == EVERY else array.rows(bands.start, rows))[None]
         return np.stack([array[band] for band in range(bands.start, bands.stop)])
-    return array[bands]
+    own = array[bands] if banded else array
+    return own if rows == EVERY or dims[-2:] != ("y", "x") else own[..., rows, :]
 
 
-def run_bands(job: Job, given: Mapping[str, Array | BandArray], bands: slice, pixels: bool = True) -> Mapping[str, Any]:
-    """Call ``run`` of a stage on some of its bands; without ``pixels``, on a single pixel, for outputs
-    without y and x.
+def run_bands(
+    job: Job, given: Mapping[str, Array | BandArray], bands: slice, pixels: bool = True, rows: slice = EVERY
+) -> Mapping[str, Any]:
+    """Call ``run`` of a stage on some of its bands, or on some rows of them; without ``pixels`` on one pixel, for
+    outputs without y and x.
     """
     stage: Any = job.stage
     declared = reads_of(type(stage))
@@ -150,12 +171,14 @@ def run_bands(job: Job, given: Mapping[str, Array | BandArray], bands: slice, pi
         known |= {
             name: value[:1] for name, value in known.items() if name.removeprefix("out_").split("_")[0] in ("y", "x")
         }
+    if rows != EVERY:
+        known |= {name: value[rows] for name, value in known.items() if name.removeprefix("out_") in ("y", "y_um")}
     for port, array in given.items():
         dims = declared[port].dims
         if not pixels and dims[-2:] == ("y", "x"):
             known[port] = np.zeros((bands.stop - bands.start, 1, 1), dtype=job.precision)
             continue
-        cut = _of_bands(array, dims, job.input_grids[port], bands)
+        cut = _of_bands(array, dims, job.input_grids[port], bands, rows)
         if (
             stage.negative != "keep"
             and dims[-2:] == ("y", "x")
@@ -260,8 +283,11 @@ elsewhere = _Elsewhere()
 
 
 def in_order(light: Array | BandArray) -> Iterator[Array]:
-    """Yield every band; the next one is computed in a thread while this one is used, if it takes long enough."""
-    if isinstance(light, np.ndarray) or math.prod(light.shape[1:]) <= SMALL_BAND:
+    """Yield every band; the next one is computed in a thread while this one is used, if it takes long enough and little
+    memory. A band ends with its reader.
+    """
+    pixels = math.prod(light.shape[1:])
+    if isinstance(light, np.ndarray) or pixels <= SMALL_BAND or pixels * light.dtype.itemsize > LARGE_BAND:
         yield from (light[band] for band in range(light.shape[0]))
         return
 
@@ -273,7 +299,9 @@ def in_order(light: Array | BandArray) -> Iterator[Array]:
         coming = ahead.submit(made, 0)
         for band in range(light.shape[0]):
             plane, seconds = coming.result()
+            found = [plane]
+            del plane
             elsewhere.seconds += seconds
             if band + 1 < light.shape[0]:
                 coming = ahead.submit(made, band + 1)
-            yield plane
+            yield found.pop()

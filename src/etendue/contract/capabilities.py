@@ -120,11 +120,15 @@ class Banded(Stage):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         """Return the part of ``prepared`` for these bands."""
 
+    def in_rows(self) -> bool:
+        """Return whether ``run`` gives the same bits for some rows: inputs and positions along y are then cut."""
+        return False
+
     def constants(self, prepared: Any) -> Mapping[str, Array]:
         """Return, for a source, its outputs that have no position."""
         return {}
 
-    def mixture(self, prepared: Any) -> tuple[Array, Array] | None:
+    def mixture(self, prepared: Any) -> tuple[Sequence[Array], Array] | None:
         """Return, for a source, planes (k, y, x) and weights (band, k) that add up to its light; None if the source has
         none.
         """

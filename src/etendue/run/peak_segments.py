@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from etendue.compute.bands import LARGE_BAND
 from etendue.compute.job import Job
 from etendue.compute.joined.segment_bands import LARGEST_SHARED, TOGETHER
 from etendue.contract.arrays.grid import Grid
-from etendue.contract.capabilities import Summed, Transfer
+from etendue.contract.capabilities import Banded, Summed, Transfer
+from etendue.transfer import sampling
 
 AHEAD = 2  # bands: one is used while the next one is computed
 ON_HALF = 0.25  # fraction of a transform: the table of a transfer function that is even along y
@@ -52,15 +54,30 @@ def _by_band(run: Any, job: Job, grid: Grid) -> float:
     if not isinstance(job.stage, Summed):
         return float(planes * run.plane(job) + 4 * padded) if job.store or not job.by_band else 0.0
     ahead = (planes + AHEAD - 1) * run.plane(job)
+    large = grid.line("y").size * grid.line("x").size > sampling.LARGE
     if grid.line("y").cells:
         run.tables += ON_CELLS * grid.bands().size * padded
         return float(ahead + (4 + 2 * _channels(job)) * padded)
     terms, transforms = job.stage.terms(), _channels(job) * job.stage.kept() ** 2 * padded
     if not 0 < terms < grid.bands().size:
-        return float(ahead + 4 * padded + 2 * transforms)
+        if not large:
+            return float(ahead + 4 * padded + 2 * transforms)
+        if run.plane(job) > LARGE_BAND:
+            ahead = planes * run.plane(job)
+        if made and in_rows(run, run.jobs[ref]):
+            ahead = 0.0
+        # one transform, and behind it the table of the pixel and a plane of the result
+        return float(transforms + max(ahead + 1.5 * padded, 1.5 * padded + run.plane(job)))
     run.transforms += [size for size in (terms * padded, transforms) if size <= LARGEST_SHARED]
     gathered = terms * run.plane(job) + max(ahead + (TOGETHER - 1) * run.plane(job), terms * padded)
     return float(max(gathered, terms * padded + 2 * transforms, 3 * transforms))
+
+
+def in_rows(run: Any, job: Job) -> bool:
+    """Return whether the light of a cell is made some rows at a time."""
+    before = [run.jobs[ref] for _, ref, variable in job.inputs if ref in run.jobs and variable in run.jobs[ref].by_band]
+    own = isinstance(job.stage, Banded) and job.stage.in_rows()
+    return bool(own and job.by_band and not job.store and all(in_rows(run, one) for one in before))
 
 
 def _channels(job: Job) -> float:

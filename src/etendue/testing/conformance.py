@@ -308,8 +308,8 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, Pla
         check_transfer(bench)
 
     def test_bands_alone_are_the_bands_of_the_whole(self) -> None:
-        """A stage with ``by_band`` gives the same bits for some of its bands; a transfer function has the same values
-        at some bands.
+        """A stage with ``by_band`` gives the same bits for some of its bands, and with ``in_rows`` for some rows of
+        them; a transfer function has the same values at some bands.
         """
         bench = self.bench
         if is_transfer(bench.kind):
@@ -321,12 +321,18 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, Pla
         whole_run = bench.result(bench.arrays("ordinary")).arrays
         if is_source(bench.kind):
             check_mixture(bench, whole_run[next(iter(bench.writes))])
-        for bands in (slice(0, 1), slice(2, 4)):
-            part = run_bands(job, given_arrays, bands)
+        every = slice(None)
+        for bands, rows in ((slice(0, 1), every), (slice(2, 4), every), (slice(1, 2), slice(2, 5))):
+            if rows != every and not bench.stage.in_rows():  # type: ignore[attr-defined]
+                continue
+            part = run_bands(job, given_arrays, bands, rows=rows)
             for variable, declaration in bench.writes.items():
                 if dims.banded(declaration.dims[:1]):
-                    same = np.array_equal(np.asarray(part[variable], dtype="float64"), whole_run[variable][bands])
-                    hold(same, f"{bench.name} gives different values of {variable} by band than for all bands together")
+                    whole = whole_run[variable][bands]
+                    whole = whole[..., rows, :] if declaration.dims[-2:] == ("y", "x") else whole
+                    same = np.array_equal(np.asarray(part[variable], dtype="float64"), whole)
+                    how = "by band" if rows == every else "for some rows of a band"
+                    hold(same, f"{bench.name} gives different values of {variable} {how} than for all bands together")
 
     def test_carried_facts_are_true_of_what_is_written(self) -> None:
         """Range, uniformity and contrast of the first variable; for a source, the facts that ``describe`` states."""

@@ -111,5 +111,5 @@ def check_mixture(bench: Bench, light: Array) -> None:
     mixture = source.mixture(prepared_of(source, bench.input_grids(), bench.job().grids))
     if mixture is not None:
         planes, weights = mixture
-        apart = np.abs(np.tensordot(weights, planes, 1) - light).max() / (np.abs(light).max() or 1.0)
+        apart = np.abs(np.tensordot(weights, np.stack(planes), 1) - light).max() / (np.abs(light).max() or 1.0)
         within(apart, 1e-6, f"{bench.name}.mixture differs by {apart:.2g} of the largest value from the output of run")

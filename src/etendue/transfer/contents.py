@@ -7,7 +7,7 @@ Out: a ``Content``, with every number rounded up to three digits, and lower boun
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -60,8 +60,8 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
     edges = scene_rings.ring_edges(y.size, x.size, y.step, x.step)
     widths = scene_rings.blur_widths(y.size, x.size, y.step, x.step)
     if (mixture := _mixture(source, grids)) is not None:
-        planes, weights = mixture
-        found = mixtures.looked_at(planes, weights, (y.step, x.step), edges, widths)
+        parts, weights = mixture
+        found = mixtures.looked_at(parts, weights, (y.step, x.step), edges, widths)
         whole = _content(found, edges, widths, len(found)) if found else None
         return whole and replace(whole, white=_white(source, grids))
     rows: list[Any] = []
@@ -79,7 +79,7 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
     return replace(_content(rows, edges, widths, grid.bands().size), white=_white(source, grids))
 
 
-def _mixture(source: Source, grids: Mapping[str, Grid]) -> tuple[FloatArray, FloatArray] | None:
+def _mixture(source: Source, grids: Mapping[str, Grid]) -> tuple[Sequence[Array], FloatArray] | None:
     if not isinstance(source, Banded):
         return None
     given = {**coordinates_of(grids), **coordinates_of(grids, "out_")}

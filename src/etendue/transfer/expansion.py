@@ -190,14 +190,14 @@ def _blocks(rows: int, columns: int) -> list[slice]:
     return [slice(start, min(start + each, rows)) for start in range(0, rows, each)]
 
 
-def add_weighted(sums: ComplexArray, weights: FloatArray, half_transform: ComplexArray) -> None:
+def add_weighted(sums: list[ComplexArray], weights: FloatArray, half_transform: ComplexArray) -> None:
     """Compute sums[c] += weights[c] * half_transform in place, block by block."""
-    kind = sums.real.dtype
+    kind = sums[0].real.dtype
     for rows in _blocks(*half_transform.shape):
         block = half_transform[rows]
         for channel, weight in enumerate(weights):
             if weight:
-                sums[channel, rows] += kind.type(weight) * block
+                sums[channel][rows] += kind.type(weight) * block
 
 
 def add_projected(sums: list[FloatArray], factors: FloatArray, bands: list[FloatArray]) -> None:

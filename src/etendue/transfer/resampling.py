@@ -88,7 +88,7 @@ def _pieces(n_in: int, n_out: int) -> _Pieces:
 
 
 def area_average(
-    picture: npt.NDArray, rows: int, columns: int, decode: Callable[[npt.NDArray], npt.NDArray[np.float64]]
+    picture: npt.NDArray, rows: int, columns: int, decode: Callable[[npt.NDArray], npt.NDArray[np.floating]]
 ) -> npt.NDArray[np.float64]:
     """Resample a picture to another grid by exact area averages of its decoded values.
 

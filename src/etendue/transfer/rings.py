@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from etendue.transfer import sampling
@@ -130,19 +129,29 @@ def blurred(
             min(math.ceil(CUT * total * step / width), total // 2)
             for total, step in ((total_y, steps[0]), (total_x, steps[1]))
         )
-        down, across = np.concatenate([np.arange(rows + 1), np.arange(-rows, 0)]), np.arange(columns + 1)
-        if 2 * rows == total_y:
-            down = np.delete(down, rows + 1)
-        fy, fx = down / (total_y * steps[0]), across / (total_x * steps[1])
-        weights = [np.exp(-2 * (math.pi * width * f) ** 2).astype(half.real.dtype) for f in (fy, fx)]
+        across = np.arange(columns + 1)
+        up, down = np.arange(rows + 1), np.arange(-rows + (2 * rows == total_y), 0)
+        fx = across / (total_x * steps[1])
         few_y, few_x = (
             min(sampling.fast_length(2 * rows + 1), total_y),
             min(sampling.fast_length(2 * columns + 1), total_x),
         )
         low = np.zeros((few_y, few_x // 2 + 1), dtype=half.dtype)
-        low[down, : columns + 1] = half[down, : columns + 1] * weights[0][:, None] * weights[1]
-        small = scipy.fft.irfft2(low, s=(few_y, few_x), workers=1) * (few_y * few_x / (total_y * total_x))
-        yield small[: (ny - 1) * few_y // total_y + 1, : (nx - 1) * few_x // total_x + 1]
+        for some in (up, down):
+            own = slice(0, rows + 1) if some is up else slice(-down.size, None)
+            if some.size:
+                weights = [
+                    np.exp(-2 * (math.pi * width * f) ** 2).astype(half.real.dtype)
+                    for f in (some / (total_y * steps[0]), fx)
+                ]
+                part = low[own, : columns + 1]
+                np.multiply(half[own, : columns + 1], weights[0][:, None], out=part)
+                part *= weights[1]
+        within = slice((ny - 1) * few_y // total_y + 1), slice((nx - 1) * few_x // total_x + 1)
+        small = sampling.inverse(low, (few_y, few_x), *within, own=True)
+        del low, part
+        small *= few_y * few_x / (total_y * total_x)
+        yield small
 
 
 def rings_of(radial: FloatArray, edges: FloatArray) -> NDArray[np.intp]:

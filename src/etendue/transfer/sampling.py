@@ -8,7 +8,7 @@ Sources: the discrete Fourier transform; trigonometric interpolation (a band-lim
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -19,6 +19,8 @@ from etendue.types.arrays import FloatArray
 
 KEPT_WAVES = 1 << 20  # bytes of the largest matrix of waves that is cached for the next plane
 TOGETHER = 1 << 17  # samples transformed in one call
+STRIP = 2  # times as many samples of a large plane are made at once
+LARGE = 1 << 20  # samples of a plane that is transformed in strips and in place
 FEW = 64  # up to this many outputs per row of a transform, two matrix products are cheaper than an inverse transform
 
 ComplexArray = NDArray[np.complexfloating]
@@ -92,16 +94,59 @@ def pad(planes: FloatArray) -> FloatArray:
     return whole
 
 
-def transform(planes: FloatArray) -> ComplexArray:
+def transform(planes: FloatArray, columns: int | None = None) -> ComplexArray:
     """Return the half transform of padded planes, (..., Ny, Nx//2 + 1), in the complex type of the input's
-    precision.
+    precision; or only its first ``columns``.
     """
     ny, nx = (padded_size(size) for size in planes.shape[-2:])
+    columns = columns or nx // 2 + 1
     if planes.ndim == 2:
-        return scipy.fft.rfft2(pad(planes), workers=1)
-    found = np.empty((*planes.shape[:-2], ny, nx // 2 + 1), dtype=np.result_type(planes.dtype, np.complex64))
+        return _large(planes, columns) if planes.size > LARGE else scipy.fft.rfft2(pad(planes), workers=1)[:, :columns]
+    found = np.empty((*planes.shape[:-2], ny, columns), dtype=np.result_type(planes.dtype, np.complex64))
     for some in groups(planes.shape):
-        found[some] = scipy.fft.rfft2(pad(planes[some]), workers=1)
+        found[some] = scipy.fft.rfft2(pad(planes[some]), workers=1)[..., :columns]
+    return found
+
+
+def _large(plane: FloatArray, columns: int) -> ComplexArray:
+    found = transform_of_rows(plane.__getitem__, plane.shape[0], plane.shape[1], plane.dtype, columns)
+    return scipy.fft.rfft2(pad(plane), workers=1)[:, :columns] if found is None else found
+
+
+def transform_of_rows(
+    rows_of: Callable[[slice], FloatArray], ny: int, nx: int, dtype: np.dtype[np.generic], columns: int
+) -> ComplexArray | None:
+    """Return the transform of a large plane with the bits of ``rfft2``: some rows are made, padded and transformed at a
+    time, then the columns in place. Nothing else of the plane's size is held. None for a plane of few rows.
+    """
+    total_y, total_x = padded_size(ny), padded_size(nx)
+    gap = total_y - ny
+    if ny < 2 * gap:
+        return None
+    half = np.empty((total_y, columns), dtype=np.result_type(dtype, np.complex64))
+    ends = np.empty((2 * gap, nx), dtype)  # the first rows, the last rows
+    each = max(1, TOGETHER // total_x)
+    padded = np.empty((each, total_x), dtype)
+
+    def put(rows: FloatArray, first: int) -> None:
+        for start in range(0, len(rows), each):
+            own = rows[start : start + each]
+            some = padded[: len(own)]
+            some[:, :nx] = own
+            some[:, nx:] = _gap(own, total_x, 1)
+            half[first + start : first + start + len(own)] = scipy.fft.rfft(some, workers=1)[:, :columns]
+
+    for first in range(0, ny, STRIP * each):
+        last = min(first + STRIP * each, ny)
+        rows = rows_of(slice(first, last))
+        put(rows, first)
+        if first < gap:
+            ends[first : min(last, gap)] = rows[: gap - first]
+        if last > ny - gap:
+            begin = max(first, ny - gap)
+            ends[begin - ny : last - ny or None] = rows[begin - first :]
+    put(_gap(ends, 3 * gap, 0), ny)
+    found: ComplexArray = scipy.fft.fft(half, axis=0, overwrite_x=True, workers=1)
     return found
 
 
@@ -140,15 +185,36 @@ def frequencies(size: int, step: float, half: bool, share: float = 1.0) -> Float
     return scipy.fft.rfftfreq(total, step) if half else scipy.fft.fftfreq(total, step)
 
 
-def planes_of(half_transform: ComplexArray, ny: int, nx: int) -> FloatArray:
-    """Return the frame [0:ny, 0:nx] of the planes with this half transform."""
+def planes_of(half_transform: ComplexArray, ny: int, nx: int, *, own: bool = False) -> FloatArray:
+    """Return the frame [0:ny, 0:nx] of the planes with this half transform. ``own``: it is not needed any more."""
+    return _picked(half_transform, ny, nx, slice(ny), slice(nx), own)
+
+
+def _picked(half: ComplexArray, ny: int, nx: int, rows: slice, columns: slice, own: bool) -> FloatArray:
+    """Return some rows and columns of the frame of planes."""
     size = padded_size(ny), padded_size(nx)
-    if half_transform.ndim == 2:
-        return np.ascontiguousarray(scipy.fft.irfft2(half_transform, s=size, workers=1)[:ny, :nx])
-    found = np.empty((*half_transform.shape[:-2], ny, nx), dtype=half_transform.real.dtype)
-    for some in groups(half_transform.shape):
-        found[some] = scipy.fft.irfft2(half_transform[some], s=size, workers=1)[..., :ny, :nx]
+    rows, columns = (slice(*one.indices(n)) for one, n in ((rows, ny), (columns, nx)))
+    if half.ndim == 2:
+        return inverse(half, size, rows, columns, own=own)
+    found = np.empty((*half.shape[:-2], len(range(ny)[rows]), len(range(nx)[columns])), dtype=half.real.dtype)
+    for some in groups(half.shape):
+        found[some] = scipy.fft.irfft2(half[some], s=size, workers=1)[..., rows, columns]
     return found
+
+
+def inverse(half: ComplexArray, size: tuple[int, int], rows: slice, columns: slice, *, own: bool = False) -> FloatArray:
+    """Return some rows and columns of the plane of a half transform, with the bits of ``irfft2``; a large one in
+    strips. ``own``: the transform is not needed any more.
+    """
+    if size[0] * size[1] <= LARGE:
+        return np.ascontiguousarray(scipy.fft.irfft2(half, s=size, workers=1)[rows, columns])
+    half = scipy.fft.ifft(half, axis=0, norm="forward", overwrite_x=own, workers=1)[rows]
+    plane = np.empty((len(half), len(range(size[1])[columns])), dtype=half.real.dtype)
+    each = max(1, TOGETHER // size[1])
+    for start in range(0, len(half), each):
+        some = scipy.fft.irfft(half[start : start + each], size[1], norm="forward", workers=1)[:, columns]
+        np.multiply(some, plane.dtype.type(1 / (size[0] * size[1])), out=plane[start : start + each])
+    return plane
 
 
 def whole_steps(
@@ -235,9 +301,17 @@ def evaluate(
 
 
 def sample(
-    half_transform: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]
+    half_transform: ComplexArray,
+    ny: int,
+    nx: int,
+    y: tuple[float, float, int],
+    x: tuple[float, float, int],
+    *,
+    own: bool = False,
 ) -> FloatArray:
-    """Return the values of ``evaluate``; picks samples, which is cheaper, if all positions are samples."""
+    """Return the values of ``evaluate``; picks samples, which is cheaper, if all positions are samples. ``own``: the
+    transform is not needed any more.
+    """
     rows = whole_steps(0.0, 1.0, y[0], y[1], y[2], ny)
     columns = whole_steps(0.0, 1.0, x[0], x[1], x[2], nx)
     if rows is None or columns is None:
@@ -246,7 +320,7 @@ def sample(
         if y[2] * x[2] < FEW * padded_size(ny):
             return evaluate(half_transform, ny, nx, y, x)
         half_transform = _whole(half_transform, padded_size(ny), padded_size(nx))
-    return np.ascontiguousarray(planes_of(half_transform, ny, nx)[..., rows, columns])
+    return _picked(half_transform, ny, nx, rows, columns, own)
 
 
 def _whole(low: ComplexArray, total_y: int, total_x: int) -> ComplexArray:

@@ -7,7 +7,7 @@ Out: its arrays; large ones as bands that are computed on demand.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -25,6 +25,7 @@ from etendue.plan.model import CellRef
 from etendue.transfer import expansion, sampling
 from etendue.transfer.products import Product
 from etendue.transfer.products import weights as weights_of
+from etendue.transfer.sampling import ComplexArray
 from etendue.types.arrays import Array
 
 if TYPE_CHECKING:
@@ -163,12 +164,15 @@ def from_bands(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array |
     kept = stage.kept()
     joined = GridTransfer(before, grid, job.precision, kept)
     few = 0 < stage.terms() < light.shape[0]
+    own: list[ComplexArray] = []
     if few or kept < 1:
         sums = weights.sum(axis=1)
         shares = np.divide(weights, sums[:, None], out=np.zeros_like(weights), where=sums[:, None] != 0).round(DIGITS)
-        channels = _shared(job, light, joined, shares, stage.terms() if few else 0)
+        cached = _shared(job, light, joined, shares, stage.terms() if few else 0)
+        kind = cached[0].dtype
     else:
-        sums, channels = None, _exact(light, joined, weights)
+        own = _exact(light, joined, weights)
+        kind = own[0].dtype
     y, x = grid.line("y"), grid.line("x")
     fy = sampling.frequencies(y.size, y.step, half=False, share=kept)[:, None]
     fx = sampling.frequencies(x.size, x.step, half=True, share=kept)[None, :]
@@ -177,22 +181,29 @@ def from_bands(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array |
         raise ValueError(
             f"{type(stage).__name__} has a separate transfer function for every band; put it before the sum"
         )
-    last = last.reshape(last.shape[-2:]).astype(np.result_type(channels.real if last.dtype.kind == "f" else channels))
+    real = np.empty(0, kind).real.dtype
+    last = last.reshape(last.shape[-2:]).astype(real if last.dtype.kind == "f" else kind, copy=False)
     where = places(grid, job.grids[name])
-    planes = np.empty((channels.shape[0], where[0][2], where[1][2]), dtype=job.precision)
-    for channel, half in enumerate(channels):
-        if sums is None:
+    planes = np.empty((len(weights), where[0][2], where[1][2]), dtype=job.precision)
+    for channel in range(len(planes)):
+        if own:
+            half = own.pop(0)  # it ends here
             half *= last
-        else:  # the cached transforms must not be changed in place
-            half = half * last
-            half *= sums[channel].astype(last.real.dtype)
-        planes[channel] = sampling.sample(half, y.size, x.size, where[0], where[1])
+        else:  # cached transforms must not be changed in place
+            half = cached[channel] * last
+            half *= sums[channel].astype(real)
+        found = sampling.sample(half, y.size, x.size, where[0], where[1], own=True)
+        del half  # before memory of the result is touched
+        planes[channel] = found
+        del found
     return {name: planes}
 
 
-def _shared(job: Job, light: Array | BandArray, joined: GridTransfer, shares: Array, terms: int) -> Array:
-    """Return half transforms of the channels before their pixels: they are equal for pixels of any size, and cached for
-    the next pixel size.
+def _shared(
+    job: Job, light: Array | BandArray, joined: GridTransfer, shares: Array, terms: int
+) -> Sequence[ComplexArray]:
+    """Return half transforms of the channels before their pixels: they are equal for pixels of any size, and
+    cached for the next pixel size.
     """
     assert job.segment is not None
     own = (
@@ -210,7 +221,7 @@ def _shared(job: Job, light: Array | BandArray, joined: GridTransfer, shares: Ar
         return made() if whole else TABLES.get((*own, *more), made, True)
 
     if not terms:
-        return remembered(lambda: frozen(_exact(light, joined, shares)), shares.shape[0], joined.kept)
+        return remembered(lambda: tuple(map(frozen, _exact(light, joined, shares))), shares.shape[0], joined.kept)
     live = shares.any(axis=1)
 
     def fitted() -> Array:
@@ -220,34 +231,61 @@ def _shared(job: Job, light: Array | BandArray, joined: GridTransfer, shares: Ar
             shares[live], terms, joined.product.along(frequency).real, expansion.importance(frequency)
         )
 
-    def channels() -> Array:
+    def channels() -> Sequence[ComplexArray]:
         basis = fitted()
         transforms = remembered(
             lambda: tuple(frozen(sampling.transform(plane)) for plane in _gathered(light, basis)), terms
         )
         lit = joined.gathered(shares[live], basis, (sampling.low_terms(one, joined.shape) for one in transforms))
         if live.all():
-            return frozen(lit)
+            return tuple(frozen(lit))
         found = np.zeros((live.size, *joined.shape), dtype=lit.dtype)
         found[live] = lit
-        return frozen(found)
+        return tuple(frozen(found))
 
     return remembered(channels, shares.shape[0], joined.kept)
 
 
-def _exact(light: Array | BandArray, joined: GridTransfer, weights: Array) -> Any:
+def _exact(light: Array | BandArray, joined: GridTransfer, weights: Array) -> list[ComplexArray]:
     """Transform and filter every band by itself; sum in frequency."""
-    sums: Any = None
-    for band, plane in enumerate(in_order(light)):
-        last = band + 1 == len(weights[0]) and sums is None  # without light, one zero transform is still needed
-        if not last and (not weights[:, band].any() or is_dark(plane)):
-            continue  # no channel responds to this band, or it has no light
-        half = sampling.low_terms(sampling.transform(np.asarray(plane)), joined.shape)
+    sums: list[ComplexArray] = []
+    transforms = _transforms(light, [bool(own.any()) for own in weights.T], joined.shape[1])
+    for band in range(len(light)):
+        half = next(transforms)
+        if half is None and (sums or band + 1 < len(weights[0])):  # without light, one zero transform is still needed
+            continue
+        if half is None:
+            half = sampling.transform(np.zeros(light.shape[1:], light.dtype), joined.shape[1])
+        half = sampling.low_terms(half, joined.shape)
         joined.apply(half, band)
-        if sums is None:
-            sums = np.zeros((weights.shape[0], *half.shape), dtype=half.dtype)
+        sums = sums or [np.zeros(half.shape, half.dtype) for _ in weights]
         expansion.add_weighted(sums, weights[:, band], half)
+        del half  # before the next is made
     return sums
+
+
+def _transforms(light: Array | BandArray, seen: Sequence[bool], columns: int) -> Iterator[ComplexArray | None]:
+    """Yield the first columns of the transform of every band; None if it has no light, or no channel responds to it."""
+    size, (ny, nx) = len(light), light.shape[1:]
+    if not isinstance(light, BandArray) or not light.in_rows or ny * nx <= sampling.LARGE:
+        for band, plane in enumerate(in_order(light)):
+            dark = not seen[band] or is_dark(plane)
+            yield None if dark else sampling.transform(np.asarray(plane), columns)
+        return
+    for band in range(size):
+        lit = False
+
+        def rows_of(rows: slice, band: int = band) -> Array:
+            nonlocal lit
+            found = light.rows(band, rows)
+            lit = lit or not is_dark(found)
+            return found
+
+        found = [sampling.transform_of_rows(rows_of, ny, nx, light.dtype, columns) if seen[band] else None]
+        if seen[band] and found[0] is None:  # of few rows
+            plane = light[band]
+            found, lit = [sampling.transform(plane, columns)], not is_dark(plane)
+        yield found.pop() if lit else None
 
 
 def _gathered(light: Array | BandArray, basis: Array) -> Iterator[Array]:

@@ -112,6 +112,9 @@ class Falloff(Dimming, Profiled, Banded, Bounded):
     def by_band(self, prepared: FloatArray, bands: slice) -> FloatArray:
         return prepared if len(prepared) == 1 else prepared[bands]
 
+    def in_rows(self) -> bool:
+        return self.geometry == "physical"  # else the corner of the frame counts
+
     def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         radius = np.hypot(y_um[:, None], x_um[None, :])
         corner = math.hypot(max(abs(y_um[0]), abs(y_um[-1])), max(abs(x_um[0]), abs(x_um[-1])))

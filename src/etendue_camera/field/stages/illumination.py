@@ -95,6 +95,9 @@ class Vignetting(Dimming, Banded, Bounded):
     def by_band(self, prepared: None, bands: slice) -> None:
         return prepared
 
+    def in_rows(self) -> bool:
+        return True
+
     def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray) -> dict[str, Array]:
         return {
             "irradiance": irradiance * self.relative(np.hypot(y_um[:, None], x_um[None, :])).astype(irradiance.dtype)
@@ -189,6 +192,9 @@ class AngularResponse(Dimming, Banded, Bounded):
 
     def by_band(self, prepared: FloatArray, bands: slice) -> FloatArray:
         return prepared if len(prepared) == 1 else prepared[bands]
+
+    def in_rows(self) -> bool:
+        return True
 
     def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         angle = self.angle(np.hypot(y_um[:, None], x_um[None, :]))

@@ -67,6 +67,9 @@ class Irradiance(Conjugates, Banded):
     def by_band(self, prepared: None, bands: slice) -> None:
         return prepared
 
+    def in_rows(self) -> bool:
+        return True
+
     def run(self, radiance: FloatArray, white_radiance: FloatArray) -> dict[str, Array]:
         factor = self.factor()
         return {"irradiance": radiance * radiance.dtype.type(factor), "white_irradiance": white_radiance * factor}
@@ -132,6 +135,9 @@ class OpticalFilter(Banded, Bounded, Tinting):
 
     def by_band(self, prepared: FloatArray, bands: slice) -> FloatArray:
         return prepared[bands]
+
+    def in_rows(self) -> bool:
+        return True
 
     def run(self, irradiance: FloatArray, white_irradiance: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         return {

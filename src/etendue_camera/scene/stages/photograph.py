@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue.api import Facts, Grid, param
 from etendue.contract.values.bounds import beyond
@@ -28,7 +27,50 @@ from etendue_camera.scene.stages.scene import Scene
 BLOCK = 1 << 15  # pixels whose temporaries stay in the cache
 
 
-def _linear_photograph(path: str, rows: int, columns: int) -> tuple[FloatArray, str]:
+@dataclass(frozen=True)
+class LinearPicture(Sequence[FloatArray]):
+    """Linear sRGB, red, green and blue; or codes of a file and the light of each code, in an eighth of the memory."""
+
+    values: Array  # (1 or 3, rows, columns)
+    table: FloatArray | None
+    note: str
+
+    def __len__(self) -> int:
+        return 3
+
+    def __getitem__(self, colour: Any) -> Any:
+        """Return the light of a colour, (rows, columns)."""
+        values = self.values[min(range(3)[colour], len(self.values) - 1)]
+        if self.table is None:
+            return values
+        return self.table.take(values, out=np.empty(values.shape), mode="clip")
+
+    def ends(self) -> tuple[float, float]:
+        """Return the least and the largest value."""
+        low, high = (end if self.table is None else self.table[end] for end in (self.values.min(), self.values.max()))
+        return float(low), float(high)
+
+    def mixed(self, weights: FloatArray, first: int, out: FloatArray) -> None:
+        """Write the sum of weight times light, from a row on, into a plane."""
+        some = self.values[:, first : first + len(out)]
+        planes = np.broadcast_to(some, (3, *out.shape))
+        rows = max(BLOCK // out.shape[1], 1)
+        # no matrix product: its rounding depends on the number of bands
+        tables = None if self.table is None else weights[:, None] * self.table
+        lit = np.empty((rows, out.shape[1]))
+        for start in range(0, len(out), rows):
+            own = out[start : start + rows]
+            for colour, plane in enumerate(planes):
+                part, to = plane[start : start + rows], lit[: len(own)] if colour else own
+                if tables is None:
+                    np.multiply(part, weights[colour], out=to)
+                else:
+                    tables[colour].take(part, out=to, mode="clip")
+                if colour:
+                    own += to
+
+
+def _linear_photograph(path: str, rows: int, columns: int) -> LinearPicture:
     """Return ``_read_photograph``, cached until the file changes."""
     state = os.stat(path)
     return _read_photograph(path, rows, columns, (state.st_mtime_ns, state.st_size))
@@ -47,26 +89,36 @@ def _counted(path: str, state: tuple[int, int]) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=4)
-def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int]) -> tuple[FloatArray, str]:
-    """Return linear sRGB (3, rows, columns) from the largest centred crop of the right shape, area-averaged in linear
-    light, and a note.
-    """
+def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int]) -> LinearPicture:
+    """Return the largest centred crop of the right shape, area-averaged in linear light, and a note."""
     picture = read_picture(path)
     height, width = picture.values.shape[:2]
     scale = min(height / rows, width / columns)
     crop_rows, crop_columns = max(1, round(rows * scale)), max(1, round(columns * scale))
     top, left = (height - crop_rows) // 2, (width - crop_columns) // 2
     crop = picture.values[top : top + crop_rows, left : left + crop_columns]
-    linear = resampling.area_average(crop, rows, columns, _decoder(crop.dtype, picture.full))
-    linear.flags.writeable = False
-    return np.broadcast_to(linear, (3, rows, columns)), picture.note
+    table = _table(crop.dtype, picture.full)
+    if crop.shape[:2] == (rows, columns) and table is not None:  # averages of one sample each
+        values = np.ascontiguousarray(np.moveaxis(crop, -1, 0))
+    else:
+        values = resampling.area_average(crop, rows, columns, _decoder(table, picture.full))
+        table = None
+    values.flags.writeable = False
+    return LinearPicture(values, table, picture.note)
 
 
-def _decoder(kind: np.dtype, full: float) -> Callable[[Array], NDArray[np.float64]]:
-    """Return the function from the values of a picture to linear light; of whole numbers a table."""
-    if kind.kind != "u" or kind.itemsize > 2:
+def _decoder(table: FloatArray | None, full: float) -> Callable[[Array], FloatArray]:
+    """Return the function from the values of a picture to linear light."""
+    if table is None:
         return lambda values: srgb_decode(values.astype(float) / full)
-    return srgb_decode(np.arange(np.iinfo(kind).max + 1.0) / full).take
+    return table.take
+
+
+def _table(kind: np.dtype, full: float) -> FloatArray | None:
+    """Return the light of every code of a picture of whole numbers."""
+    if kind.kind != "u" or kind.itemsize > 2:
+        return None
+    return srgb_decode(np.arange(np.iinfo(kind).max + 1.0) / full)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +152,7 @@ class Photograph(Scene):
         """Return None: the processing by camera and file format is unknown."""
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
-        _, note = _linear_photograph(self.file, *self.size())
+        note = _linear_photograph(self.file, *self.size()).note
         return [
             *super().warn(facts, grids),
             *spectra.held_in_the_infrared("basis of RGB", self.wavelength_from, self.wavelength_to),
@@ -118,8 +170,7 @@ class Photograph(Scene):
         return rows, columns
 
     def known(self) -> Facts:
-        linear, _ = _linear_photograph(self.file, *self.size())
-        low, high = float(linear.min()), float(linear.max())
+        low, high = _linear_photograph(self.file, *self.size()).ends()
         return Facts(uniform=low == high, contrast=high / low if low > 0 else math.inf)
 
     def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, FloatArray]:
@@ -129,20 +180,21 @@ class Photograph(Scene):
     def by_band(self, prepared: tuple[FloatArray, FloatArray], bands: slice) -> tuple[FloatArray, FloatArray]:
         return prepared[0][bands], prepared[1][bands]
 
-    def mixture(self, prepared: tuple[FloatArray, FloatArray]) -> tuple[Array, Array]:
+    def in_rows(self) -> bool:
+        return True
+
+    def mixture(self, prepared: tuple[FloatArray, FloatArray]) -> tuple[LinearPicture, Array]:
         """Return the red, green and blue of the picture, and the light of each by band."""
         white, basis = prepared
-        return _linear_photograph(self.file, *self.size())[0], np.maximum(basis, 0.0) * white[:, None]
+        return _linear_photograph(self.file, *self.size()), np.maximum(basis, 0.0) * white[:, None]
 
-    def run(self, prepared: tuple[FloatArray, FloatArray]) -> dict[str, Array]:
-        white, _ = prepared
-        linear, weights = self.mixture(prepared)
-        cube = np.zeros((len(white), *linear.shape[1:]))
-        rows = max(BLOCK // linear.shape[2], 1)
-        for plane, own, lit in zip(cube, weights, white > 0, strict=True):
-            for start in range(0, len(plane) if lit else 0, rows):  # the other bands have no light
-                part, out = linear[:, start : start + rows], plane[start : start + rows]
-                np.multiply(part[0], own[0], out=out)  # no matrix product: its rounding depends on the number of bands
-                out += own[1] * part[1]
-                out += own[2] * part[2]
+    def run(self, prepared: tuple[FloatArray, FloatArray], out_y: FloatArray) -> dict[str, Array]:
+        white, basis = prepared
+        rows, columns = self.size()
+        line = self.plane().line("y")
+        first = round((out_y[0] - line.start) / line.step)
+        cube = np.zeros((len(white), len(out_y), columns))
+        for plane, own, lit in zip(cube, np.maximum(basis, 0.0) * white[:, None], white > 0, strict=True):
+            if lit:  # the other bands have no light
+                _linear_photograph(self.file, rows, columns).mixed(own, first, plane)
         return {"radiance": cube, "white_radiance": white}
