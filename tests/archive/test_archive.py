@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import google_crc32c
@@ -24,6 +25,7 @@ from etendue.archive.sharding import chunks, finding
 from etendue.archive.structure.naming import cell_name
 from etendue.archive.write.foreign_files import other_stages
 from etendue.errors import ArchiveError, ArchiveInUse
+from etendue.session import Options, execute
 from tests.archive.tiny import index_of, slots_of
 from tests.run.small import BARE, SWEEP, assert_same_archives, command, plan_of, run
 
@@ -616,21 +618,29 @@ def test_an_archive_in_use_is_refused(copy, plan):
 
 
 def test_of_two_runs_at_once_one_is_refused(tmp_path, plan):
-    ends = []
+    """The first computes nothing before the second has been refused; then it goes on undisturbed."""
+    begun, refused = threading.Event(), threading.Event()
 
-    def attempt():
+    class Slow:
+        def begin(self, cells):
+            begun.set()
+            assert refused.wait(60)
+
+        def starting(self, stages): ...
+
+        def finished(self, reports): ...
+
+        def end(self): ...
+
+    with ThreadPoolExecutor(1) as pool:
+        first = pool.submit(execute, plan, tmp_path / "a", Options("serial"), Slow())
+        assert begun.wait(60)
         try:
-            ends.append(len(run(plan, tmp_path / "a").failed))
-        except ArchiveInUse:
-            ends.append("refused")
-
-    threads = [threading.Thread(target=attempt) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert ends.count("refused") == 1
-    assert ends.count(0) == 1
+            with pytest.raises(ArchiveInUse):
+                run(plan, tmp_path / "a")
+        finally:
+            refused.set()
+        assert not first.result(60).failed
 
 
 def test_an_archive_that_another_run_is_just_beginning_is_in_use(tmp_path, plan):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import tracemalloc
 
 import pytest
@@ -45,6 +46,13 @@ def test_a_cell_of_a_sweep_is_planned_as_it_is_alone(over, digits):
         for node in plan.nodes:
             cell = plan.cells[node.name, tuple(place[dim] for dim in node.axes)]
             assert said(cell) == said(alone.of(node.name)[0])
+
+
+@pytest.mark.parametrize("over", SWEEPS.values(), ids=SWEEPS)
+def test_a_plan_that_is_sent_says_the_same(over):
+    """Nothing of its cells was asked for before."""
+    sent = pickle.loads(pickle.dumps(plan_of(over)))
+    assert sent.cells == plan_of(over).cells
 
 
 def test_a_row_of_a_design_is_planned_as_it_is_alone():

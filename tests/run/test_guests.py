@@ -140,7 +140,7 @@ IMPORTED = {  # what a distribution does when it is imported, of which nobody us
     "leaving": ("os._exit(0)", ""),
     "forking": ("os.fork()", "a process that forking 1.0, when it was imported, had forked returned from it"),
     "late": (
-        "threading.Timer(0.3, os._exit, (0,)).start(); atexit.register(os._exit, 0)",
+        "threading.Timer(0.05, os._exit, (0,)).start(); atexit.register(os._exit, 0)",
         "a plugin called os._exit(0) in a thread",
     ),
 }

@@ -168,7 +168,7 @@ def test_a_report_and_a_budget_hold_what_was_shared_out_and_else_the_command(arc
     plot = draw(Holdings(opened(archive)), "budget", PlotRequest(blame=losses_at(archive, start, runs=0)))
     owed = {row[0]: row[-2] for row in plot.rows if row[-2] is not None}
     assert owed == {one["stage"]: one["share"] for one in with_["blame"]["losses"][0]["stages"]}
-    assert plot.columns[-2:] == ("contrast_share", "snr_share") and plot.data("svg").count(b"win") >= 1
+    assert plot.columns[-2:] == ("contrast_share", "snr_share") and plot.data("svg").count(b"below 0") >= 1
 
 
 def test_a_command_for_the_losses_is_offered_where_it_means_the_same_camera(archive):

@@ -40,7 +40,7 @@ class BandArray(ABC):
     """A (band, y, x) array that is computed band by band."""
 
     shape: tuple[int, ...]
-    dtype: np.dtype[Any]
+    dtype: np.dtype[np.generic]
     ndim = 3
     on_demand = True  # each access computes the band
     in_rows = False  # whether some rows of a band may be computed alone
@@ -100,8 +100,8 @@ class StageBands(BandArray):
     def __post_init__(self) -> None:
         self.shape = _shape(self.job, self.variable)
         self.dtype = np.dtype(self.job.precision)
-        stage: Any = self.job.stage
-        self.in_rows = stage.in_rows() and all(
+        assert isinstance(self.job.stage, Banded)
+        self.in_rows = self.job.stage.in_rows() and all(
             array.in_rows for array in self.given.values() if isinstance(array, BandArray)
         )
 

@@ -52,7 +52,7 @@ def stage_found(job: Job, results: Mapping[CellRef, Result], at: tuple[int, ...]
 
 
 def seed_found(job: Job, results: Mapping[CellRef, Result], at: tuple[int, ...]) -> bytes:
-    """Return the complete words of a job's random seed."""
+    """Return a job's random seed, with the values that were unknown at planning filled in."""
     if not (job.waiting and job.waiting.words):
         return job.seed
     lines = set(_closed(job.seed))
@@ -76,7 +76,7 @@ def _closed(seed: bytes) -> frozenset[str]:
 
 
 def _made_again(stage: Stage, found: Found, results: Mapping[CellRef, Result], job: Job, at: tuple[int, ...]) -> Stage:
-    """Return a stage with the found values.
+    """Return a stage, made again with the quantities that earlier cells have computed.
 
     Raises
     ------

@@ -11,7 +11,6 @@ import math
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
-from types import MappingProxyType
 
 from etendue.contract.registry import Registry
 from etendue.contract.stage import Stage, parameters_of
@@ -37,7 +36,7 @@ from etendue.telling import plain
 from etendue.types.documents import Document
 
 TOLD = 10.0  # smallest growth that is worth a warning; the tolerance itself refers to the output of each stage
-INSTALLED: Mapping[str, str] = MappingProxyType({})
+INSTALLED: Mapping[str, str] = {}  # never written to; a plan can be pickled with it
 
 
 @contextmanager

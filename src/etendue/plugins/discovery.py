@@ -55,7 +55,7 @@ def foreign(what: str, guest: str = "") -> Iterator[None]:
     """Enclose import or call of a distribution's code: all its exceptions become ``PluginError``, and the working
     directory is restored.
 
-    ``guest``: the name of the code, if it is not of this distribution.
+    ``guest``: the name of foreign code, if it does not belong to etendue itself.
     """
     who, folder = FOLDER.begin()
     try:

@@ -188,7 +188,9 @@ def _stopped(stored: Stored, again: Again) -> set[str]:
 
 
 def _shown(stored: Stored, again: Again) -> dict[str, CellRef]:
-    """Return the cells in the pictures of an archive, one per stage; empty if there are none or their cells differ."""
+    """Return, by stage, the cells that the pictures of an archive show; empty if it has none, or if a shown cell is not
+    among the recomputed ones.
+    """
     nodes = again.plan.nodes
     held = earlier_pictures.attributes(
         {"frames/zarr.json": disk.content_of(stored.folder / "data.zarr/frames/zarr.json") or b"{}"}

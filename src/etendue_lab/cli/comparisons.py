@@ -43,9 +43,9 @@ def compare() -> None:
     mosaic and noise are computed once and shared by all alternatives after them.
 
     The reference is the picture of a camera whose pixels measure all channels without noise, followed by the same later
-    stages. PSNR is measured on linear values where the axis takes effect: on the stage's own picture, or on rgb_camera
-    for earlier stages. "encoded", CIEDE2000, zipper and false colour are measured on the finished picture. If the axis
-    is a stage that reads and writes only rgb_camera (sharpening, denoising), the reference omits it: its result is
+    stages. PSNR is measured on linear values: on the picture that the compared stage writes or, if the mosaic comes
+    later, on rgb_camera. "encoded", CIEDE2000, zipper and false colour are measured on the finished picture. If the
+    axis is a stage that reads and writes only rgb_camera (sharpening, denoising), the reference omits it: its result is
     compared with an undisturbed picture. Any other axis before the pixels or after the demosaicer (f_number,
     display.display) also changes the reference: each value then has its own reference, and alternatives are ranked by
     PSNR of the encoded picture. A border of 10 pixels is ignored. MTF50 comes from a second, noise-free run of the same

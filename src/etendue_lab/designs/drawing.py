@@ -65,7 +65,9 @@ def bars(one: Document, title: str) -> Plot:
     kinds = ("first", "total") if one["points"] else ("regression",)
     factors = [row for row in one["factors"] if row[kinds[-1]]]
     if not factors:
-        raise RequestError(f"no factor of {one['metric']} has numbers as values")
+        raise RequestError(
+            f"{one['metric']}: nothing to plot, because all factors of the design have choices, not numbers, as values"
+        )
     factors = sorted(factors, key=lambda row: abs(row[kinds[-1]]["value"]))[-MOST:]
     figure = new_figure(7.0, 1.6 + 0.42 * len(factors))
     axes = figure.add_subplot()

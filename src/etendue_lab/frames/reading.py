@@ -132,7 +132,9 @@ def _folder(path: Path) -> FrameSet:
     if len(stored) == 1 and not pictures:
         return read_npz(stored[0])
     if not pictures:
-        raise RequestError(f"{path}: holds no measurement: give a table (CSV: {COLUMNS}), one .npz, or pictures")
+        raise RequestError(
+            f"{path}: contains no frames; give a CSV table with the columns {COLUMNS}, one .npz file, or pictures"
+        )
     return _pictures(path, pictures)
 
 

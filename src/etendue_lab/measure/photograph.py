@@ -128,7 +128,7 @@ class PhotographFile:
         return self._decoded(part[..., max(self.names.index(channel), 0)]), None
 
     def sites(self, channel: str, cut: Cut = np.s_[:]) -> Any:
-        """Return a mask of the mosaic's pixels with a colour; None: all pixels."""
+        """Return a mask of the mosaic's pixels under the filter of ``channel``; None if this is every pixel."""
         if not self.is_raw or self.names == ("grey",):
             return None
         return self.colours[cut] == channel[0].upper()

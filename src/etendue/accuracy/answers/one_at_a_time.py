@@ -55,8 +55,8 @@ def measure_each(
     fixed: dict[str, str],
     known: KnownParts,
 ) -> float:
-    """Add the change by one refinement of each discretisation to ``parts``; return the predicted seconds of evaluations
-    that exceeded the budget.
+    """For each discretisation, add to ``parts`` the change of the results when it is refined once; return the predicted
+    seconds of the refinements that were skipped because they exceed the budget.
     """
     point, dear = evaluations.point, 0.0
     order = [*SAFETY, *names]

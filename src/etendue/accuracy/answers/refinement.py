@@ -144,7 +144,7 @@ class Point:
 
     @cached_property
     def knobs(self) -> list[PipelineKnob]:
-        """The knobs of the stages in use that the reference sets, with the settings that the stages accept."""
+        """The knobs that the reference sets for the stages in use, each with the settings that its stage accepts."""
         used = {node.name: node.alternatives[0].use for node in self.base.nodes}
         every = reference_of(self.pipeline, self.registry).knobs
         own = [self._accepted(knob) for knob in every if knob.settings and used.get(knob.stage) == knob.use]

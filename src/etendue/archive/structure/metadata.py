@@ -113,7 +113,7 @@ def texts_of(data: bytes) -> list[str]:
     try:
         texts = Zstd().decode(body)
         if 4 * int.from_bytes(bytes(texts[:4]), "little") > len(texts):  # each begins with its length
-            raise ValueError("more texts than there are bytes")
+            raise ValueError("the chunk states more strings than its bytes can hold")
         return list(map(str, VLenUTF8().decode(texts)))
     except (RuntimeError, ValueError, TypeError) as error:
         raise ArchiveError(f"the stored bytes cannot be decoded as strings: {error}") from None

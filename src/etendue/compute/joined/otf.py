@@ -198,7 +198,7 @@ def _plane(stage: Transfer, fy: Array, fx: Array, edges: tuple[float, ...]) -> A
 
 
 def _along(stage: Transfer, fy: Array, fx: Array, edges: tuple[float, ...]) -> Array:
-    """Return (band or 1, n)."""
+    """Return (band or 1, n): the transfer function at n frequencies along a line."""
     if stage.radial:
         fy, fx = np.zeros_like(fx), np.hypot(fy, fx)
     return _on_line(lambda y, x: _plane(stage, y, x, edges), fy, fx)

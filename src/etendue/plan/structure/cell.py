@@ -6,20 +6,23 @@ for them, its key, its seed and the cells that it reads: a plan may have a milli
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, fields, replace
 from operator import attrgetter
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from etendue.contract.arrays.facts import Facts
 from etendue.contract.arrays.grid import Coordinate, Grid
 from etendue.contract.stage import Stage, quantities_of
 
+if TYPE_CHECKING:
+    from etendue.plan.expansion.seed_words import Open
+
 CellRef = tuple[str, tuple[int, ...]]
 Inputs = tuple[tuple[str, CellRef, str], ...]  # (port or shared quantity, cell, variable); ports first
 Looks = tuple[tuple[str, tuple[CellRef, ...]], ...]
 Start = tuple[CellRef, str] | None
-Drawn = tuple[bytes, tuple[Any, ...]]  # seed, and the lines of it that a run finds (``seed_words.Open``)
+Drawn = tuple[bytes, "tuple[Open, ...]"]  # seed, and the lines of it that a run finds (``seed_words.Open``)
 PositionMap = Callable[[tuple[int, ...]], tuple[int, ...]]  # maps the position of a cell to that of a cell it reads
 # never written to; plain dicts, since a mapping proxy cannot be pickled
 ALL_DIGITS: Mapping[str, int | None] = {}
@@ -94,6 +97,24 @@ class Settled:
     # by variable whose digits follow the tolerance: the exponent of the step it is rounded to; None: all digits stay
     digits: Mapping[str, int | None]
 
+    def __reduce__(self) -> tuple[type[Settled], tuple[Hashable, ...]]:
+        """Leave behind what finds keys, seeds and inputs: cells are sent with all of them found."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        values |= {"reading": self.reading._replace(inputs=(), looks_at=(), asked=()), "recipe": Sent()}
+        return Settled, tuple(values.values())
+
+
+class Sent:
+    """The recipe of cells that were sent with everything found."""
+
+    cells: Mapping[CellRef, Cell] = {}
+
+    def key(self, ref: CellRef) -> str:
+        return ""
+
+    def drawn(self, ref: CellRef) -> Drawn:
+        return NOT_DRAWN
+
 
 def _in_common(name: str) -> Any:
     """Return a property of a cell that others share."""
@@ -141,10 +162,14 @@ class Cell:
         made._key, made._drawn, made._inputs = self._key, self._drawn, self._inputs
         return made
 
+    def __getstate__(self) -> tuple[None, dict[str, Hashable]]:
+        _ = self.segment_input, self.looks_at, self.key, self.seed, self.inputs  # found when they are asked for
+        return None, {name: getattr(self, name) for name in self.__slots__}
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Cell) and self._values() == other._values()
 
-    def _values(self) -> tuple[Any, ...]:
+    def _values(self) -> tuple[Hashable, ...]:
         read = (self.ref, self.inputs, self.looks_at, self.segment_input, self.facts, self.growth)
         made = (self.key, self.versions, self.seed, self.open_words, self.use)
         form = (self.stage, self.input_grids, self.grids, self.mapped, self.digits)
@@ -201,7 +226,7 @@ class Cell:
         return self._found_drawn()[0]
 
     @property
-    def open_words(self) -> tuple[Any, ...]:
+    def open_words(self) -> tuple[Open, ...]:
         """Lines of its seed whose value only a run finds (``seed_words.Open``)."""
         return self._found_drawn()[1]
 
