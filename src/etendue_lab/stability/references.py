@@ -31,7 +31,8 @@ from etendue_lab.stability.rows import LawCase
 
 LAW = "stored reference"
 FILE = "stage_references.json"
-BOUND = 1e-9  # relative to full scale; rounding differences between machines and libraries stay far below
+BOUND = 1e-9  # relative to full scale; rounding differences between machines and libraries stay far below, except:
+SINGLE = {"dead_leaves": 1e-6}  # bounds of stages whose kernels compute in 32 bits, which processors round differently
 DIGITS = 12
 LEVELS = (0.0, 1.0, 30.0, 1e4)  # relative tolerance of a variance
 INPUTS: dict[str, tuple[tuple[str, float, Frame], ...]] = {  # by kind of case: picture, level, frame
@@ -119,17 +120,19 @@ def row_of(name: str, case: Case) -> Iterator[LawCase]:
     except Exception as error:
         yield LawCase(name, LAW, case.name, False, why=said(error))
         return
-    worst, place = 0.0, ""
+    worst, place, bound = 0.0, "", SINGLE.get(name, BOUND)
     for what in {**wanted, **found}:
         off = apart(found.get(what), wanted.get(what), what)
         if off > worst:
             worst, place = off, what
-    why = "" if worst <= BOUND else f"{place} is {worst:.2g} of full scale from its stored reference"
-    yield LawCase(name, LAW, case.name, worst <= BOUND, worst, BOUND, why=why)
+    why = "" if worst <= bound else f"{place} is {worst:.2g} of full scale from its stored reference"
+    yield LawCase(name, LAW, case.name, worst <= bound, worst, bound, why=why)
 
 
 def apart(found: list[float] | None, wanted: list[float] | None, what: str) -> float:
-    """Return the largest difference: relative for the largest value, absolute for the sums."""
+    """Return the largest difference: relative for the largest value, absolute for the sums. A condition number is known
+    to 64 bits times itself.
+    """
     if found is None or wanted is None or len(found) != len(wanted):
         return math.inf
     relative = what in ("variance", "datasheet")
@@ -139,5 +142,7 @@ def apart(found: list[float] | None, wanted: list[float] | None, what: str) -> f
             continue
         scale = max(abs(one), abs(other)) if relative or place == 0 else 1.0
         difference = abs(one - other) / scale
+        if "condition" in what and difference <= 8 * np.finfo(float).eps * scale:
+            continue
         off = max(off, difference if math.isfinite(difference) else math.inf)
     return off
