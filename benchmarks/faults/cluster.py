@@ -191,7 +191,7 @@ def bad_cells(place: Place, *_: object) -> Iterator[Seen]:
     cases: tuple[tuple[str, str, str, tuple[str, ...]], ...] = (
         ("cell that calls os._exit", "leaves", "os._exit(7)", ()),
         ("cell that kills its worker", "is killed", "every worker that computed it died", ()),
-        ("cell that exceeds its worker's memory", "grows", "more memory than a worker may hold (0.40 GB)", ()),
+        ("cell that exceeds its worker's memory", "grows", "more memory than a worker may use (0.40 GB)", ()),
         ("cell that hangs", "hangs", "no answer within 2 s", ("--cell-timeout", "2")),
     )
     for where in ("tcp", "own"):

@@ -83,9 +83,8 @@ class Suspects:
         if watching.too_much:
             return (
                 f"it needs more memory than a worker may use ({watching.may_hold / 1e9:.2f} GB): every worker that "
-                f"tried it alone was "
-                f"stopped, at {max(watching.too_much) / 1e9:.2f} GB. Give workers more memory (dask worker "
-                f"--memory-limit), or make frames smaller"
+                f"tried it alone was stopped, at {max(watching.too_much) / 1e9:.2f} GB. Give workers more memory "
+                f"(dask worker --memory-limit), or make frames smaller"
             )
         return (
             "every worker that computed it died, although it ran alone: it crashes its process, or takes more memory "
