@@ -35,7 +35,7 @@ SETS: dict[str, dict[str, Any]] = {
         },
     },
     "emva_003": {
-        "title": "A simulated sensor, 12 bits, light varied at one exposure time",
+        "title": "A sensor simulated in Heidelberg, 12 bits, light varied at one exposure time",
         "notice": "frames: EMVA 1288 datasets, University of Heidelberg (HCI), 2011",
         "reference": {
             "gain": 0.09791,
@@ -103,14 +103,28 @@ def _summary(found: dict[str, Any], named: dict[str, Any]) -> list[str]:
                 f"{title}: variance over {check['judged']} levels",
                 f"{100 * check['variance_rms']:.2f} % rms",
             ),
-            ("patterns", f"{title}: spatial variance at the stack", f"{100 * check['spatial_at_stack']:+.1f} %"),
-            ("patterns", f"{title}: power of row means", f"{lines[1]:.2f} predicted, {lines[0]:.2f} measured"),
+            (
+                "patterns",
+                f"{title}: spatial variance, level with the most frames",
+                f"{100 * check['spatial_at_stack']:+.1f} %",
+            ),
+            (
+                "patterns",
+                f"{title}: power of row means, relative to white noise",
+                f"{lines[1]:.2f} predicted, {lines[0]:.2f} measured",
+            ),
         ]
     for name, own in named["full_scale"].items():
         if own["measured"]:
             off = 100 * (own["tuning"] / own["measured"] - 1)
             text = f"{own['tuning']:.0f} of {own['measured']:.0f} electrons ({off:+.1f} %)"
-            rows.append(("full scale", f"{name} by its tuning, compared with raw frames measured elsewhere", text))
+            rows.append(
+                (
+                    "full scale",
+                    f"{name}, from its Raspberry Pi tuning file, compared with a published measurement",
+                    text,
+                )
+            )
     whites, falls, tables = named["whites"], named["falls"], named["lensfun"]
     long, wide = falls["normal_and_long"], falls["wide"]
     rows += [
@@ -136,8 +150,8 @@ def _named(named: dict[str, Any]) -> list[str]:
         "| body | red | blue |", "|---|---|---|",
         *(f"| {name} | {red:+.3f} | {blue:+.3f} |" for name, (red, blue) in named["whites"]["bodies"].items()),
         f"\nTogether {named['whites']['rms']:.3f} stop rms.\n",
-        "Full scale: (65535 - black) / slope^2 of the tunings, electrons.\n",
-        "| sensor | by its tuning | measured elsewhere | |", "|---|---|---|---|",
+        "Full scale, electrons: (65535 - black) / slope^2, with black level and noise slope of the tuning file.\n",
+        "| sensor | from the tuning file | published measurement | |", "|---|---|---|---|",
     ]  # fmt: skip
     for name, own in named["full_scale"].items():
         measured = "" if own["measured"] is None else f"{own['measured']:.0f}"
@@ -201,8 +215,8 @@ def _set(name: str, about: dict[str, Any], own: dict[str, Any]) -> list[str]:
         f"| temporal variance, worst level | {100 * check['variance_worst']:.2f} % &plusmn; "
         f"{100 * check['variance_worst_sampling']:.2f} % | 3 % |",
         f"| mean, worst level | {100 * check['mean_worst']:.3f} % | 0.5 % |",
-        f"| spatial variance at the stack | {100 * check['spatial_at_stack']:+.1f} % | 5 % + 3 standard errors of "
-        f"{100 * check['spatial_error_at_stack']:.1f} % |",
+        f"| spatial variance, level with the most frames | {100 * check['spatial_at_stack']:+.1f} % | 5 % + 3 standard "
+        f"errors of {100 * check['spatial_error_at_stack']:.1f} % |",
         f"| spatial variance within its interval | {inside} of {len(judged)} levels | |",
         f"| histogram within the distance expected by chance | {alike} of {len(judged)} levels | |",
     ]  # fmt: skip
@@ -217,7 +231,8 @@ def _set(name: str, about: dict[str, Any], own: dict[str, Any]) -> list[str]:
         parts.append(f"\nOutside its limit: {'; '.join(wrong)}.")
     if off := check["labels_off"]:
         parts.append(
-            f"\n{off} level has a mean that does not agree with its label; it is predicted at its measured mean."
+            f"\n{off} level has a mean signal that does not fit the stated amount of light; it is predicted "
+            "from its measured mean."
         )
     rows = [f"{one:.2f}" for one in _median_lines(judged)]
     parts.append(
