@@ -38,18 +38,19 @@ def recorded() -> dict[str, dict[str, references.Numbers]]:
     return found
 
 
-def text_of(found: dict[str, dict[str, references.Numbers]]) -> str:
+def text_of(found: dict[str, dict[str, references.Numbers]], bounds: dict[str, float]) -> str:
     """One line for each case, so that a change shows which."""
     stages = []
     for name, several in found.items():
         lines = ",\n".join(f"   {json.dumps(case)}: {json.dumps(numbers)}" for case, numbers in several.items())
         stages.append(f"  {json.dumps(name)}: {{\n{lines}\n  }}")
-    return '{\n "stages": {\n' + ",\n".join(stages) + "\n }\n}\n"
+    return f'{{\n "bounds": {json.dumps(bounds)},\n "stages": {{\n' + ",\n".join(stages) + "\n }\n}\n"
 
 
 def main(words: list[str]) -> int:
     found = recorded()
-    before = json.loads(FILE.read_text(encoding="utf-8"))["stages"] if FILE.exists() else {}
+    written = json.loads(FILE.read_text(encoding="utf-8"))
+    before, bounds = written["stages"], written["bounds"]
     changed = sorted(
         f"{name}, {case}"
         for name in {**found, **before}
@@ -58,14 +59,14 @@ def main(words: list[str]) -> int:
             references.apart(
                 found.get(name, {}).get(case, {}).get(what), before.get(name, {}).get(case, {}).get(what), what
             )
-            > references.BOUND
+            > bounds.get(name, references.BOUND)
             for what in {**found.get(name, {}).get(case, {}), **before.get(name, {}).get(case, {})}
         )
     )
     print("\n".join(changed[:40]))
     print(f"{sum(map(len, found.values()))} cases of {len(found)} stages; {len(changed)} differ from the stored ones")
     if "--write" in words:
-        FILE.write_text(text_of(found), encoding="utf-8")
+        FILE.write_text(text_of(found, bounds), encoding="utf-8")
     return int(bool(changed) and "--write" not in words)
 
 

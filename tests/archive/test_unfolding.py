@@ -56,7 +56,7 @@ def test_a_chunk_unfolds_to_its_numbers_or_is_refused():
 
 def test_texts_are_no_more_than_their_bytes(monkeypatch):
     assert texts_of(text_chunk(["a", "", "b" * 1000])) == ["a", "", "b" * 1000]
-    with pytest.raises(ArchiveError, match="more texts than"):
+    with pytest.raises(ArchiveError, match="more strings than"):
         texts_of(kinds.crc(kinds.texts_claimed(b"")))
     monkeypatch.setattr(unfolding, "MOST", 1 << 20)
     with pytest.raises(ArchiveError, match="decompress"):

@@ -15,8 +15,8 @@ HOME = Path(__file__).parents[2]
 
 def test_every_case_with_a_reference_exists_and_most_stages_have_some():
     names = set(installed_stages().names())
-    assert set(references.stored()) <= names
-    for name, several in references.stored().items():
+    assert set(references.stored()[0]) <= names
+    for name, several in references.stored()[0].items():
         assert set(several) <= {case.name for case in cases(installed_stages().load(name))}, name
 
 

@@ -1,6 +1,7 @@
 """Built-in stages compared with stored references: the results of each case when the reference was recorded.
 
-In:  ``data/stage_references.json``: by stage and case, three numbers for each variable and input.
+In:  ``data/stage_references.json``: by stage and case, three numbers for each variable and input; and the bounds of
+     stages whose kernels compute in 32 bits, because processors round these differently.
 Out: a row per case.
 
 The references are this project's own results in double precision, recorded by ``python benchmarks/stage_references.py``
@@ -31,8 +32,7 @@ from etendue_lab.stability.rows import LawCase
 
 LAW = "stored reference"
 FILE = "stage_references.json"
-BOUND = 1e-9  # relative to full scale; rounding differences between machines and libraries stay far below, except:
-SINGLE = {"dead_leaves": 1e-6}  # bounds of stages whose kernels compute in 32 bits, which processors round differently
+BOUND = 1e-9  # relative to full scale; rounding differences between machines and libraries stay far below
 DIGITS = 12
 LEVELS = (0.0, 1.0, 30.0, 1e4)  # relative tolerance of a variance
 INPUTS: dict[str, tuple[tuple[str, float, Frame], ...]] = {  # by kind of case: picture, level, frame
@@ -52,11 +52,10 @@ Numbers = dict[str, list[float]]
 
 
 @cache
-def stored() -> Mapping[str, Mapping[str, Numbers]]:
-    """Return all references by stage and case."""
-    text = (resources.files("etendue_lab") / "data" / FILE).read_text(encoding="utf-8")
-    found: Mapping[str, Mapping[str, Numbers]] = json.loads(text)["stages"]
-    return found
+def stored() -> tuple[Mapping[str, Mapping[str, Numbers]], Mapping[str, float]]:
+    """Return all references by stage and case, and the bounds that differ from ``BOUND``, by stage."""
+    found = json.loads((resources.files("etendue_lab") / "data" / FILE).read_text(encoding="utf-8"))
+    return found["stages"], found["bounds"]
 
 
 def numbers_of(case: Case) -> Numbers:
@@ -112,7 +111,8 @@ def rounded(number: float) -> float:
 
 def row_of(name: str, case: Case) -> Iterator[LawCase]:
     """Yield the row of a case that has a reference."""
-    wanted = stored().get(name, {}).get(case.name)
+    references, bounds = stored()
+    wanted = references.get(name, {}).get(case.name)
     if wanted is None or case.stage is None:
         return
     try:
@@ -120,7 +120,7 @@ def row_of(name: str, case: Case) -> Iterator[LawCase]:
     except Exception as error:
         yield LawCase(name, LAW, case.name, False, why=said(error))
         return
-    worst, place, bound = 0.0, "", SINGLE.get(name, BOUND)
+    worst, place, bound = 0.0, "", bounds.get(name, BOUND)
     for what in {**wanted, **found}:
         off = apart(found.get(what), wanted.get(what), what)
         if off > worst:
