@@ -17,7 +17,7 @@ import pytest
 import xarray
 
 import etendue
-from etendue.archive import mirror, places
+from etendue.archive import fetching, mirror, places
 from etendue.archive.checks.describe import describe_archive
 from etendue.archive.checks.verify import verify
 from etendue.archive.read.differences import differences
@@ -425,3 +425,19 @@ def test_what_is_missing_is_said_in_one_line(plan, machine, monkeypatch):
         places.reading("memory:///tiny"),
     ):
         pass
+
+
+def test_the_record_is_read_while_uploads_add_to_it(tmp_path, monkeypatch):
+    here = fetching.Here(tmp_path, "memory://uploads")
+    here.folder.mkdir()
+    here.there = {f"data.zarr/{number}": ("tag", 1, 1, 1) for number in range(3)}
+    seen = []
+
+    def state(_, path):
+        """An upload ends between two looks at files."""
+        here.there[f"data.zarr/{len(here.there)}"] = ("tag", 1, 1, 1)
+        seen.append(path)
+
+    monkeypatch.setattr(fetching.Here, "state", state)
+    assert here.gone() == seen == ["data.zarr/0", "data.zarr/1", "data.zarr/2"]
+    assert len(here.there) == 6

@@ -53,7 +53,8 @@ class Here:
     Attributes
     ----------
     run : the last run that has written to the folder; '' if nothing in the folder is newer than the store
-    there : by path, the tag of the object that a file equals, and the state of the file when this was checked
+    there : by path, the tag of the object that a file equals, and the state of the file when this was checked; uploads
+        add to it from their threads, so a reader copies it first
     """
 
     place: Path
@@ -75,7 +76,8 @@ class Here:
             }
 
     def save(self) -> None:
-        disk.write(self.place, STORE, json.dumps({"url": self.url, "run": self.run, "there": self.there}).encode())
+        known = {"url": self.url, "run": self.run, "there": dict(self.there)}
+        disk.write(self.place, STORE, json.dumps(known).encode())
 
     def state(self, path: str) -> State | None:
         """Return the state of a file; None if the file does not exist."""
@@ -106,7 +108,7 @@ class Here:
 
     def gone(self) -> list[str]:
         """Return the objects whose files have been removed."""
-        return [path for path in self.there if self.state(path) is None]
+        return [path for path in list(self.there) if self.state(path) is None]
 
 
 def is_shard(path: str) -> bool:
