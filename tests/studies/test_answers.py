@@ -388,6 +388,20 @@ def test_a_scene_that_an_axis_swaps_in_is_refined_as_if_it_stood_alone() -> None
         assert found.parts[part].rms == pytest.approx(alone.parts[part].rms, rel=1e-3)
 
 
+def test_a_saturated_picture_says_nothing_about_other_points_of_a_sweep() -> None:
+    """At the shown point, the last one measured here, every pixel is full: no refinement changes the raw values."""
+    swept = pipeline() | {"wanted": ["raw", "photon_rate"], "sweep": {"integration_time": ["1 ms", "900 s", "901 s"]}}
+    plan = make_plan(load(swept), installed_stages())
+    found = state_errors(plan, installed_stages(), None, math.inf, places=1).errors
+    assert found["raw"].rms == 0 and list(found["raw"].open) == ["other points"]
+    assert found["photon_rate"].rms > 0 and not found["photon_rate"].open
+    assert "not measured for raw (other points): at the measured point no refinement changes it" in notes(
+        state_errors(plan, installed_stages(), None, math.inf, places=1).document()
+    )
+    every = state_errors(plan, installed_stages(), None, math.inf).errors["raw"]
+    assert every.rms > 0 and not every.open
+
+
 def test_a_source_that_says_nothing_of_its_sampling_is_named() -> None:
     plan = make_plan(load("plugins/etendue-array/pipelines/beam.toml"), installed_stages())
     found = state_errors(plan, installed_stages(), None, math.inf)

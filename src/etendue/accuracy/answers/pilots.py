@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from etendue.run.memory import SELDOM_COLLECTING
 THRIFT = 20.0  # largest cost of measuring one part after the other, in units of the cost of the point as planned
 ELSEWHERE = 2.0  # factor for points of a sweep that were not measured
 PLACES = 4  # points of a sweep that are measured, as far as the budget allows
+UNSEEN = 1e-7  # of full scale; a picture with a smaller error is black, saturated or uniform there
 DRAWS = 4  # number of draws of the noise
 INTERVAL = 3.182  # Student's t for 95 % and three degrees of freedom
 
@@ -64,11 +66,25 @@ def state_errors(
         longest = max(longest, time.process_time() - since)
     errors = {name: worst(one[name] for one in found) for name in found[0]}
     if len(found) < math.prod(len(axis.values) for axis in plan.axes):
-        errors = scaled(errors, ELSEWHERE)
+        errors = _elsewhere(scaled(errors, ELSEWHERE), evaluations.point, plan)
     refused = {name for one in errors.values() for name in one.fixed}
     finer = Point(plan, registry, at, wanted).remedies()
     remedies = {name: text for name, text in finer.items() if name not in refused}
     return AnswerErrors(errors, found[0], at, len(found), time.process_time() - began, dear, budget, remedies=remedies)
+
+
+def _elsewhere(errors: dict[str, AnswerError], point: Point, plan: Plan) -> dict[str, AnswerError]:
+    """Return the errors over a sweep of which only some points were measured. A variable without any error there, such
+    as a saturated picture, says nothing about the other points.
+    """
+    affected = {one for name in point.names() for one in point.affected(plan, name)}
+    found = dict(errors)
+    for name, one in errors.items():
+        nothing = 0.0 if one.unit else UNSEEN
+        if (one.stage, one.variable) in affected and one.parts and not one.open and one.rms <= nothing:
+            where = "the measured point" if one.points == 1 else f"the {one.points} measured points"
+            found[name] = replace(one, open={"other points": f"at {where} no refinement changes it"})
+    return found
 
 
 def _at_point(plan: Plan, evaluations: Evaluations, known: KnownParts) -> tuple[dict[str, AnswerError], float]:
