@@ -9,9 +9,10 @@ from PIL import Image
 
 from etendue import session
 from etendue.compute.bands import StageBands
+from etendue.compute.joined import segment_bands
 from etendue.contract.registry import installed_stages
 from etendue.plan import cost, planner
-from etendue.transfer import rings, sampling
+from etendue.transfer import expansion, rings, sampling
 from tests.run.small import assert_same_bits
 
 
@@ -47,6 +48,7 @@ def test_a_large_plane_is_transformed_with_the_bits_of_a_small_one(shape, precis
 def test_a_large_plane_is_transformed_in_little_memory_beside_its_transform(in_strips):
     in_strips(True)
     plane = np.ones((900, 800))
+    sampling.planes_of(sampling.transform(plane), *plane.shape, own=True)  # loads libraries, which do not count
     tracemalloc.start()
     half = sampling.transform(plane)
     _, made = tracemalloc.get_traced_memory()
@@ -113,7 +115,7 @@ def test_light_made_some_rows_at_a_time_has_the_bits_of_whole_bands(size, depth,
     plan = planner.make_plan(session.from_document(pipeline(file)), installed_stages())
     asked = []
     rows_of = StageBands.rows
-    monkeypatch.setattr(StageBands, "rows", lambda self, band, own: asked.append(own) or rows_of(self, band, own))
+    monkeypatch.setattr(StageBands, "rows", lambda self, bands, own: asked.append(own) or rows_of(self, bands, own))
     found = []
     for large in (False, True):
         in_strips(large)
@@ -122,6 +124,40 @@ def test_light_made_some_rows_at_a_time_has_the_bits_of_whole_bands(size, depth,
         assert not outcome.failed
         found.append(outcome.arrays["pixel", ()]["photon_rate"])
         assert any(own != slice(None) for own in asked) is large
+    assert found[0].any()
+    assert_same_bits(*found)
+
+
+@pytest.mark.parametrize("seen", ["440,1\n600,1\n", "300,1\n800,1\n"], ids=["dark bands", "every band"])
+@pytest.mark.parametrize("gathered", [1, 1 << 13])
+def test_bands_gathered_some_rows_at_a_time_have_the_bits_of_whole_bands(
+    seen, gathered, tmp_path, monkeypatch, in_strips
+):
+    """Eleven or four bands of sixteen on three planes; ranges of samples end within rows."""
+    values = np.random.default_rng(3).integers(0, 255, (150, 200), np.uint8, endpoint=True)
+    values[:70] = 0  # the first samples are dark in every band
+    file, table = str(tmp_path / "picture.png"), tmp_path / "filter.csv"
+    Image.fromarray(values).save(file)
+    table.write_text(f"wavelength_nm,transmission\n{seen}")
+    document = pipeline(file, bin_width=20)
+    document["stages"][2] = {"use": "optical_filter", "table": str(table)}
+    document["stages"][-1] = {"use": "pixel", "wavelength_terms": 3}
+    monkeypatch.setattr(cost, "LARGEST_WHOLE", 0)
+    monkeypatch.setattr(expansion, "BLOCK", 1 << 10)
+    monkeypatch.setattr(segment_bands, "GATHERED", gathered)
+    monkeypatch.setattr(segment_bands, "LARGEST_SHARED", 0)
+    plan = planner.make_plan(session.from_document(document), installed_stages(), False)
+    asked = []
+    rows_of = StageBands.rows
+    monkeypatch.setattr(StageBands, "rows", lambda self, bands, own: asked.append(bands) or rows_of(self, bands, own))
+    found = []
+    for large in (False, True):
+        in_strips(large)
+        asked.clear()
+        outcome = session.execute(plan, None, session.Options("serial", pictures=False))
+        assert not outcome.failed
+        found.append(outcome.arrays["pixel", ()]["photon_rate"])
+        assert any(bands.stop - bands.start > 1 for bands in asked) is large
     assert found[0].any()
     assert_same_bits(*found)
 

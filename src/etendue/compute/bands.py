@@ -60,9 +60,9 @@ class BandArray(ABC):
     def __getitem__(self, band: int) -> Array:
         """Return one band, (y, x)."""
 
-    def rows(self, band: int, rows: slice) -> Array:
-        """Return some rows of a band."""
-        return self[band][rows]
+    def rows(self, bands: slice, rows: slice) -> Array:
+        """Return some rows of some bands, (band, y, x)."""
+        return np.stack([self[band][rows] for band in range(*bands.indices(len(self)))])
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> FloatArray:
         whole = np.empty(self.shape, dtype=dtype or self.dtype)
@@ -106,24 +106,25 @@ class StageBands(BandArray):
         )
 
     def __getitem__(self, band: int) -> Array:
-        return self.rows(band, slice(None))
+        found: Array = self.rows(slice(band, band + 1), EVERY)[0]
+        return found
 
-    def rows(self, band: int, rows: slice) -> Array:
-        arrays = run_bands(self.job, self.given, slice(band, band + 1), rows=rows)
+    def rows(self, bands: slice, rows: slice) -> Array:
+        arrays = run_bands(self.job, self.given, bands, rows=rows)
+        count = bands.stop - bands.start
+        said = f"band {bands.start}" if count == 1 else f"bands {bands.start} to {bands.stop - 1}"
         if not isinstance(arrays, Mapping) or self.variable not in arrays:
-            raise PluginError(f"{self.job.ref[0]!r} gave no {self.variable} for band {band}")
+            raise PluginError(f"{self.job.ref[0]!r} gave no {self.variable} for {said}")
         with foreign(f"{self.job.ref[0]!r}"):
-            plane = np.asarray(arrays[self.variable])[0]
-        expected = len(range(self.shape[1])[rows]), self.shape[2]
-        if plane.shape != expected:
-            raise PluginError(
-                f"{self.job.ref[0]!r} gave band {band} of {self.variable} with shape {plane.shape}, not {expected}"
-            )
-        plane = plane.astype(self.dtype, copy=False)
-        flat = plane.reshape(-1)
+            planes = np.asarray(arrays[self.variable])
+        expected = count, len(range(self.shape[1])[rows]), self.shape[2]
+        if planes.shape != expected:
+            own, right = (planes.shape[1:], expected[1:]) if len(planes) == count == 1 else (planes.shape, expected)
+            raise PluginError(f"{self.job.ref[0]!r} gave {said} of {self.variable} with shape {own}, not {right}")
+        found: Array = planes.astype(self.dtype, copy=False)
+        flat = found.reshape(-1)
         if not np.isfinite(np.dot(flat, flat)) and not np.isfinite(flat).all():
-            raise PluginError(f"{self.job.ref[0]!r} wrote NaN or infinite values into band {band} of {self.variable}")
-        found: Array = plane
+            raise PluginError(f"{self.job.ref[0]!r} wrote NaN or infinite values into {said} of {self.variable}")
         return found
 
 
@@ -142,9 +143,7 @@ def _of_bands(array: Array | BandArray, dims: tuple[str, ...], grid: Grid, bands
     if isinstance(array, BandArray):
         if not banded:
             return array
-        if bands.stop - bands.start == 1:  # no copy of a large band
-            return (array[bands.start] if rows == EVERY else array.rows(bands.start, rows))[None]
-        return np.stack([array[band] for band in range(bands.start, bands.stop)])
+        return array[bands.start][None] if rows == EVERY and bands.stop - bands.start == 1 else array.rows(bands, rows)
     own = array[bands] if banded else array
     return own if rows == EVERY or dims[-2:] != ("y", "x") else own[..., rows, :]
 

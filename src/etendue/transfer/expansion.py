@@ -23,6 +23,7 @@ FEW_NODES, MANY_NODES = 8192, 32768
 
 
 FITTED = 257
+BLOCK = 1 << 15  # samples of a plane in one product of matrices
 """Radial frequencies at which a basis is fitted."""
 
 FLAT_BELOW = 1 / 64
@@ -213,10 +214,9 @@ def add_projected(sums: list[FloatArray], factors: FloatArray, bands: list[Float
     flat = [own.reshape(-1) for own in sums]
     planes = [np.ascontiguousarray(band).reshape(-1) for band in bands]
     matrix = np.ascontiguousarray(factors, dtype=kind)
-    size = 1 << 15
-    block = np.empty((len(planes), size), dtype=kind)
-    for start in range(0, flat[0].size, size):
-        stop = min(start + size, flat[0].size)
+    block = np.empty((len(planes), BLOCK), dtype=kind)
+    for start in range(0, flat[0].size, BLOCK):
+        stop = min(start + BLOCK, flat[0].size)
         for number, plane in enumerate(planes):
             block[number, : stop - start] = plane[start:stop]
         for own, found in zip(flat, matrix @ block[:, : stop - start], strict=True):

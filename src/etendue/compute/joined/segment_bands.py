@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from etendue.compute.joined.segments import Result
 
 TOGETHER = 4  # bands projected in one product
+GATHERED = 1 << 20  # samples of large bands, in all, that are made and projected at once
 LARGEST_SHARED = 64 << 20  # bytes; up to this size the transforms of all channels are cached for pixels of other sizes
 # Digits to which channel weights are rounded, because those of pixels of other sizes differ in the last bits.
 DIGITS = 14
@@ -98,7 +99,8 @@ class GridTransfer:
         one_by_one = expansion.coefficients(weights, basis, np.eye(weights.shape[1]))
         sums: Any = None
         tables = None if self.plane is None or not self.stages else expansion.coefficients(weights, basis, self.table)
-        for number, transform in enumerate(half_transforms):
+        number = 0
+        for transform in half_transforms:
             if sums is None:
                 sums = np.zeros((weights.shape[0], *transform.shape), dtype=transform.dtype)
             for channel, own in enumerate(sums):
@@ -106,6 +108,8 @@ class GridTransfer:
                     self.plane.add_product(own, transform, tables[channel, number])
                 else:
                     own += transform * self._mixed(one_by_one[channel, number]).astype(transform.dtype)
+            del transform  # before the next is made
+            number += 1
         return sums
 
     def _mixed(self, factors: Array) -> Array:
@@ -215,10 +219,12 @@ def _shared(
         job.precision,
     )
 
-    def remembered(made: Callable[[], Made], planes: int, *more: float) -> Made:
+    def shared(planes: int) -> bool:
         size = planes * 2 * np.dtype(job.precision).itemsize * light.shape[1] * light.shape[2]
-        whole = not own[1] or size > LARGEST_SHARED
-        return made() if whole else TABLES.get((*own, *more), made, True)
+        return bool(own[1]) and size <= LARGEST_SHARED
+
+    def remembered(made: Callable[[], Made], planes: int, *more: float) -> Made:
+        return TABLES.get((*own, *more), made, True) if shared(planes) else made()
 
     if not terms:
         return remembered(lambda: tuple(map(frozen, _exact(light, joined, shares))), shares.shape[0], joined.kept)
@@ -233,10 +239,9 @@ def _shared(
 
     def channels() -> Sequence[ComplexArray]:
         basis = fitted()
-        transforms = remembered(
-            lambda: tuple(frozen(sampling.transform(plane)) for plane in _gathered(light, basis)), terms
-        )
-        lit = joined.gathered(shares[live], basis, (sampling.low_terms(one, joined.shape) for one in transforms))
+        made = map(lambda plane: frozen(sampling.transform(plane)), _gathered(light, basis))  # one at a time
+        transforms = remembered(lambda: tuple(made), terms) if shared(terms) else made
+        lit = joined.gathered(shares[live], basis, map(lambda one: sampling.low_terms(one, joined.shape), transforms))
         if live.all():
             return tuple(frozen(lit))
         found = np.zeros((live.size, *joined.shape), dtype=lit.dtype)
@@ -264,10 +269,15 @@ def _exact(light: Array | BandArray, joined: GridTransfer, weights: Array) -> li
     return sums
 
 
+def _is_large_in_rows(light: Array | BandArray) -> TypeGuard[BandArray]:
+    """Return whether some rows of a band can be computed alone, and whole bands take much memory."""
+    return isinstance(light, BandArray) and light.in_rows and math.prod(light.shape[1:]) > sampling.LARGE
+
+
 def _transforms(light: Array | BandArray, seen: Sequence[bool], columns: int) -> Iterator[ComplexArray | None]:
     """Yield the first columns of the transform of every band; None if it has no light, or no channel responds to it."""
     size, (ny, nx) = len(light), light.shape[1:]
-    if not isinstance(light, BandArray) or not light.in_rows or ny * nx <= sampling.LARGE:
+    if not _is_large_in_rows(light):
         for band, plane in enumerate(in_order(light)):
             dark = not seen[band] or is_dark(plane)
             yield None if dark else sampling.transform(np.asarray(plane), columns)
@@ -277,7 +287,7 @@ def _transforms(light: Array | BandArray, seen: Sequence[bool], columns: int) ->
 
         def rows_of(rows: slice, band: int = band) -> Array:
             nonlocal lit
-            found = light.rows(band, rows)
+            found: Array = light.rows(slice(band, band + 1), rows)[0]
             lit = lit or not is_dark(found)
             return found
 
@@ -291,12 +301,42 @@ def _transforms(light: Array | BandArray, seen: Sequence[bool], columns: int) ->
 def _gathered(light: Array | BandArray, basis: Array) -> Iterator[Array]:
     """Yield a few planes, each a sum over bands, of which every channel is a linear combination; no plane is kept."""
     planes = [np.zeros(light.shape[1:], dtype=light.dtype) for _ in basis]
-    group: dict[int, Array] = {}
-    for band, plane in enumerate(in_order(light)):
-        if not is_dark(plane):
-            group[band] = np.asarray(plane)
-        if group and (len(group) == TOGETHER or band + 1 == light.shape[0]):
-            expansion.add_projected(planes, basis[:, list(group)], list(group.values()))
-            group = {}
+    if _is_large_in_rows(light):
+        _gather_in_rows(light, basis, planes)
+    else:
+        group: dict[int, Array] = {}
+        for band, plane in enumerate(in_order(light)):
+            if not is_dark(plane):
+                group[band] = np.asarray(plane)
+            if group and (len(group) == TOGETHER or band + 1 == light.shape[0]):
+                expansion.add_projected(planes, basis[:, list(group)], list(group.values()))
+                group = {}
     while planes:
         yield planes.pop(0)
+
+
+def _gather_in_rows(light: BandArray, basis: Array, planes: list[Array]) -> None:
+    """Add the bands to planes with the same bits as from whole bands, without holding any."""
+    count, rows, columns = light.shape
+    whole, size = rows * columns, expansion.BLOCK * max(1, GATHERED // (expansion.BLOCK * count))
+    flat = [plane.reshape(-1) for plane in planes]
+
+    def some(bands: slice, start: int) -> Array:
+        """Return a range of samples, which may begin and end within a row: the ranges of whole bands."""
+        stop, first = min(start + size, whole), start // columns
+        own = light.rows(bands, slice(first, -(-stop // columns)))
+        return own.reshape(len(own), -1)[:, start - first * columns : stop - first * columns]
+
+    lit = np.zeros(count, bool)
+    for start in range(0, whole, size):
+        if not (dark := np.flatnonzero(~lit)).size:
+            break
+        unknown = slice(int(dark[0]), int(dark[-1]) + 1)
+        lit[unknown] |= some(unknown, start).any(axis=1)
+    bands = np.flatnonzero(lit)
+    for start in range(0, whole if bands.size else 0, size):
+        found = some(slice(int(bands[0]), int(bands[-1]) + 1), start)
+        own = [plane[start : start + size] for plane in flat]
+        for first in range(0, bands.size, TOGETHER):
+            group = bands[first : first + TOGETHER]
+            expansion.add_projected(own, basis[:, group], [found[band - bands[0]] for band in group])
