@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import pytest
 
 from etendue.api import Bands, Bounded, Facts, Grid, Line, Noisy, Source, Stage, hookimpl, param, quantity
-from etendue.contract.capabilities import check_class
+from etendue.contract.class_checks import check_class
 from etendue.contract.registry import Registry
 from etendue.contract.values.late_bound import LateValue
 from etendue.errors import PluginError, RequestError

@@ -8,7 +8,8 @@ import pytest
 
 import etendue
 from etendue.api import Stage, param, quantity
-from etendue.contract.capabilities import CAPABILITIES, Noisy, check_class, ends_in_sum, is_source, is_transfer
+from etendue.contract.capabilities import Noisy, ends_in_sum, is_source, is_transfer
+from etendue.contract.class_checks import CAPABILITIES, check_class
 from etendue.contract.stage import WORDS, arguments_of, parameters_of
 from etendue_camera.roles import Displaying, Scaled
 

@@ -174,8 +174,7 @@ def chosen_knobs(
                 )
             )
         try:
-            own = _resolved(knob, values, pipeline, registry)
-            chosen.append(_with_settings(knob, own) if own else knob)
+            chosen.append(_with_settings(knob, values, pipeline, registry))
         except Unfit as error:
             faults.append(Fault(f"--knob {key}", str(error)))
     if faults:
@@ -183,19 +182,17 @@ def chosen_knobs(
     return tuple(chosen)
 
 
-def _with_settings(knob: PipelineKnob, own: tuple[Value, ...]) -> PipelineKnob:
-    if knob.discretisation:  # other knobs are tried on the grid of the file, if that is one of the settings
-        return replace(knob, settings=own, value=knob.value if knob.value in own else own[-1])
-    return replace(knob, settings=own, closed_form=own[-1] == knob.reference and knob.closed_form)
-
-
-def _resolved(
+def _with_settings(
     knob: PipelineKnob, values: tuple[Value, ...], pipeline: PipelineFile, registry: Registry
-) -> tuple[Value, ...]:
-    """Return settings in the unit of the knob; raise ``Unfit`` if the knob does not accept a setting."""
-    if not knob.stage:
-        if not set(values) <= set(knob.settings):
-            raise Unfit(f"expected {' and '.join(map(str, knob.settings))}")
-        return values
-    parameter, kind, _ = parameters_of(registry.load(knob.use))[knob.name]
-    return tuple(resolve(value, parameter, kind, pipeline.folder) for value in values)
+) -> PipelineKnob:
+    """Return a knob with these settings, in its unit; raise ``Unfit`` if it does not accept one of them."""
+    if knob.stage:
+        parameter, kind, _ = parameters_of(registry.load(knob.use))[knob.name]
+        values = tuple(resolve(value, parameter, kind, pipeline.folder) for value in values)
+    elif not set(values) <= set(knob.settings):
+        raise Unfit(f"expected {' and '.join(map(str, knob.settings))}")
+    if not values:
+        return knob
+    if knob.discretisation:  # other knobs are tried on the grid of the file, if that is one of the settings
+        return replace(knob, settings=values, value=knob.value if knob.value in values else values[-1])
+    return replace(knob, settings=values, closed_form=values[-1] == knob.reference and knob.closed_form)

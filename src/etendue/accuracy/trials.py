@@ -109,7 +109,10 @@ class Trials:
             knobs = tuple(k if k.key in given or k.discretisation else base.within(k) for k in knobs)
         self.pipeline, self.knobs, self.given = pipeline, knobs, given
         reference = self._reference_beside(base)
-        plan = base.plan(_swept_as(reference.pipeline, base.pipeline))
+        axes = base.pipeline
+        plan = base.plan(
+            replace(reference.pipeline, sweep=axes.sweep, zipped=axes.zipped, rows=axes.rows, design=axes.design)
+        )
         self.own = {k.key: own_variables(plan, k.stage) if k.stage else () for k in knobs}
         self.also = tuple(dict.fromkeys(place for places in self.own.values() for place in places))
         self.reference = reference
@@ -370,8 +373,3 @@ def own_variables(plan: Plan, stage: str) -> tuple[StageVariable, ...]:
             if not banded(declaration.dims) and declaration.dims:
                 return ((node.name, name),)
     return ()
-
-
-def _swept_as(pipeline: PipelineFile, other: PipelineFile) -> PipelineFile:
-    """Return a pipeline with the axes of another."""
-    return replace(pipeline, sweep=other.sweep, zipped=other.zipped, rows=other.rows, design=other.design)

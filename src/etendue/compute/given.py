@@ -228,7 +228,11 @@ class Alike:
             return check(job, found)
         held = dict(found)
         del found, given  # a further reference would make ``taken`` copy
-        if not all(_is(held[variable], shape, dtype) for variable, shape, dtype in self.outputs):
+        as_declared = all(
+            type(held[variable]) is np.ndarray and held[variable].shape == shape and held[variable].dtype == dtype
+            for variable, shape, dtype in self.outputs
+        )
+        if not as_declared:
             other = [held]
             del held
             return check(job, other.pop())
@@ -241,7 +245,3 @@ class Alike:
             self.beside.pop("rng", None)
             self.stage, self.owner = (job.stage if self.form.lasts(job.stage) else None), job.pattern_of
         return self.beside
-
-
-def _is(array: Any, shape: tuple[int, ...], dtype: np.dtype[np.generic]) -> bool:
-    return type(array) is np.ndarray and array.shape == shape and array.dtype == dtype

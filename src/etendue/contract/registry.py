@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from importlib.metadata import EntryPoint
 
-from etendue.contract.capabilities import check_class
+from etendue.contract.class_checks import check_class
 from etendue.contract.stage import Stage, arguments_of, parameters_of, reads_of, writes_of
 from etendue.errors import PluginError
 from etendue.interrupts import is_ours

@@ -23,9 +23,9 @@ def not_in_it(plan: Plan, node: Node, variable: str) -> tuple[str, ...]:
     }
     found = []
     for other in plan.nodes:
-        kinds = [one.kind for one in other.alternatives]
-        told = any(kind.role in roles for kind in kinds) or any(_silent(kind, measured) for kind in kinds)
-        if told and other.name not in seen | {node.name} and not other.is_probe and not _idle(plan, other):
+        told = any(one.kind.role in roles or _silent(one.kind, measured) for one in other.alternatives)
+        idle = all(cell.left_out is not None and cell.left_out.bound == 0 for cell in plan.of(other.name))
+        if told and not idle and other.name not in seen | {node.name} and not other.is_probe:
             found.append(other.name)
     return tuple(found)
 
@@ -34,7 +34,3 @@ def _silent(kind: type[Stage], measured: set[str]) -> bool:
     """Return whether a stage adds random noise to the outputs of the measured stages without stating its size."""
     told = issubclass(kind, Datasheet) or (issubclass(kind, Noisy) and kind.inherent)
     return bool(measured & set(kind.writes)) and is_random(kind) and not told
-
-
-def _idle(plan: Plan, node: Node) -> bool:
-    return all(cell.left_out is not None and cell.left_out.bound == 0 for cell in plan.of(node.name))

@@ -20,7 +20,7 @@ from etendue.pipeline.file import PipelineFile
 from etendue.plan import cost, omissions, stage_calls
 from etendue.plan.agreement import met_twice, taken_differently
 from etendue.plan.designs.drawing import with_design
-from etendue.plan.designs.summary import axes_said, design_said
+from etendue.plan.designs.summary import axis_said, design_said
 from etendue.plan.expansion.cells import Told, expand
 from etendue.plan.expansion.digits import stored_bytes
 from etendue.plan.expansion.fields import notes_on_the_scene
@@ -257,7 +257,7 @@ def summary(plan: Plan, peak_memory: int | None = None) -> Document:
         "tolerance": plan.pipeline.tolerance if plan.leaves_out else None,
         "norm": plan.pipeline.norm,
         "scene_seconds": plan.looked,
-        "axes": axes_said(plan),
+        "axes": [axis_said(axis) for axis in plan.positioned],
         "design": design_said(plan),
         "warnings": list(plan.warnings),
     }

@@ -27,7 +27,8 @@ from etendue.contract.arrays import dims, variables
 from etendue.contract.arrays.facts import Facts
 from etendue.contract.arrays.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
 from etendue.contract.arrays.variables import Declaration
-from etendue.contract.capabilities import is_random, is_source, no_coordinates
+from etendue.contract.capabilities import is_random, is_source
+from etendue.contract.class_checks import no_coordinates
 from etendue.contract.ports import CellReport
 from etendue.contract.stage import Stage, looks, looks_at_stages, reads_of, writes_of
 from etendue.contract.values import quantities

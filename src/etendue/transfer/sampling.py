@@ -101,16 +101,14 @@ def transform(planes: FloatArray, columns: int | None = None) -> ComplexArray:
     ny, nx = (padded_size(size) for size in planes.shape[-2:])
     columns = columns or nx // 2 + 1
     if planes.ndim == 2:
-        return _large(planes, columns) if planes.size > LARGE else scipy.fft.rfft2(pad(planes), workers=1)[:, :columns]
+        plane = None
+        if planes.size > LARGE:
+            plane = transform_of_rows(planes.__getitem__, planes.shape[0], planes.shape[1], planes.dtype, columns)
+        return scipy.fft.rfft2(pad(planes), workers=1)[:, :columns] if plane is None else plane
     found = np.empty((*planes.shape[:-2], ny, columns), dtype=np.result_type(planes.dtype, np.complex64))
     for some in groups(planes.shape):
         found[some] = scipy.fft.rfft2(pad(planes[some]), workers=1)[..., :columns]
     return found
-
-
-def _large(plane: FloatArray, columns: int) -> ComplexArray:
-    found = transform_of_rows(plane.__getitem__, plane.shape[0], plane.shape[1], plane.dtype, columns)
-    return scipy.fft.rfft2(pad(plane), workers=1)[:, :columns] if found is None else found
 
 
 def transform_of_rows(

@@ -69,13 +69,6 @@ def _index() -> Index | None:
         raise RequestError(f"the lens database: {error}") from None
 
 
-def body_names() -> list[str]:
-    """Return the names of all bodies: packaged bodies first, then the bodies of the lens database."""
-    own = list(packaged())
-    known = {plain(name) for name in own}
-    return own + [name for name in cameras() if plain(name) not in known]
-
-
 def found_body(text: str) -> Named:
     """Return the body whose name the user typed.
 

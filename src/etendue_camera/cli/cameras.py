@@ -18,7 +18,7 @@ from etendue.types.documents import Document
 from etendue_camera.cameras import bodies, dng, files, lenses
 from etendue_camera.cameras.databases import INSTALL, lens_folder, lens_index
 from etendue_camera.cameras.documents import Named, Value
-from etendue_camera.cameras.names import matching
+from etendue_camera.cameras.names import matching, plain
 
 
 def cameras_command(name: str | None, lenses: bool, search: str | None, output: Path | None, as_json: bool) -> None:
@@ -113,8 +113,9 @@ def listing(text: str, bodies: bool, lens_names: bool) -> Document:
 
 def _bodies(text: str) -> list[Document]:
     packaged, listed = bodies.packaged(), bodies.cameras()
+    known = {plain(name) for name in packaged}
     rows = []
-    for name in matching(text, bodies.body_names()):
+    for name in matching(text, [*packaged, *(name for name in listed if plain(name) not in known)]):
         row = packaged.get(name, {})
         rows.append(
             {

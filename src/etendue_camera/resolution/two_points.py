@@ -172,7 +172,8 @@ def separations(
     Arguments as for `spread_of`; ``within``: relative error allowed for a separation's root, 0: full precision.
     """
     spread = spread_of(otf, highest, weights, nodes=nodes)
-    sparrow = _sparrow(spread, within)
+    half = _first_rise(spread, spread.bend, within)
+    sparrow = math.nan if half is None else 2 * half
     return _rayleigh(spread, sparrow, within), sparrow
 
 
@@ -195,11 +196,6 @@ def _rayleigh(spread: SpreadFunction, sparrow: float, within: float = 0.0) -> fl
                 lambda s: _saddle(spread, s, within)[0] - RAYLEIGH_SADDLE, near, far, max(within, 1e-13) * far
             )
     return math.nan
-
-
-def _sparrow(spread: SpreadFunction, within: float = 0.0) -> float:
-    half = _first_rise(spread, spread.bend, within)
-    return math.nan if half is None else 2 * half
 
 
 def _first_rise(

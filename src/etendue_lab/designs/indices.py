@@ -7,7 +7,6 @@ Out: first-order and total indices of every factor (Saltelli et al. 2010, as ``s
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,21 +96,13 @@ def indices(mixed: Array, resampled: int = RESAMPLED, level: float = LEVEL, seed
     even = np.full(points, 1 / points)
     found = terms.ratios(even)
     errors = terms.errors(even, found)
-    scaled = np.concatenate(
-        [
-            _ratio(again - found, terms.errors(weights, again))
-            for weights in _resampled(points, resampled, resampling(seed))
-            for again in [terms.ratios(weights)]
-        ]
-    )
-    high, low = np.quantile(scaled, [(1 - level) / 2, (1 + level) / 2], axis=0)
+    generator, batch = resampling(seed), max(1, MOST_COUNTS // points)
+    scaled = []
+    for begin in range(0, resampled, batch):
+        weights = generator.multinomial(points, even, min(batch, resampled - begin)) / points
+        again = terms.ratios(weights)
+        scaled.append(_ratio(again - found, terms.errors(weights, again)))
+    high, low = np.quantile(np.concatenate(scaled), [(1 - level) / 2, (1 + level) / 2], axis=0)
     whole = np.stack([found, found - low * errors, found - high * errors], axis=-1).reshape(2, -1, 3)
     whole[1] = np.maximum(whole[1], 0)  # no total index is below 0
     return Indices(whole[0], whole[1], points)
-
-
-def _resampled(points: int, count: int, generator: np.random.Generator) -> Iterator[Array]:
-    """Yield weights of resampled points, (some, points)."""
-    batch = max(1, MOST_COUNTS // points)
-    for begin in range(0, count, batch):
-        yield generator.multinomial(points, np.full(points, 1 / points), min(batch, count - begin)) / points

@@ -53,12 +53,6 @@ SENSITIVITY = (
 )
 
 
-def sensitivity_columns(rows: list[Document]) -> list[tuple[object, ...]]:
-    """Return the columns of a table of factors: indices or, if there are none, main effects."""
-    absent = ("main effect", "rank") if rows[0]["first"] else ("first order", "total")
-    return [column for column in SENSITIVITY if column[0] not in absent]
-
-
 def print_sensitivity(document: Document) -> None:
     console = _out()
     notes: dict[str, None] = {}
@@ -68,7 +62,9 @@ def print_sensitivity(document: Document) -> None:
         spread = f"{number_text(one['mean'])} ± {number_text(one['deviation'])} {unit}".rstrip()
         rows = sorted(one["factors"], key=lambda row: -(row["total"] or {"value": row["main_effect"]})["value"])
         title = escape(f"{one['metric']}{where}: {spread} over {one['samples']} samples")
-        console.print(_table(title, *sensitivity_columns(rows), rows=rows))
+        absent = ("main effect", "rank") if rows[0]["first"] else ("first order", "total")  # effects without indices
+        columns = [column for column in SENSITIVITY if column[0] not in absent]
+        console.print(_table(title, *columns, rows=rows))
         console.print(f"  a line through all factors explains {one['explained']:.0%} of the variance")
         for own in one["subjects"] if 1 < len(one["subjects"]) else ():
             closed = f"; together {interval_text(own['closed'])}" if own["closed"] and len(own["factors"]) > 1 else ""
@@ -120,10 +116,6 @@ def print_yields(document: Document) -> None:
             console.print(_table("", *tighter, rows=one["tighter"]))
         for note in one["notes"]:
             console.print(f"note: {escape(note)}")
-
-
-def _margin(row: Document) -> str:
-    return f"{row['at_risk']:+.3g} {unit_text(row['units'])}".rstrip()
 
 
 def _gain(found: Document) -> str:

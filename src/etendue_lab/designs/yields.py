@@ -133,7 +133,11 @@ def _at_place(samples: Samples, requirements: Sequence[Requirement], metrics: Se
         }
         for number, (one, metric, own_holds) in enumerate(zip(requirements, metrics, holds, strict=True))
     ]
-    spreads = [tightened(samples, factor, passes, there) for factor in samples.factors if _has_spread(factor)]
+    spreads = [
+        tightened(samples, factor, passes, there)
+        for factor in samples.factors
+        if factor.numeric and factor.distribution is not None and factor.distribution.shape != "choices"
+    ]
     lacking = int(own.sum()) - units
     return {
         "at": at,
@@ -145,10 +149,6 @@ def _at_place(samples: Samples, requirements: Sequence[Requirement], metrics: Se
         "tighter": sorted(spreads, key=lambda one: -one["gain"]["value"]),
         "notes": [f"{lacking} units are not finished and are not counted"] if lacking else [],
     }
-
-
-def _has_spread(factor: Factor) -> bool:
-    return factor.numeric and factor.distribution is not None and factor.distribution.shape != "choices"
 
 
 def weights_of(samples: Samples, factor: Factor, share: float = TIGHTER) -> Array:

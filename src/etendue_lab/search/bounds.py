@@ -27,11 +27,6 @@ class First:
     cheap: tuple[Limit, ...]
 
 
-def of_a_search(plan: Plan, limits: Iterable[Limit]) -> First:
-    """Return the limits of a search that can be checked before its goals, judged by the camera as written."""
-    return First(bool(bounded(plan, limits)), cheap(plan, limits))
-
-
 def bounded(plan: Plan, limits: Iterable[Limit]) -> dict[Limit, float]:
     """Return the smallest possible excess of each limit, relative to its bound; 0 or less if the limit may be met.
     Limits on variables without a known bound are omitted.

@@ -132,7 +132,8 @@ def search(
     optuna = _optuna()
     session = Session(pipeline)
     plan = session.plan(asked.metrics, {})  # refuses metrics that nobody writes, before any trial
-    known_first = bounds.of_a_search(plan, asked.limits)
+    # judged by the camera as written
+    known_first = bounds.First(bool(bounds.bounded(plan, asked.limits)), bounds.cheap(plan, asked.limits))
     keys = digest("\n".join(plan.cells[ref].key for ref in sorted(plan.cells)).encode())
     request = {**asked.document(), "pipeline": keys, "optuna": version_of("optuna")}
     if asked.sampler == "model":
@@ -156,7 +157,8 @@ def search(
             memory.add(asdict(trial))
         else:
             recalled += 1
-            trial = replace(_as_trial(known), settings=settings)
+            values, excess = tuple(known["values"]), tuple(known["excess"])
+            trial = Trial(**{**known, "settings": settings, "values": values, "excess": excess})
         for limit, over in zip(asked.limits, trial.excess, strict=False):  # a failed trial has none
             asking.set_constraint(str(limit), over)
         # A failed trial is told as one far beyond a limit: of those marked as failed the samplers would learn nothing,
@@ -230,10 +232,6 @@ def _spared(asked: Asked, number: int, settings: Document, known: Mapping[Limit,
         return Trial(number, settings, failed="a metric is not a finite number")
     worst = max(known, key=lambda limit: known[limit])
     return Trial(number, settings, (), excess, spared=f"{worst} {why}")
-
-
-def _as_trial(known: DocumentView) -> Trial:
-    return Trial(**{**known, "values": tuple(known["values"]), "excess": tuple(known["excess"])})
 
 
 def _places(one: Range) -> int:

@@ -196,15 +196,11 @@ def any_scene(made: Document, tree: xarray.DataTree) -> Iterator[Broken]:
             yield from monotone(array(tree, stage, variable), place, "time")
     display = array(tree, ENCODED, "rgb_display")
     support = scipy.ndimage.minimum_filter(mosaic, size=(1, SUPPORT, SUPPORT), mode="nearest") >= 1 - 1e-6
-    if same_white(made) and not array(tree, *LIFTED.split(".")).any():
+    adapted, shown, fitted = (of(made, name) or {} for name in ("adapt", "display", "fit"))
+    # White is (1, 1, 1) only if the scene is balanced to the white of its display.
+    same_white = adapted.get("target", "D65") == shown.get("display", "sRGB") and fitted.get("white", "kept") == "kept"
+    if same_white and not array(tree, *LIFTED.split(".")).any():
         yield from white(display, support, float(np.abs(array(tree, *MATRIX.split("."))).max()))
-
-
-def same_white(made: Document) -> bool:
-    """Return whether the scene is balanced to the white of its display; only then is white (1, 1, 1)."""
-    return bool(
-        (of(made, "adapt") or {}).get("target", "D65") == (of(made, "display") or {}).get("display", "sRGB")
-    ) and ((of(made, "fit") or {}).get("white", "kept") == "kept")
 
 
 def grey_over(document: Document, axis: str) -> Document:

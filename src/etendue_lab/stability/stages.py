@@ -106,16 +106,12 @@ def rows_of_kind(name: str, kind: type[Stage]) -> Iterator[LawCase]:
         yield LawCase(name, WITHIN, "ordinary", None, why=str(error))
         return
     for case in every:
-        yield from rows_of_case(name, case)
-
-
-def rows_of_case(name: str, case: Case) -> Iterator[LawCase]:
-    """Yield every row of one case; its laws share the trials that several of them ask for."""
-    with keeping():
-        yield from laws_of_case(name, case)
+        with keeping():  # the laws of a case share the trials that several of them ask for
+            yield from laws_of_case(name, case)
 
 
 def laws_of_case(name: str, case: Case) -> Iterator[LawCase]:
+    """Yield every row of one case."""
     if case.stage is None:
         yield LawCase(
             name, WITHIN, case.name, not case.broke, why=case.refused if case.broke else f"refused: {case.refused}"

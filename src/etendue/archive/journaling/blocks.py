@@ -58,7 +58,7 @@ class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
         self.offset.append(one.offset)
 
     def add_all(self, chunks: WrittenChunks, numbers: Array, offset: Array) -> None:
-        """Add new chunks that are stored in the shard itself."""
+        """Add new chunks, which are stored at these offsets in the shard itself."""
         if self.path not in self.files:
             self.files.append(self.path)
         begin = len(self.written)
@@ -135,7 +135,8 @@ class Blocks:
         self.waiting: dict[str, int] = {}
         self.moved = {"shards": 0, "copied": 0, "computed": 0}
 
-    def _of(self, path: str, slots: int) -> ShardContents:
+    def contents(self, path: str, slots: int) -> ShardContents:
+        """Return the chunks that a shard must contain, to be changed in place."""
         own = self.wanted.get(path)
         if own is None:
             own = self.wanted[path] = ShardContents(path, slots)
@@ -145,18 +146,9 @@ class Blocks:
     def keep(self, chunks: Slots, stored: Stored) -> None:
         """Add stored chunks that do not change."""
         for path, slot, slots in chunks:
-            own, found = self._of(path, slots), stored.get((path, slot))
+            own, found = self.contents(path, slots), stored.get((path, slot))
             if found is not None:
                 own[slot] = found
-
-    def keep_all(self, path: str, slots: int, chunks: WrittenChunks, numbers: Array, offset: Array) -> None:
-        """Add stored chunks that do not change, at these offsets in the shard itself."""
-        self._of(path, slots).add_all(chunks, numbers, offset)
-
-    def drop(self, chunks: Slots) -> None:
-        """Remove chunks."""
-        for path, slot, slots in chunks:
-            self._of(path, slots).pop(slot, None)
 
     def found(self, chunks: Iterable[tuple[str, int]]) -> dict[tuple[str, int], tuple[WrittenChunk, ChunkPlace]]:
         """Return the given chunks that are stored: the record of writing, and the present place."""
@@ -168,14 +160,14 @@ class Blocks:
         there = {(one.path, one.slot) for one in held}
         for path, slot, slots in chunks:
             if (path, slot) not in there:
-                self._of(path, slots).pop(slot, None)
+                self.contents(path, slots).pop(slot, None)
                 self.waiting[path] = self.waiting.get(path, 0) + 1
 
     def ended(self, chunks: Slots, written: Iterable[WrittenChunk]) -> list[str]:
         """Add the chunks of a cell that has ended; return the shards whose cells are all computed."""
         there, complete = {(one.path, one.slot): one for one in written}, []
         for path, slot, slots in chunks:
-            one, own = there.get((path, slot)), self._of(path, slots)
+            one, own = there.get((path, slot)), self.contents(path, slots)
             if one is None:
                 own.pop(slot, None)
             elif slot in own and own[slot][0] == one:

@@ -39,25 +39,22 @@ Entity = Document
 
 def write_crate(folder: Path, plan: Plan, known: Manifest | None, fresh: bool, durable: bool = False) -> None:
     """Write both files if their content has changed; ``fresh``: the newest run has just ended."""
-    runs = list(every_record(folder))
-    ended = _ended(folder)
-    if fresh and runs:
-        ended[_action(runs[0])] = time.strftime("%Y-%m-%dT%H:%M:%S+00:00", time.gmtime())
-    files = {NAME: indented(_document(folder, plan, runs, ended), 1)}
+    files = {NAME: indented(crate_of(folder, plan, fresh), 1)}
     about = plan.pipeline.about
     if about.authors:
-        files[CITATION] = _citation(about, plan, _date(runs)).encode()
+        files[CITATION] = _citation(about, plan, _date(list(every_record(folder)))).encode()
     elif known is not None and CITATION in known.files:
         disk.remove(folder, CITATION)
     disk.put(folder, files.items(), durable)
 
 
-def crate_of(folder: Path, plan: Plan) -> Entity:
-    """Return the expected content of an archive's crate; the times at which its runs ended are taken from it."""
-    return _document(folder, plan, list(every_record(folder)), _ended(folder))
-
-
-def _document(folder: Path, plan: Plan, runs: list[Recorded], ended: Mapping[str, str]) -> Entity:
+def crate_of(folder: Path, plan: Plan, fresh: bool = False) -> Entity:
+    """Return the expected content of an archive's crate; the times at which its runs ended are taken from it.
+    ``fresh``: the newest run has just ended.
+    """
+    runs, ended = list(every_record(folder)), _ended(folder)
+    if fresh and runs:
+        ended[_action(runs[0])] = time.strftime("%Y-%m-%dT%H:%M:%S+00:00", time.gmtime())
     return {
         "@context": ["https://w3id.org/ro/crate/1.1/context", "https://w3id.org/ro/terms/workflow-run/context"],
         "@graph": list(_graph(folder, plan, runs, ended)),

@@ -93,16 +93,10 @@ def write_manifest(folder: Path, metadata: Mapping[str, bytes], durable: bool = 
         if (folder / path).is_file() and not path.endswith(disk.PARTIAL)
     }
     digests = {path: hashlib.sha256(data).hexdigest() for path, data in sorted(metadata.items())}
-    _write(folder, Manifest(digests, files, digest_of(folder / "journal.jsonl")), durable)
+    put_manifest(folder, Manifest(digests, files, digest_of(folder / "journal.jsonl")), durable)
 
 
-def rewrite_manifest(folder: Path, known: Manifest, metadata: Mapping[str, bytes]) -> None:
-    """Rewrite a manifest after some files of the store have changed."""
-    changed = {path: hashlib.sha256(data).hexdigest() for path, data in metadata.items()}
-    _write(folder, Manifest({**known.metadata, **changed}, known.files, known.journal), False)
-
-
-def _write(folder: Path, found: Manifest, durable: bool) -> None:
+def put_manifest(folder: Path, found: Manifest, durable: bool = False) -> None:
     whole = {
         "metadata": dict(found.metadata),
         "files": dict(found.files),

@@ -64,6 +64,7 @@ def node_records(plan: Plan) -> Document:
         cell = plan.of(node.name)[0]
         swept = {name for _, name in node.direct}
         parameters = {k: v for k, v in parameters_for_key(cell.stage).items() if k not in swept}
+        rounds = plan.digits > 0 and any(map(is_rounded, node.writes.values()))
         records[node.name] = {
             "stage": [a.use for a in node.alternatives],
             "role": [a.kind.role for a in node.alternatives],
@@ -72,18 +73,12 @@ def node_records(plan: Plan) -> Document:
             "parameters": canonical(parameters),
             "shown": {k: _plain(v) for k, v in parameters.items()},
             "precision": plan.precision,
-            "digits": _digits(plan, node),
+            "digits": f"stated, tolerance {plan.digits:g}" if rounds else ALL_DIGITS,
             "seed": plan.pipeline.seed if node.draws_anew else None,
             "inputs": sorted({source for bound in node.inputs for _, source, _ in bound}),
             "versions": dict(cell.versions),
         }
     return records
-
-
-def _digits(plan: Plan, node: Node) -> str:
-    """Return a text that says how the pictures of a stage are rounded."""
-    rounds = plan.digits > 0 and any(map(is_rounded, node.writes.values()))
-    return f"stated, tolerance {plan.digits:g}" if rounds else ALL_DIGITS
 
 
 def _plain(value: Any) -> Any:

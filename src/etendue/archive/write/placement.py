@@ -169,7 +169,10 @@ class Laid:
                 ):
                     attrs["order"] = "as the sweep grew; sort with .sortby"
             elif len(coordinate.dims) == 1 and coordinate.dims[0] in merged:
-                values = self._grown_along(path, layout, coordinate.dims[0], values)
+                dim = coordinate.dims[0]
+                known = dict(zip(layout.axes[dim], values, strict=True))
+                missing = "" if any(isinstance(value, str) for value in values) else float("nan")  # not in the plan
+                values = [known.get(value, missing) for value in merged[dim]]
             elif coordinate.dims[:-1] and coordinate.dims[0] in merged:
                 values = self._grown_positions(path, coordinate.dims[:-1], np.asarray(values, dtype=float))
             if name not in layout.variables:
@@ -184,14 +187,6 @@ class Laid:
             return {}
         beside = [n for n, c in group.coordinates.items() if c.dims != (n,) and not n.endswith((BOUNDS, ROW))]
         return {"coordinates": " ".join(sorted(beside))} if beside else {}
-
-    def _grown_along(self, path: str, layout: GroupLayout, dim: str, values: list[Any]) -> list[Any]:
-        """Return values along a grown axis: the values of the plan; NaN, or an empty text, for rows that the plan does
-        not have.
-        """
-        known = dict(zip(layout.axes[dim], values, strict=True))
-        missing = "" if any(isinstance(value, str) for value in values) else float("nan")
-        return [known.get(value, missing) for value in self.axes[path][dim]]
 
     def _grown_positions(self, path: str, axes: tuple[str, ...], own: Any) -> Any:
         """Return positions along grown axes: the positions of the plan, and NaN elsewhere."""

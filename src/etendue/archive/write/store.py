@@ -224,8 +224,8 @@ class ArchiveWriter:
         blocks = self.blocks
         for ref in todo:
             blocks.expect(self.laid.slots(ref), self.held.get(ref, ()))
-        for ref in outdated:
-            blocks.drop(self.laid.slots(ref))
+        for path, slot, slots in (one for ref in outdated for one in self.laid.slots(ref)):
+            blocks.contents(path, slots).pop(slot, None)
         self.todo = todo
         self.ended = bytearray(self.plan.numbers.count)  # by cell: 0, or its status + 1 once it has ended
         gone = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]

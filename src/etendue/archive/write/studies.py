@@ -7,15 +7,17 @@ Out: the groups, below one of the study; the root and the manifest include them.
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from etendue.archive.read.studies import is_study
 from etendue.archive.read.tree import Tree
 from etendue.archive.records import disk
-from etendue.archive.records.manifest import DATA, read_manifest, rewrite_manifest
+from etendue.archive.records.manifest import DATA, put_manifest, read_manifest
 from etendue.archive.records.names import ROOT
 from etendue.archive.records.owner import behind, fresh_id
 from etendue.archive.structure.metadata import consolidated, document
@@ -74,7 +76,8 @@ def _write(folder: Path, study: str, groups: Mapping[str, DocumentView]) -> None
     for path in sorted(files, key=lambda path: (path.endswith(ROOT), -path.count("/"))):
         disk.write(folder, f"{DATA}/{path}", files[path])
     disk.write(folder, f"{DATA}/{ROOT}", whole := _consolidated(folder, root, tree, before))
-    rewrite_manifest(folder, manifest, {f"{DATA}/{ROOT}": whole})
+    digests = {**manifest.metadata, f"{DATA}/{ROOT}": hashlib.sha256(whole).hexdigest()}
+    put_manifest(folder, replace(manifest, metadata=digests))
 
 
 def _consolidated(folder: Path, root: Document, tree: Tree, before: list[str]) -> bytes:

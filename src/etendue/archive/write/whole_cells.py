@@ -67,7 +67,8 @@ class WholeCells:
             for number, shard in enumerate(one.shards):
                 own = sure & (one.which == number)
                 if own.any():
-                    self.store.blocks.keep_all(shard, one.slots, self.entries.files, one.numbers[own], at[own])
+                    contents = self.store.blocks.contents(shard, one.slots)
+                    contents.add_all(self.entries.files, one.numbers[own], at[own])
 
     def _lies(self, one: _Chunks) -> Array:
         """Return the offset in its shard of each of some chunks; -1 if a chunk is not where it is expected."""

@@ -93,11 +93,6 @@ def measured(measurement: Measurement, folder: Path, made: Plan) -> Document:
     return global_error_document(found, measurement.pipeline.tolerance, measurement.pipeline.norm, stated)
 
 
-def _remedy(answers: DocumentView, part: str) -> str:
-    finer = answers["remedies"].get(part, "")
-    return f"refine this parameter in the pipeline{f': {finer}' if finer else ''}"
-
-
 def beyond(held: holding.HeldTolerance, answers: DocumentView) -> list[str]:
     """Return a sentence for each variable whose error exceeds the requested limit: ``--hold`` refines only the
     discretisations that the pipeline leaves open.
@@ -114,13 +109,14 @@ def beyond(held: holding.HeldTolerance, answers: DocumentView) -> list[str]:
         parts = {part: own[size] for part, own in error["parts"].items() if held.chosen or part != "omissions"}
         if parts and sum(parts.values()) > most:
             worst = max(parts, key=lambda part: parts[part])
+            remedy = ""
+            if worst != "omissions":
+                finer = answers["remedies"].get(worst, "")
+                remedy = f"; refine this parameter in the pipeline{f': {finer}' if finer else ''}"
             missed = (
                 "not held"
                 if name in held.missed
                 else "the error relative to the reference is within the limit, but the error of the answer is not"
             )
-            said.append(
-                f"{missed}: {name} is off by {plus_minus(error, unit)}, mostly "
-                f"by its {worst}" + ("" if worst == "omissions" else f"; {_remedy(answers, worst)}")
-            )
+            said.append(f"{missed}: {name} is off by {plus_minus(error, unit)}, mostly by its {worst}{remedy}")
     return said

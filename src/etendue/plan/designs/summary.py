@@ -13,7 +13,7 @@ from etendue.contract.registry import installed_stages
 from etendue.contract.values import quantities
 from etendue.errors import Fault
 from etendue.pipeline.zipped import SAMPLE
-from etendue.plan.designs.asked import Asked, asked_of
+from etendue.plan.designs.asked import asked_of
 from etendue.plan.designs.distributions import Distribution
 from etendue.plan.designs.drawing import distributions, shares_of
 from etendue.plan.designs.points import discrepancy
@@ -23,12 +23,8 @@ from etendue.types.documents import Document
 MOST_POINTS = 4096  # of which the discrepancy is worked out: the time grows with the square
 
 
-def axes_said(plan: Plan) -> list[Document]:
-    """Return every axis: its name, values and units; for an axis of rows, also the factors that change along it."""
-    return [_axis(axis) for axis in plan.positioned]
-
-
-def _axis(axis: Axis) -> Document:
+def axis_said(axis: Axis) -> Document:
+    """Return the name, values and units of an axis; for an axis of rows, also the factors that change along it."""
     said: Document = {"name": axis.key, "values": list(axis.values), "units": axis.units or None}
     if axis.rows:
         said["factors"] = {
@@ -39,30 +35,32 @@ def _axis(axis: Axis) -> Document:
     return said
 
 
-def asked_design(plan: Plan) -> tuple[Asked, dict[str, Distribution]] | None:
-    """Return the design of a plan and the distribution of each factor; None for a plan without design."""
-    faults: list[Fault] = []
-    asked = asked_of(plan.pipeline, faults)
-    return None if asked is None else (asked, distributions(asked, plan.pipeline, installed_stages(), faults))
-
-
 def design_said(plan: Plan) -> Document | None:
     """Return the method, factors, cells with and without levels, and discrepancy; None for a plan without design."""
-    found = asked_design(plan)
-    if found is None:
+    faults: list[Fault] = []
+    asked = asked_of(plan.pipeline, faults)
+    if asked is None:
         return None
-    asked, own = found
+    own = distributions(asked, plan.pipeline, installed_stages(), faults)
     whole = plan.axis(SAMPLE)
+    rows = len(whole.values)
     levels = [own[key].most if key in own and own[key].shape != "choices" else 0 for key in asked.factors]
     said: Document = {
         "method": asked.method,
         "points": asked.points,
-        "rows": len(whole.values),
+        "rows": rows,
         "seed": asked.seed,
         "factors": {key: _factor(key, own.get(key), whole) for key in asked.factors},
-        "compared": {key: value for key, value in plan.pipeline.shared.items() if _compared(key, value)},
+        "compared": {  # the quantities whose values make rows differ by their factors alone
+            key: value
+            for key, value in plan.pipeline.shared.items()
+            if key in quantities.names() and quantities.declared(key).compared == value != ""
+        },
         "cells": len(plan.cells),
-        "cells_unshared": sum(_unshared(plan, node.axes, len(whole.values)) for node in plan.nodes),
+        "cells_unshared": sum(  # if every row had its own cell of each stage
+            math.prod(rows if plan.axis(dim).of == SAMPLE else len(plan.axis(dim).values) for dim in node.axes)
+            for node in plan.nodes
+        ),
         "discrepancy": None,
         "discrepancy_without_levels": None,
     }
@@ -71,11 +69,6 @@ def design_said(plan: Plan) -> Document | None:
         without, having = discrepancy(shares, levels)
         said |= {"discrepancy": having, "discrepancy_without_levels": without}
     return said
-
-
-def _compared(key: str, value: Any) -> bool:
-    """Return whether a shared quantity has the value that makes rows differ by their factors alone."""
-    return key in quantities.names() and quantities.declared(key).compared == value != ""
 
 
 def _factor(key: str, own: Distribution | None, whole: Axis) -> Document:
@@ -90,9 +83,3 @@ def _factor(key: str, own: Distribution | None, whole: Axis) -> Document:
         "to": max(numbers) if numbers else None,
         "units": whole.factors[at].units or None if at is not None else None,
     }
-
-
-def _unshared(plan: Plan, dims: tuple[str, ...], rows: int) -> int:
-    """Return the number of cells that a stage would have if every row had its own cell."""
-    sizes = [rows if plan.axis(dim).of == SAMPLE else len(plan.axis(dim).values) for dim in dims]
-    return math.prod(sizes)

@@ -89,8 +89,16 @@ class Digits:
         found = 1.0
         for port, ref, name in inputs:
             before = self.nodes[ref[0]].writes[name]
-            if is_picture(before):
-                found = min(found, self.reach_of(ref) if is_in_range(before) else self.converted(stage, inputs, port))
+            if is_picture(before) and is_in_range(before):
+                found = min(found, self.reach_of(ref))
+            elif is_picture(before):  # a converter: the part that an error as large as all light or charge would fill
+                given = {own: self.cells[one].facts for own, one, _ in inputs}
+                full = brightest(given[port])
+                if full > 0:
+                    given[port] = replace(given[port], high=full)
+                    found = min(found, stage_calls.growth_of(stage, given))
+                else:
+                    found = min(found, 0.0)
         return found
 
     def reach_of(self, ref: CellRef) -> float:
@@ -99,12 +107,6 @@ class Digits:
             cell = self.cells[ref]
             found = self.reached[ref] = self.reach(self.nodes[ref[0]], cell.stage, cell.inputs)
         return found
-
-    def converted(self, stage: Stage, inputs: Inputs, port: str) -> float:
-        """Return the part of a converter's range that an error as large as all light or charge would fill."""
-        facts = {own: self.cells[ref].facts for own, ref, _ in inputs}
-        full = brightest(facts[port])
-        return stage_calls.growth_of(stage, {**facts, port: replace(facts[port], high=full)}) if full > 0 else 0.0
 
 
 def brightest(facts: Facts) -> float:

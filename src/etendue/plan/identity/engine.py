@@ -64,6 +64,7 @@ MOVES = {
     "etendue.contract.arrays.dims": "keys contain the dims that are bands, and their unit",
     "etendue.contract.arrays.drawn": _AFTER,
     "etendue.contract.arrays.facts": f"facts decide omissions, knobs and precision: {_DECIDES}",
+    "etendue.contract.class_checks": "rejects classes of stages",
     "etendue.contract.ports": "the interface of a store of results",
     "etendue.contract.registry": "loads the class of a stage, whose code is in its key",
     "etendue.contract.stated": f"stated errors decide which knobs are set: {_DECIDES}",

@@ -76,7 +76,10 @@ def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
     _try_values(request, nodes, axes, shared.values)
     wanted = _wanted_of(request, nodes)
     nodes = _as_asked(nodes, wanted)
-    _check_kept(request, nodes)
+    known = {LOOKS, *(pipeline.wanted or ())}  # unknown names under ``wanted`` have been reported
+    for text in pipeline.keep or ():
+        if text not in known:
+            _find_variable(request, text, nodes, "keep")
     if wanted and request.whole:
         nodes = _prune(nodes, wanted)
         reached = {dim for node in nodes for dim in node.axes}
@@ -241,13 +244,6 @@ def _wanted_of(request: Request, nodes: list[Node]) -> tuple[tuple[str, str], ..
         for v, d in n.writes.items()
         if not d.optional and (n.is_probe or ((n.name, v) not in used and last[v] == n.name))
     )
-
-
-def _check_kept(request: Request, nodes: list[Node]) -> None:
-    """Report unknown names under ``keep``, except names that are already reported under ``wanted``."""
-    for text in request.pipeline.keep or ():
-        if text != LOOKS and text not in (request.pipeline.wanted or ()):
-            _find_variable(request, text, nodes, "keep")
 
 
 def _find_variable(request: Request, text: str, nodes: list[Node], place: str) -> tuple[tuple[str, str], ...]:

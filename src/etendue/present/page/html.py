@@ -58,20 +58,16 @@ def page(document: DocumentView, live: bool = False) -> str:
     )
     # of the pipeline, of the folder
     names = dict.fromkeys([str(document["name"]), str(document.get("archive", document["name"]))])
+    text = json.dumps(plain(document), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     parts = {
         "policy": policy,
         "title": html.escape(" · ".join([*names, "etendue"])),
         "style": style,
-        "document": embedded(document),
+        # without any text that an HTML parser would take for the end of the element
+        "document": text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"),
         "script": script,
     }
     return "".join(parts.get(piece, piece) for piece in static("page.html").split("@@"))
-
-
-def embedded(document: DocumentView) -> str:
-    """Return JSON that contains no text that an HTML parser would take for the end of its element."""
-    text = json.dumps(plain(document), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def _digest(text: str) -> str:

@@ -223,13 +223,6 @@ def _at_most(at_stage: float, at_wanted: float) -> str:
     return f"at most {at_stage:.2g} of full scale at this stage{grown}"
 
 
-def _best(knob: Document) -> str:
-    """Return the reference setting of a knob, and its meaning if declared."""
-    value, _, meaning = knob.get("best", "").partition(":")  # documents of earlier versions have none
-    own = str(knob["reference"])
-    return f"{own} ({meaning.strip()})" if meaning and value == own else own
-
-
 def omission_lines(name: str, left: Document | None, knobs: list[Document] | None) -> list[str]:
     """Return the summaries of a stage as sentences."""
     said = []
@@ -247,5 +240,9 @@ def omission_lines(name: str, left: Document | None, knobs: list[Document] | Non
         worst = _at_most(max(one["at_stage"] for one in own), max(one["bound"] for one in own))
         saved = None if any(one["seconds_saved"] is None for one in own) else sum(one["seconds_saved"] for one in own)
         values = ", ".join(f"{one['value']} ({one['cells']})" if len(own) > 1 else f"{one['value']}" for one in own)
-        said.append(f"coarser   {name}.{knob} = {values}; the best setting is {_best(own[0])}: {worst}{_saving(saved)}")
+        best = str(own[0]["reference"])
+        value, _, meaning = own[0].get("best", "").partition(":")  # documents of earlier versions have none
+        if meaning and value == best:
+            best = f"{best} ({meaning.strip()})"
+        said.append(f"coarser   {name}.{knob} = {values}; the best setting is {best}: {worst}{_saving(saved)}")
     return said

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -101,17 +101,12 @@ def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int])
     if crop.shape[:2] == (rows, columns) and table is not None:  # averages of one sample each
         values = np.ascontiguousarray(np.moveaxis(crop, -1, 0))
     else:
-        values = resampling.area_average(crop, rows, columns, _decoder(table, picture.full))
+        full = picture.full
+        decode = (lambda codes: srgb_decode(codes.astype(float) / full)) if table is None else table.take
+        values = resampling.area_average(crop, rows, columns, decode)
         table = None
     values.flags.writeable = False
     return LinearPicture(values, table, picture.note)
-
-
-def _decoder(table: FloatArray | None, full: float) -> Callable[[Array], FloatArray]:
-    """Return the function from the values of a picture to linear light."""
-    if table is None:
-        return lambda values: srgb_decode(values.astype(float) / full)
-    return table.take
 
 
 def _table(kind: np.dtype, full: float) -> FloatArray | None:

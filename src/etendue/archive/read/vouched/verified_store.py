@@ -274,16 +274,12 @@ class VouchedStore(WrapperStore[LocalStore]):
             if not look and not is_running(self.folder):
                 break
             archive = StoredArchive(self.folder)
+        said, numbers = self.archive.journal.said, self.archive.by_shard.get(chunk.written.path, ())
+        cell = next((said.cell_of(n) for n in reversed(numbers) if said.files[n] == chunk.written), "")
         raise ArchiveError(
-            f"{self.folder}: {chunk.variable} of {self._cell_of(chunk) or 'a cell'} is missing or damaged; "
+            f"{self.folder}: {chunk.variable} of {cell or 'a cell'} is missing or damaged; "
             f"repair it with: etendue verify --repair {self.folder}"
         )
-
-    def _cell_of(self, chunk: StoredChunk) -> str:
-        """Return the name of the cell that wrote a chunk."""
-        said = self.archive.journal.said
-        numbers = self.archive.by_shard.get(chunk.written.path, ())
-        return next((said.cell_of(n) for n in reversed(numbers) if said.files[n] == chunk.written), "")
 
     # -- metadata, coordinates and status -----------------------------------------------------------------------------
 
