@@ -63,7 +63,7 @@ class Options:
     prune: bool = False  # whether finished results that the plan does not keep may be removed
     batch_seconds: float = 0.1
     pictures: bool = True  # without an archive: whether to draw a cell of every stage
-    hold_seconds: float = 900.0  # of thread time that the search of ``--hold`` may take
+    hold_seconds: float = 900.0  # of CPU time that the search of ``--hold`` may take
     cell_timeout: float | None = (
         None  # seconds after which a cell is stopped and counts as failed; processes and clusters only
     )

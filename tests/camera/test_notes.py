@@ -74,7 +74,7 @@ def test_diffraction_that_counts_twice_and_coma_on_the_axis_are_noted():
 
 
 def test_a_wavefront_too_steep_to_be_sampled_is_a_fault_of_the_file():
-    with pytest.raises(RequestError, match="waves steep"):
+    with pytest.raises(RequestError, match="slope of the wavefront"):
         notes({"use": "wavefront", "defocus": 2.0}, "pixel", f_number=2)
 
 

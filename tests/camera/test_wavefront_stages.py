@@ -170,7 +170,7 @@ def test_what_contradicts_itself_is_refused():
         Wavefront(obstruction=0.2)
     with pytest.raises(ValueError, match="object|focal"):
         Wavefront(object_distance=5.0)
-    with pytest.raises(ValueError, match="waves steep"):
+    with pytest.raises(ValueError, match="slope of the wavefront"):
         transfer(Wavefront(coma=1000.0, field_y=4.0))
 
 

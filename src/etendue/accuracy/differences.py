@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 def difference(found: Array, reference: Array, declaration: Declaration, stage: Stage) -> Difference:
     """Return the difference of two arrays of one variable that ``stage`` has written.
 
-    Values that are undefined in both runs are ignored; if a value is undefined in only one, the arrays cannot be
+    Values that are undefined in both runs are ignored; if a value is undefined in only one run, the arrays cannot be
     compared. For codes without a unit (flags, maps, positions in a list) the rms is the root of the share that differs.
     """
     found, reference = np.asarray(found, np.float64), np.asarray(reference, np.float64)

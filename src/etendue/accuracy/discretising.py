@@ -107,7 +107,7 @@ class Refinement:
     pipeline : pipeline with a number for every open parameter
     open_ : open parameters by stage, each with its discretisation
     asked : requested errors
-    seconds : processor time that the search may take
+    seconds : CPU time (s) that the search may take
     workers : number of workers of the run that follows
     shown : returns the progress to show of a plan
     """
@@ -326,4 +326,4 @@ def _larger(old: Part | str, new: Part | str) -> Part | str:
 
 
 def _time(seconds: float) -> str:
-    return f"{human_seconds(seconds)} of thread time"
+    return f"{human_seconds(seconds)} of CPU time"

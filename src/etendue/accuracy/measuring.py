@@ -45,7 +45,8 @@ LEFT_OUT, PRECISION = "left out", "precision"
 
 @dataclass(frozen=True)
 class GlobalError:
-    """The error of one wanted variable in the worst measured cell. None: unknown, for the reason in ``why``.
+    """The error of one wanted variable in the worst measured cell. A value is None if it is unknown, for the reason in
+    ``why``.
 
     ``how`` is ``measured``, ``unknown``, or ``unknown below`` a number: the possible error of the reference itself.
     ``below`` is the change by the last refinement of the reference. ``rms`` is taken over the picture and ``max`` at
@@ -83,7 +84,7 @@ class MeasuredErrors:
 
     errors: dict[str, GlobalError]
     cells: int  # places of the sweep
-    seconds: float  # thread time of the runs
+    seconds: float  # CPU time of the runs
     remembered: bool = False  # from an earlier run
 
     def document(self) -> Document:

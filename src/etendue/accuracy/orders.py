@@ -42,13 +42,14 @@ def convergence(
     """Return the law by which errors fall from setting to setting, power law or geometric, whichever has the smaller
     residual in log error.
 
-    The order is the median of the local orders between neighbours among the finest four settings that show it, if these
-    agree. Settings from which the error falls by less than a tenth are ignored, because another error dominates there.
-    A geometric law can be recognised only for counts that are not doubled from setting to setting.
+    The order is the median of the local orders between neighbouring settings, taken over the four finest settings that
+    show an order, if these local orders agree. Settings from which the error falls by less than a tenth are ignored,
+    because another error dominates there. A geometric law can be recognised only for counts that are not doubled from
+    setting to setting.
 
     Parameters
     ----------
-    settings : settings from the cheapest to the finest; only positive finite numbers count (no closed forms)
+    settings : settings from the cheapest to the finest; those that are not positive finite numbers are ignored
     errors : error of each setting
     floor : possible error of the reference itself; errors below ten times this value are ignored
     reference : setting relative to which errors are measured, if it is finite. Under a power law h^p the

@@ -4,7 +4,7 @@ In:  a pipeline, and the knobs to try.
 Out: an ``Accuracy``: curves, trials, the front, the cheapest setting for a list of tolerances, the noise floor.
 
 Every trial is a run of expected values compared with the reference on its grid (`measuring`); knobs that are not tried
-stay at their reference. The error of the grid is measured separately (`sampling`) and added. Seconds are thread time in
+stay at their reference. The error of the grid is measured separately (`sampling`) and added. Seconds are CPU time in
 one thread, cold and warm (`timing`); for each stage they come from all runs with the same settings of the knobs that
 affect it.
 """
@@ -73,12 +73,16 @@ def accuracy(
     ----------
     pipeline : pipeline as read
     registry : registry of installed stages
-    asked : settings from the cheapest to the reference by knob (``stage.knob``, also knobs that the file sets, or
-    ``precision``); () for the declared settings. If empty, all knobs that the file does not set and all discretisations
-    are tried cells : number of points of the sweep repeat : number of cold and warm runs of each trial most : largest
-    number of combinations told : called with a text before each trial elsewhere : the same stages with another scene,
-    on which the cheapest settings are tried too; ``verify`` names it by : time used to compare settings: ``warm``
-    (tables are computed once) or ``cold``
+    asked : by knob (``stage.knob``, also knobs that the file sets, or ``precision``), settings from the cheapest to the
+        reference; () for the declared settings. If ``asked`` is empty, all knobs that the file does not set and all
+        discretisations are tried
+    cells : number of points of the sweep
+    repeat : number of cold and warm runs of each trial
+    most : largest number of combinations
+    told : called with a text before each trial
+    elsewhere : the same stages with another scene, on which the cheapest settings are tried too
+    verify : the values that distinguish ``elsewhere`` from the pipeline
+    by : time used to compare settings: ``warm`` (tables are computed once) or ``cold``
 
     Raises
     ------

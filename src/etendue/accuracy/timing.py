@@ -19,7 +19,7 @@ Samples = Mapping[str, tuple[float, ...]]  # by stage, the seconds of every run
 
 @dataclass(frozen=True)
 class Timing:
-    """Thread time by stage. The sum of the minima over stages is the time of a run on an idle machine; the sum of the
+    """CPU time (s) by stage. The sum of the minima over stages is the time of a run on an idle machine; the sum of the
     medians is its time on this machine.
 
     ``by``: the kind of runs to compare, ``cold`` or ``warm``.

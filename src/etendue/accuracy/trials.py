@@ -60,7 +60,7 @@ class SettingTrial(Trial):
 
 @dataclass(frozen=True)
 class SettingCurve:
-    """A knob alone, from its cheapest setting to its finest. Its errors are differences from the finest setting."""
+    """One knob, varied alone from its cheapest to its finest setting; errors are relative to the finest setting."""
 
     knob: PipelineKnob
     measured_at: str  # variable at which the error of the stage is measured

@@ -35,7 +35,7 @@ def plan_page(document: Document) -> str:
     whole = (
         f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
         f"{human_bytes(document['bytes'])}, "
-        f"about {expected_seconds(document)} of thread time, at most {human_bytes(document['peak_memory'])} "
+        f"about {expected_seconds(document)} of CPU time, at most {human_bytes(document['peak_memory'])} "
         f"of memory"
     )
     notes = [whole, *(f"note: {escape(text)}" for text in document["warnings"])]
@@ -60,7 +60,7 @@ class Planned:
         own = self.document()
         return (
             f"<plan of {own['name']}: {len(own['stages'])} stages, {own['cells']} cells, about {own['seconds']:.2g} "
-            f"s of thread time>"
+            f"s of CPU time>"
         )
 
     def _repr_html_(self) -> str:

@@ -48,11 +48,10 @@ def simulate(
     scheduler, workers : as for ``--scheduler`` (``etendue run --help``); number of threads or processes
     leave_out : whether stages may be left out if they have no effect on the scene
     errors : whether to measure the errors of the wanted variables, in at most 10 % of the run's time; a number is the
-    maximum time in seconds, ``math.inf``: no limit. The errors are stored as the attributes ``error`` (in the
-    variable's unit, or
-        relative to full scale) and ``error_parts``
+        maximum time in seconds, ``math.inf``: no limit. The errors are stored as the attributes ``error`` (in the
+        variable's unit, or relative to full scale) and ``error_parts``
     **parameters : shared quantities by name, ``stage__parameter`` for parameters of stages, ``seed``, ...; a list makes
-    a sweep axis
+        a sweep axis
 
     Raises
     ------

@@ -27,7 +27,7 @@ FOLDER = click.option(
     "chosen",
     default="",
     metavar="NAME",
-    help="Preset to use. Default: the template's.",
+    help="Preset to use. Default: the preset of the template.",
 )
 @FOLDER
 @later("etendue.cli.bodies.beginnings:new")
@@ -42,8 +42,8 @@ def new() -> None:
 @FOLDER
 @later("etendue.cli.bodies.beginnings:new_plugin")
 def new_plugin() -> None:
-    """Create a package with a stage of your own. Without any change it can be installed, passes the laws of its role
-    and is ranked by `compare`.
+    """Create a package with a stage of your own. It can be installed as it is, passes the tests of its role
+    (`etendue.testing`), and can be ranked by `compare`.
 
     The new stage inherits its computation from an installed stage; replace the line that calls it with your own code.
     """

@@ -19,14 +19,14 @@ from etendue.cli.saying import command, later
     metavar="FILE",
     help="File to write; an existing file is replaced. Default: ./ARCHIVE-report.html.",
 )
-@click.option("--blame", is_flag=True, help="Also compute and add each stage's share of the loss.")
+@click.option("--blame", is_flag=True, help="Also compute and add each stage's share of the loss of quality.")
 @JSON
 @later("etendue.cli.bodies.pages:report")
 def report() -> None:
     """Write a self-contained HTML report: pictures, maps, curves, trade-offs, errors, failures.
 
     The file opens offline in any browser of 2023 or later. It holds the metrics of all cells and the pictures of at
-    most 64. If the run is still in progress, the file contains the finished cells.
+    most 64 cells. If the run is still in progress, the file contains the finished cells.
     """
 
 
@@ -41,6 +41,6 @@ def view() -> None:
     """Serve the report live, with every sample of every stage, to a browser on this machine.
 
     The page follows a run in progress; an archive in an object store is shown in the state that it has when the command
-    starts. The address contains a secret: users of this machine who know it can open the page, but nobody can change
-    anything. Stop with Ctrl-C.
+    starts. The address contains a secret: users of this machine who know this address can open the page, but nobody can
+    change anything. Stop with Ctrl-C.
     """

@@ -31,7 +31,11 @@ from etendue.cli.saying import command, later
 @click.option(
     "--better", default="", metavar="WORD,WORD", help="For pareto: higher or lower, for each metric in order."
 )
-@click.option("--blame", is_flag=True, help="For budget: also compute and add each stage's share of the loss.")
+@click.option(
+    "--blame",
+    is_flag=True,
+    help="For budget: also compute and add each stage's share of the loss of quality.",
+)
 @JSON
 @later("etendue.cli.bodies.plots:plot")
 def plot() -> None:

@@ -29,7 +29,7 @@ def _how(function: Any) -> Any:
     for option in (
         click.option("--quiet", is_flag=True, help="Show no progress."),
         click.option(
-            "--prune", is_flag=True, help="Remove finished results from the archive that this run does not keep."
+            "--prune", is_flag=True, help="Remove from the archive the finished results that this run does not keep."
         ),
         click.option(
             "--cell-timeout",
@@ -54,25 +54,29 @@ def _how(function: Any) -> Any:
     "--archive",
     type=PLACE,
     metavar="DIR|URL",
-    help="Where to store results: a folder or s3://bucket/prefix/name. Default: ./<its name>.",
+    help="Where to store results: a folder or s3://bucket/prefix/name. Default: ./<name of the pipeline>.",
 )
 @_how
-@click.option("--measure", is_flag=True, help="Measure the global error of the wanted variables on sample cells.")
+@click.option(
+    "--measure",
+    is_flag=True,
+    help="Measure the error of the wanted variables caused by all omissions and coarser settings, on sample cells.",
+)
 @click.option(
     "--hold",
     type=HELD,
     multiple=True,
     metavar="E|METRIC=E",
     help="Find the loosest tolerance that keeps every wanted variable within E of the reference, relative to full "
-    "scale, or METRIC within E in its own unit (repeatable). Refine the parameters that the file sets to 'auto' until "
-    "the error of the result itself is within E. Then run with these values.",
+    "scale, or METRIC within E in its own unit (repeatable). If the file sets parameters to 'auto', also refine them "
+    "until the total error, including discretisation, is within E. Then run with these values.",
 )
 @click.option(
     "--hold-seconds",
     type=click.FloatRange(0),
     default=900.0,
     show_default=True,
-    help="Maximum thread time of the search by --hold, in seconds.",
+    help="Maximum CPU time of the search by --hold, in seconds.",
 )
 @click.option(
     "--errors/--no-errors",
@@ -101,7 +105,8 @@ def run() -> None:
 @gather_way
 @later("etendue.cli.bodies.runs:rerun", interrupts.INTACT)
 def rerun() -> None:
-    """Bring an archive up to date, from the archive alone: run its last pipeline again with the input files it stores.
+    """Bring an archive up to date, from the archive alone: run the archive's last pipeline again with the stored input
+    files.
 
     Results that are present and valid stay. Results that are missing, damaged or out of date (code or input files have
     changed) are computed. Exit codes are the same as for `run`.

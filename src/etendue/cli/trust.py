@@ -40,7 +40,7 @@ def reproduce() -> None:
 
     On the same platform every bit must agree. On another platform (processor features, numpy, scipy, Python) a cell may
     differ by the errors that its stage and the stages before it declare. Stages that are not installed are listed, and
-    so is code that has changed since. Nothing is kept without --into.
+    so is code that has changed since the run. Nothing is kept without --into.
 
     Exit codes: 0 reproduced, 1 not reproduced, 2 the request is invalid, or a stage or input is missing, 4 a run is
     writing to the archive.
@@ -96,9 +96,9 @@ def verify() -> None:
     copy if there is one, or recomputed from the archive's own pipeline; files that do not belong to the archive are
     moved to its folder 'strays'.
 
-    `verify` cannot detect a change after which all digests in the archive were rewritten too. `reproduce` detects it if
-    a result differs from the recomputed result; the digest printed by --digest, if you kept it elsewhere, detects any
-    change.
+    `verify` cannot detect a change after which all digests in the archive were rewritten too. `reproduce` detects such
+    a change if a result differs from the recomputed result; the digest printed by --digest, if you kept it elsewhere,
+    detects any change.
 
     Exit codes: 0 undamaged (with --repair: after the repair), 1 damaged, 2 invalid request, or the archive lacks what a
     repair needs, 4 a run is writing to the archive.

@@ -79,7 +79,7 @@ class Registry:
         if isinstance(kind, str):
             if ":" not in kind:
                 raise PluginError(
-                    f"{origin} cannot be loaded: its place is {kind!r}; expected 'module:Class', or the class"
+                    f"{origin} cannot be loaded: its entry is {kind!r}; expected 'module:Class' or the class itself"
                 )
             with foreign(
                 f"{origin} cannot be loaded", "" if brought.distribution == OWN else f"{origin}, when it was imported,"

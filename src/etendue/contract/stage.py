@@ -72,13 +72,13 @@ class Stage:
     once : physics that should occur once along a path (``"diffraction"``, ``"fall-off"``); the plan notes a second
         stage with the same
     decides : the stage rounds, counts or chooses, so that a small change of its input may change its output strongly;
-    or {parameter: values with which it does so}. For any other stage the conformance kit reports jumps handed : the
-    stage treats left and right, or up and down, differently, as for a picture that is moved or sheared. For any other
-        stage the kit requires the mirrored result for mirrored input
-    keeps : properties of its values that the conformance kit tests: ``"order"`` (no value falls if the input rises),
+        or {parameter: values with which it does so}. For any other stage the conformance kit reports jumps
+    handed : the stage treats left and right, or up and down, differently, as for a picture that is moved or sheared.
+        For any other stage the kit requires the mirrored result for mirrored input
+    keeps : properties of the output that the conformance kit tests: ``"order"`` (no value falls if the input rises),
         ``"sum"`` (the sum over the frame stays the same)
-    unseen : by metric that it writes, the roles of stages that affect the subject of the metric but cannot be included
-    in the metric. Tables, plots and reports name such stages of a pipeline beside the metric
+    unseen : by metric that the stage writes, the roles of stages that affect the subject of the metric but cannot be
+        included in the metric. Tables, plots and reports name such stages of a pipeline beside the metric
     """
 
     reads: ClassVar[Mapping[str, str]] = {}

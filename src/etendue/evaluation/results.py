@@ -36,8 +36,9 @@ class Results:
 
     Attributes
     ----------
-    most : its bound in bytes bytes : of all that it holds behind : an archive, whose results are read where memory has
-    none
+    most : largest number of bytes that the store holds
+    bytes : bytes of all results that it holds now
+    behind : an archive, from which results are read that memory does not hold
     """
 
     def __init__(self, most: int, behind: ArchivedResults | None = None) -> None:

@@ -100,7 +100,8 @@ def at_value(pipeline: PipelineFile, key: str, value: object) -> PipelineFile:
     """Return the pipeline with one value of an axis written where it belongs: a shared quantity, a preset, a stage, its
     parameter.
 
-    The table of a stage belongs to its implementation, and is dropped for other implementations.
+    If the value selects another implementation of a stage, the parameters in that stage's table of the file are
+    dropped, because they belong to the previous one.
     """
     stage, _, name = key.rpartition(".")
     if stage:

@@ -168,8 +168,8 @@ def _size(estimate: float) -> int:
 
 
 def seconds_of(node: Node, groups: Iterable[tuple[Cell, int]], precision: str, rates: Rates) -> tuple[float, bool]:
-    """Return the seconds of some cells without writing, and whether this machine has run their stage. With each cell
-    stands the number of cells of equal cost.
+    """Return the seconds of some cells without writing, and whether this machine has run their stage. Each cell is
+    given with the number of cells of equal cost.
     """
     total, known = 0.0, True
     for cell, count in groups:

@@ -12,7 +12,9 @@ from etendue.plan.model import Node, Plan
 
 
 def not_in_it(plan: Plan, node: Node, variable: str) -> tuple[str, ...]:
-    """Return the names of these stages, in the order of the pipeline, without stages that do nothing in any cell."""
+    """Return the names of the stages that the metric does not include, in the order of the pipeline, without stages
+    that do nothing in any cell.
+    """
     roles = {role for one in node.alternatives for role in one.kind.unseen.get(variable, ())}
     if not roles:
         return ()

@@ -113,7 +113,7 @@ class Reports(Mapping[CellRef, CellReport]):
         return [self._at(number, ref) for number, ref in enumerate(self.plan.cells) if self.status[number] in statuses]
 
     def seconds_of(self, stage: str | None = None) -> float:
-        """Return the thread time in seconds of the computed cells of a stage, or of all stages."""
+        """Return the CPU time in seconds of the computed cells of a stage, or of all stages."""
         return math.fsum(self.seconds[n] for n in self.numbers(stage) if self.status[n] in (DONE, LEFT_OUT))
 
     def bytes_of(self, stage: str) -> int:

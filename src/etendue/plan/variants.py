@@ -30,8 +30,9 @@ def variant(
 
     Parameters
     ----------
-    values : by stage and parameter, in the parameter's unit; they replace values of the file and of axes with a single
-    value exact : leave nothing out, approximate nothing, and compute in 64 bits; otherwise decide as ``plan`` does
+    values : by stage and parameter, in the parameter's unit; they replace values of the file, and of axes with a single
+        value
+    exact : leave nothing out, approximate nothing, and compute in 64 bits; otherwise decide as ``plan`` does
 
     Raises
     ------

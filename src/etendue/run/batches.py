@@ -56,7 +56,7 @@ class Batch:
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """The names of its stages."""
+        """The names of the stages of the batch."""
         return tuple(dict.fromkeys(ref[0] for ref in self.refs))
 
 

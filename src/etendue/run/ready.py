@@ -62,7 +62,7 @@ class Ready(Generic[Kept]):
 
     def held_back(self) -> dict[int, list[int]]:
         """Return, for each batch that opens a chain, the batches that have to end before it may begin: all batches that
-        read large arrays of preceding chains, except the chains that may be open at the same time.
+        read large arrays of a preceding chain, unless that chain may be open at the same time.
         """
         opening = self.openings()
         others, found, left = frozenset(opening), dict[int, list[int]](), set[int]()

@@ -201,7 +201,7 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, Pla
     # -- claims
 
     def test_the_stated_error_is_true_of_single_against_double_precision(self) -> None:
-        """The bound and its basis; two results within their bounds differ by at most the sum of the bounds.
+        """The stated bound holds: results in single and double precision differ by at most the sum of their bounds.
 
         Relative to full scale: the largest value of the result in double precision, or a converter's top code.
         """

@@ -62,12 +62,18 @@ NOT_CHECKED = (
         r"#affiliation|#license|CITATION).*",
     ),
     NotChecked("messages of failed cells", "a cell may fail again with a different message"),
-    NotChecked("what was reused or accepted", "tables take the state of cells of an earlier platform from the journal"),
+    NotChecked(
+        "what was reused or accepted",
+        "for cells of an earlier platform, only the journal knows this state; there is nothing to compare it with",
+    ),
     NotChecked(
         "contact_sheet.png, CITATION.cff, measured.json",
         "derived from compared data; run --measure measures the errors again",
     ),
-    NotChecked("foreign files", "files and groups that no run has written, strays/"),
+    NotChecked(
+        "foreign files",
+        "no run has written these files and groups (strays/ among them), so there is nothing to compare them with",
+    ),
 )
 
 

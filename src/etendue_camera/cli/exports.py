@@ -28,7 +28,7 @@ from etendue.cli.saying import command, later
     "--at",
     multiple=True,
     metavar="AXIS=VALUE",
-    help="Axis value, such as f_number=2.8; may be repeated. Axes not given: all values.",
+    help="Axis value, such as f_number=2.8; may be repeated. All values of other axes are exported.",
 )
 @click.option(
     "--stage", default="", metavar="NAME", help="Stage to read from. Default: the last stage that wrote the variable."

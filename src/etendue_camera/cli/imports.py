@@ -20,7 +20,11 @@ and lines for a pipeline.
 @command("import", help=HELP)
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path), metavar="STORE", help="Default: FILE.zarr in the current folder."
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="STORE",
+    help="Store to write. Default: FILE.zarr in the current folder.",
 )
 @click.option("--variable", default="", metavar="NAME", help="Array to read, if the file has several.")
 @click.option(
@@ -34,7 +38,12 @@ and lines for a pipeline.
     help="Type of the values: radiance, photons, relative (reflectance: 1 = white in every band), or a unit of "
     "radiance.",
 )
-@click.option("--scale", type=click.FloatRange(0, min_open=True), metavar="FACTOR", help="Factor on the values.")
+@click.option(
+    "--scale",
+    type=click.FloatRange(0, min_open=True),
+    metavar="FACTOR",
+    help="Factor by which the values are multiplied.",
+)
 @click.option(
     "--spacing",
     type=click.FloatRange(0, min_open=True),
@@ -49,7 +58,7 @@ and lines for a pipeline.
     type=click.FloatRange(0, 2, min_open=True),
     default=1.0,
     show_default=True,
-    help="Reflectance of that patch.",
+    help="Reflectance of the white patch.",
 )
 @click.option("--clip", is_flag=True, help="Set negative values, such as from noise, to 0.")
 @later("etendue_camera.importing.store:import_command")

@@ -35,7 +35,7 @@ def lab(xyz: ArrayLike, white_xyz: ArrayLike) -> NDArray:
     -----
     Source: CIE 15:2018 with the exact break (6/29)^3. The constant 4/29 is omitted from f, because L* = 116 f - 16
     subtracts it again and would lose all digits in the dark (relative error 4e-9 at Y = 1e-9).
-    Error: below 5e-16 of the largest term (reference group lab).
+    Error: below 5e-16 of the largest term (reference values lab).
 
     Examples
     --------
@@ -72,9 +72,9 @@ def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> NDArray:
     Notes
     -----
     Source: Sharma, Wu, Dalal 2005, eqs. 2-22. Differences of chroma and hue are computed from differences of a* and b*,
-    which keeps the digits of nearly equal colours, also across 0 degrees. Error: below 1e-15 x condition (reference
-    group de2000), and 4e-16 for pairs 1e-12 to 1 apart (40 against 60 digits). Subtracting angles instead would have an
-    error of 1e-3 for a difference of 1e-12.
+    which keeps the digits of nearly equal colours, also across 0 degrees. Relative error: below 1e-15 times the
+    condition number (reference values `de2000`), and 4e-16 for pairs 1e-12 to 1 apart (40 against 60 digits).
+    Subtracting angles instead would have an error of 1e-3 for a difference of 1e-12.
 
     Examples
     --------

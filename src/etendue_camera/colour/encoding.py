@@ -29,7 +29,7 @@ def srgb_encode(linear: ArrayLike) -> NDArray:
     Notes
     -----
     Source: IEC 61966-2-1 with its printed break 0.0031308, where the two branches differ by 3e-8. The slope is finite.
-    Error: below 6e-16 relative in float64 (reference group srgb_encode), 3e-7 in float32 (|v| <= 10).
+    Error: below 6e-16 relative in float64 (reference values srgb_encode), 3e-7 in float32 (|v| <= 10).
 
     Examples
     --------
@@ -60,8 +60,9 @@ def srgb_decode(encoded: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Source: IEC 61966-2-1 with its printed break 0.04045. Within 3e-8 of the break it inverts the encoding only to
-    2e-9. Error: below 3e-16 x condition in float64 (reference group srgb_decode), 5e-7 in float32 (|v| <= 4).
+    Source: IEC 61966-2-1 with its printed break 0.04045. Within 3e-8 of the break it inverts the encoding only to 2e-9.
+    Relative error: below 3e-16 times the condition number in float64 (reference values `srgb_decode`), 5e-7 in float32
+    (|v| <= 4).
     """
     value = require.floating(encoded)
     size = value if _no_negative(value) else np.abs(value)
@@ -87,7 +88,7 @@ def bt709_encode(linear: ArrayLike) -> NDArray:
     Notes
     -----
     Source: ITU-R BT.709, 4.5 v below 0.018, else 1.099 v^0.45 - 0.099. The three-digit constants leave a step
-    of 2.5e-4 at 0.018. Error: below 2e-16 relative in float64 (reference group bt709_encode), 4e-7 in float32
+    of 2.5e-4 at 0.018. Error: below 2e-16 relative in float64 (reference values bt709_encode), 4e-7 in float32
     (v <= 10).
     """
     value = require.floating(linear)
@@ -144,8 +145,8 @@ def gamma_signed(value: ArrayLike, gamma: float) -> NDArray:
 
     Notes
     -----
-    Source: seed paper eq. 15, sign(v) |v|^gamma. Error: below 2e-17 x condition in float64 (reference group
-    gamma_signed); 8e-7 relative in float32 (gamma up to 2.2, 1e-6 <= |v| <= 10).
+    Source: seed paper eq. 15, sign(v) |v|^gamma. Relative error: below 2e-17 times the condition number in float64
+    (reference values `gamma_signed`); 8e-7 relative in float32 (gamma up to 2.2, 1e-6 <= |v| <= 10).
     """
     gamma = float(gamma)
     require.allowed(0 < gamma < np.inf, "gamma", gamma, "finite numbers above 0")

@@ -73,7 +73,7 @@ def saturation_current(full_well: ArrayLike, time: ArrayLike, dark_current: Arra
     Notes
     -----
     Source: seed paper eq. 12, i_max = q Qmax / t - i_dc.
-    Error: below 2e-16 relative to the larger term (reference group i_max).
+    Error: below 2e-16 relative to the larger term (reference values i_max).
     """
     well, dark = require.at_least_zero("full_well", full_well), require.at_least_zero("dark_current", dark_current)
     return ELEMENTARY_CHARGE * well / require.above_zero("time", time) - dark
@@ -103,7 +103,7 @@ def smallest_current(time: ArrayLike, dark_current: ArrayLike, read_noise: Array
     Notes
     -----
     Source: denominator of seed paper eq. 13 over t, with q^2 (not q) before the variances, which are in
-    electrons squared. Error: below 4e-16 relative (reference group i_min).
+    electrons squared. Error: below 4e-16 relative (reference values i_min).
     """
     time = require.above_zero("time", time)
     dark = require.at_least_zero("dark_current", dark_current) * time / ELEMENTARY_CHARGE
@@ -134,9 +134,9 @@ def dynamic_range_elgamal(
 
     Notes
     -----
-    Source: seed paper eq. 13 with q^2 before the variances; as printed it is wrong by up to sqrt(1/q) (-119
-    dB for a sensor of 68 dB). The smallest signal is the dark noise alone; `dynamic_range_emva` requires SNR
-    = 1. Error: below 3e-16 x condition (reference group dr_db, 68.05 dB to -111.6 dB).
+    Source: seed paper eq. 13 with q^2 before the variances; as printed it is wrong by up to sqrt(1/q) (-119 dB for a
+    sensor of 68 dB). The smallest signal is the dark noise alone; `dynamic_range_emva` requires SNR = 1. Error: below
+    3e-16 times the condition number (reference values `dr_db`, 68.05 dB to -111.6 dB).
     """
     well = require.at_least_zero("full_well", full_well)
     dark = require.at_least_zero("dark_electrons", dark_electrons)
@@ -170,7 +170,7 @@ def snr_db(
     Notes
     -----
     Source: El Gamal's SNR with the PRNU term, 20 log10(S / sqrt(S + n_d + s_r^2 + s_D^2 + (prnu S)^2)).
-    Error: below 4e-16 relative (reference group snr_db).
+    Error: below 4e-16 relative (reference values snr_db).
     """
     signal = require.at_least_zero("electrons", electrons)
     gain_noise = require.at_least_zero("prnu", prnu) * signal
@@ -207,7 +207,7 @@ def emva_snr(
     Notes
     -----
     Source: EMVA 1288 R4 linear, eta mu / sqrt(s_d^2 + 1/(12 K^2) + eta mu).
-    Error: below 4e-16 relative (reference group emva_snr).
+    Error: below 4e-16 relative (reference values emva_snr).
     """
     charge = require.at_least_zero("photons", photons) * require.above_zero("quantum_efficiency", quantum_efficiency)
     floor = _emva_floor(gain_dn_per_electron, dark_noise)
@@ -233,7 +233,7 @@ def emva_smallest_photons(
     Notes
     -----
     Source: root of EMVA 1288 SNR = 1, (1/2 + sqrt(1/4 + s_d^2 + 1/(12 K^2))) / eta.
-    Error: below 4e-16 relative (reference group emva_mu_p_min).
+    Error: below 4e-16 relative (reference values emva_mu_p_min).
     """
     floor = _emva_floor(gain_dn_per_electron, dark_noise)
     return (np.hypot(floor, 0.5) + 0.5) / require.above_zero("quantum_efficiency", quantum_efficiency)
@@ -256,7 +256,7 @@ def emva_smallest_photons_approx(
 
     Notes
     -----
-    Source: EMVA 1288 R4 linear, (s_y.dark / K + 1/2) / eta. Error: below 4e-16 relative (reference group
+    Source: EMVA 1288 R4 linear, (s_y.dark / K + 1/2) / eta. Error: below 4e-16 relative (reference values
     emva_mu_p_min_approx).
     """
     floor = _emva_floor(gain_dn_per_electron, dark_noise)

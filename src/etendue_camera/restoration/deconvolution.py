@@ -68,7 +68,7 @@ def wiener_gain(transfer: ArrayLike, noise_to_signal: ArrayLike) -> NDArray:
     Notes
     -----
     Both terms are divided by max(|Re H|, |Im H|) first, because |H|^2 underflows to 0 for |H| below 1e-162.
-    Error: below 1e-15 relative (reference group wiener_gain).
+    Error: below 1e-15 relative (reference values wiener_gain).
     """
     transfer = np.asarray(transfer)
     noise_to_signal = np.asarray(noise_to_signal, dtype=float)

@@ -85,7 +85,7 @@ def laplacian_response(fy: ArrayLike, fx: ArrayLike) -> NDArray:
     Notes
     -----
     Source: 9 - (1 + 2 cos 2 pi fx)(1 + 2 cos 2 pi fy), written in sines as 12 (sy^2 + sx^2) - 16 sy^2 sx^2 to avoid
-    cancellation near zero, where the response is 12 pi^2 f^2. Error: below 4e-16 relative (reference group
+    cancellation near zero, where the response is 12 pi^2 f^2. Error: below 4e-16 relative (reference values
     laplacian_response).
     """
     sy, sx = np.sin(np.pi * np.asarray(fy)) ** 2, np.sin(np.pi * np.asarray(fx)) ** 2

@@ -45,11 +45,11 @@ def compare() -> None:
     The reference is the picture of a camera whose pixels measure all channels without noise, followed by the same later
     stages. PSNR is measured on linear values: on the picture that the compared stage writes or, if the mosaic comes
     later, on rgb_camera. "encoded", CIEDE2000, zipper and false colour are measured on the finished picture. If the
-    axis is a stage that reads and writes only rgb_camera (sharpening, denoising), the reference omits it: its result is
-    compared with an undisturbed picture. Any other axis before the pixels or after the demosaicer (f_number,
-    display.display) also changes the reference: each value then has its own reference, and alternatives are ranked by
-    PSNR of the encoded picture. A border of 10 pixels is ignored. MTF50 comes from a second, noise-free run of the same
-    camera with a slanted edge. Time is the time of the stage alone, on one thread.
+    axis is a stage that reads and writes only rgb_camera (sharpening, denoising), the reference omits this stage, so
+    that its result is compared with an undisturbed picture. Any other axis before the pixels or after the demosaicer
+    (f_number, display.display) also changes the reference: each value then has its own reference, and alternatives are
+    ranked by PSNR of the encoded picture. A border of 10 pixels is ignored. MTF50 comes from a second, noise-free run
+    of the same camera with a slanted edge. Time is the time of the stage alone, on one thread.
 
     Exit codes: 0 done, 2 invalid request, 3 an alternative failed, a named alternative was refused, or only one was
     left.
@@ -97,12 +97,12 @@ def compare() -> None:
 @options.gather_way
 @later("etendue_lab.quality.terminal:quality_command")
 def quality() -> None:
-    """Compare a camera with the ideal one: the same pipeline with a perfect lens, without noise and mosaic.
+    """Compare a camera with the ideal camera: the same pipeline with a perfect lens, without noise and mosaic.
 
-    For every cell of the sweep the command gives PSNR of camera primaries and of the encoded picture, SSIM of its luma,
-    CIEDE2000 and S-CIELAB of the displayed light, SNR, visible noise in a uniform region, and dynamic range. Blur,
-    aberrations, distortion, glare and sharpening are left out of the ideal camera; it has the same pixels, light and
-    colours as the camera.
+    For every cell of the sweep the command gives PSNR of camera primaries and of the encoded picture, SSIM of the luma
+    of the encoded picture, CIEDE2000 and S-CIELAB of the displayed light, SNR, visible noise in a uniform region, and
+    dynamic range. Blur, aberrations, distortion, glare and sharpening are left out of the ideal camera, which has the
+    same pixels, light and colours as the camera.
 
     Exit codes: 0 done, 2 invalid request, 3 some cells failed.
     """

@@ -26,8 +26,8 @@ def sensitivity() -> None:
 
     For a design with method = "saltelli", the command gives first-order and total Sobol' indices with 95 % intervals.
     For any design, it gives standardised regression coefficients, rank correlations, main effects (the share of the
-    variance that a factor explains alone) and products of two factors. If the sweep has other axes, it repeats this for
-    every combination of their values.
+    variance that a factor explains alone) and products of two factors. If the sweep has other axes, the command repeats
+    all of this for every combination of their values.
     """
 
 
@@ -47,7 +47,7 @@ def sensitivity() -> None:
 def yield_() -> None:
     """Report the share of units that pass all requirements; every sample of a design is a unit.
 
-    The share has Wilson's 95 % interval. Requirements are ranked by how many units fail them. For each factor, the same
-    samples with other weights give the yield with a spread that is a tenth smaller, its interval, and the number of
-    equally weighted units that would be as accurate.
+    The share has Wilson's 95 % interval. Requirements are ranked by how many units fail them. For each factor, the
+    samples are reweighted to predict the yield if the spread of that factor were a tenth smaller. The prediction has an
+    interval, and the number of equally weighted units that would give the same accuracy.
     """

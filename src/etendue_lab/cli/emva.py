@@ -32,7 +32,7 @@ def emva() -> None:
     For a pipeline FILE, the lens is removed, and two raw frames of uniform light and two dark frames are simulated at
     each exposure time. The results are system gain, read noise, dark current, full well, DSNU, PRNU, linearity,
     saturation, sensitivity threshold, dynamic range and SNR for each channel. For an ARCHIVE, the stored frames are
-    measured, for each camera of the sweep. They must show a uniform scene swept over reflectance (0 and 1) and
+    measured, for each camera of the sweep. These frames must show a uniform scene swept over reflectance (0 and 1) and
     integration time, with two frames of each, as in pipelines/emva.toml. Real FRAMES are a folder of PNG, TIFF or DNG
     files, a .npz file, a CSV table (file, time_s, photons or relative_light, kind), or the descriptor of an EMVA
     reference set, with two or more frames of each exposure.

@@ -39,11 +39,12 @@ def _texts(name: str, metavar: str, help: str) -> options.Adds:
 def optimise() -> None:
     """Search for the settings that make a metric best, within limits.
 
-    Every trial runs the camera with new settings and recomputes only what they change. Finished trials are kept in the
-    folder: after an interruption the same command continues, and ends with the same trials as an uninterrupted search;
-    a larger --trials extends a finished search. A limit on a searched setting narrows its range. If a trial exceeds a
-    limit, the optimiser receives the excess. A trial that fails, or that a stage refuses, counts as far beyond the
-    limit. With several goals, the result is the Pareto front: the trials that no other trial beats in all goals.
+    Every trial runs the camera with new settings and recomputes only the cells that they affect. Finished trials are
+    kept in the folder: after an interruption the same command continues, and ends with the same trials as an
+    uninterrupted search; a larger --trials extends a finished search. A limit on a searched setting narrows its range.
+    If a trial exceeds a limit, the optimiser receives the excess. A trial that fails, or that a stage refuses, counts
+    as far beyond the limit. With several goals, the result is the Pareto front: the trials that no other trial beats in
+    all goals.
 
     Needs optuna: pip install 'etendue[optimise]'.
 

@@ -34,7 +34,7 @@ def stability() -> None:
     are tested.
 
     Errors are relative to the largest output value; the condition number is the factor by which a small relative change
-    grows.
+    of the input grows in the output.
 
     Exit codes: 0 all passed, 1 a check failed, 2 invalid request.
     """

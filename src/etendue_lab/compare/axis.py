@@ -219,8 +219,9 @@ def _first(written: Any) -> Any:
 def one_camera(pipeline: PipelineFile) -> tuple[PipelineFile, list[str]]:
     """Return the camera without its sweep, and a note with the values taken instead, if it has one."""
     alone, taken = without_sweep(pipeline)
+    used = "value used instead" if len(taken) == 1 else "values used instead"
     return alone, [
-        f"values in place of the sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"
+        f"the sweep is ignored; {used}: {', '.join(f'{key} = {value}' for key, value in taken.items())}"
     ] * bool(taken)
 
 

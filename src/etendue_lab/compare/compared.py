@@ -39,7 +39,7 @@ class ComparedRow:
     mtf50: float | None = None  # cycles/pixel
     error: float | None = None  # rms, full scale 1, of the metric that ranks the rows: the ordinate of the plot
     mtf50_reference: float | None = None
-    seconds: float | None = None  # thread time of the stage
+    seconds: float | None = None  # CPU time of the stage
     mpixel_per_second: float | None = None
     seconds_per_mpixel: float | None = None
     pareto: bool = False  # on the Pareto front of quality and speed

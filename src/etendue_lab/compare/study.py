@@ -275,7 +275,7 @@ def _viewing_white(reader: Reader, branched: Branched, position: int) -> Array:
 
 
 def seconds_of(reader: Reader, position: int, repeat: int) -> float | None:
-    """Return the thread time of the compared stage alone: the fastest of several runs on the same inputs."""
+    """Return the CPU time of the compared stage alone: the fastest of several runs on the same inputs."""
     ref = reader.ref(reader.asked.stage, position)
     report, cell = reader.outcome.reports.get(ref), reader.plan.cells[ref]
     best = report.seconds if report is not None and report.status == "done" else math.inf

@@ -48,9 +48,9 @@ def print_emva(document: Document) -> None:
     held, known = sum(one is True for one in judged), sum(one is not None for one in judged)
     if known:
         least, most = (100 * (1 - share) for share in reversed(document["simulated"]))
-        counted = f"for {SENSORS} simulated sensors of two kinds {least:.0f} to {most:.0f} %"
         console.print(
-            f"{held} of {known} intervals contain the expected value; one in twenty 95 % intervals does not ({counted})"
+            f"{held} of {known} intervals contain the expected value; on average, one in twenty does not ({least:.0f} "
+            f"to {most:.0f} %, depending on the metric, for {SENSORS} simulated sensors of two kinds)"
         )
     for note in document["notes"]:
         console.print(f"note: {escape(note)}")

@@ -229,7 +229,9 @@ def _taken(name: str, optic: Any, image_given: bool) -> Prescription:
         raise ValueError(f"{name}: its image is curved; this plugin supports only flat image planes")
     index = float(np.ravel(surfaces[-2].material_post.n(0.55))[0])
     if abs(index - 1.0) > 1e-3:
-        raise ValueError(f"{name}: the index before its image is {index:g}; this plugin supports only lenses in air")
+        raise ValueError(
+            f"{name}: the refractive index in image space is {index:g}; this plugin supports only lenses in air"
+        )
     for surface in surfaces:  # rims are handled by partial cell coverage, not by dropping rays
         surface.aperture = None
     return Prescription(name, surfaces, stops[0], tuple(rims), stop_radius, vertices[-1] - vertices[0], image_given)

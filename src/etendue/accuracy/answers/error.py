@@ -94,8 +94,8 @@ def _number(stored: float | None) -> float:
 class AnswerErrors:
     """The errors of all wanted variables.
 
-    ``errors``: over the whole sweep, by name of the variable (``stage.name`` if two stages write it). ``shown``: at the
-    point of the pictures and headline metrics, whose axis values are ``at``.
+    ``errors``: the errors over the whole sweep, by name of the variable (``stage.name`` if two stages write it).
+    ``shown``: the errors at the point of the pictures and headline metrics, whose axis values are ``at``.
     """
 
     errors: Mapping[str, AnswerError]

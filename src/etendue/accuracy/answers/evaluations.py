@@ -53,9 +53,8 @@ class Rates:
 
     Parameters
     ----------
-    plan, reports : plan and reports of a run. Its seconds include work that a stage does once per process, such as
-    imports and tables.
-        They count only if they are below the prediction, or exceed it by more than ``ONCE``.
+    plan, reports : plan and reports of a run. Measured seconds include work that a stage does once per process, such as
+        imports and tables. They count only if they are below the prediction, or exceed it by more than ``ONCE``.
     """
 
     def __init__(self, plan: Plan, reports: Reports | None) -> None:

@@ -1,5 +1,5 @@
-"""The error of the answer of a run. It is measured once; later runs of the same cells read it from the archive or the
-user's cache.
+"""The error of the answer of a run. This error is measured once; later runs of the same cells read it from the archive
+or the user's cache.
 
 In:  the plan and the reports of a run, a budget of seconds, the folder of the archive.
 Out: ``AnswerErrors``.

@@ -24,8 +24,8 @@ from etendue.types.documents import Document
 
 
 def refuse_changed(folder: Path, running: bool) -> None:
-    """Check everything except chunks of cells and the journal against the manifest: metadata, coordinates, tables,
-    records.
+    """Check metadata, coordinates, tables and records (everything but the journal and the chunks of cells) against the
+    manifest.
 
     Raises
     ------

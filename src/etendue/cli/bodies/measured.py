@@ -33,7 +33,7 @@ def held(
     found = holding.hold(pipeline, installed(), goals, options=options, progress=watched, archive=folder)
     for text in _choices(found.chosen) if found.chosen else ():
         click.echo(text, err=True)
-    when = f"measured in {human_seconds(found.seconds)} of thread time"
+    when = f"measured in {human_seconds(found.seconds)} of CPU time"
     told = f"hold {found.asked}: local tolerance {found.tolerance:g}, "
     told += "found by an earlier run" if found.remembered else when
     said = [told]

@@ -1,8 +1,8 @@
 """Approximation: for every knob that the file does not set, choose the cheapest setting within the local tolerance.
 
 A knob lists its settings from the cheapest to the reference (``Parameter.settings``); the stage states its error at
-each (``error``). A setting in the file is part of the model and is never changed. Knobs that only studies vary are not
-chosen here.
+each setting (``error``). A setting in the file is part of the model and is never changed. Knobs that only studies vary
+are not chosen here.
 """
 
 from __future__ import annotations
@@ -78,9 +78,9 @@ def choose(
     """Return a stage with its open knobs set, and the chosen settings whose error exceeds the error of the reference.
 
     Knobs are set one after the other, each to its cheapest setting that keeps the whole error of the stage within the
-    tolerance. If the error stays above the tolerance, all knobs start from their finest setting. If even the finest is
-    above it, coarser settings add at most a tenth of the tolerance, so that the result is as close to the tolerance as
-    the knobs allow.
+    tolerance. If the error stays above the tolerance, all knobs start from their finest setting. If the error is above
+    the tolerance even at the finest settings, coarser settings add at most a tenth of the tolerance, so that the result
+    is as close to the tolerance as the knobs allow.
 
     A stage with a ``dear`` knob, whose finer settings the plan may not choose, stays as it is in this case: finer
     settings of its other knobs would cost time without reaching the tolerance. The same applies to a stage that does

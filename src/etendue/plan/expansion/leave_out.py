@@ -2,9 +2,10 @@
 
 A stage may be left out if it reads and writes the same variable on the same grid and the change to its own output is
 known. A change of exactly zero always qualifies, a bound above zero if it is within the tolerance. For a transfer
-function the change is summed over the content of the scene's light at every frequency. Every other stage states it
-(``negligible``). For a stage that adds noise it is the largest share that the stage contributes to the variance after
-the converter. Nothing here depends on the rest of a sweep, so a cell is decided in the same way in every sweep.
+function the change is summed over the content of the scene's light at every frequency. Every other stage states the
+bound of its change (``negligible``). For a stage that adds noise the bound is the largest share that the stage
+contributes to the variance after the converter. Nothing here depends on the rest of a sweep, so a cell is decided in
+the same way in every sweep.
 """
 
 from __future__ import annotations

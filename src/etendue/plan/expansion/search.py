@@ -88,7 +88,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Means:
-    """A cost or a budget: seconds of thread time in total, bytes of memory at once."""
+    """A cost or a budget: seconds of CPU time in total, bytes of memory at once."""
 
     seconds: float
     bytes: float

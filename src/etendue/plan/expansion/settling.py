@@ -3,8 +3,8 @@
 In:  the cells that the cells of a node read.
 Out: cells, which share what is settled about them (``Settled``).
 
-Cells with one stage that read equal grids and facts are decided alike. Most stages decide without reading facts: of
-their cells with equal grids, only the facts are found one by one.
+Cells with one stage that read equal grids and facts are decided alike. Most stages decide without reading facts: for
+their cells with equal grids, only the facts are found cell by cell.
 """
 
 from __future__ import annotations

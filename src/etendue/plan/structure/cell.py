@@ -34,8 +34,8 @@ class LeftOut:
     """The reason why a cell is left out, and the error bound of this omission, relative to the full scale of its
     variable.
 
-    ``apart``: the bound of the worst band, relative to the full scale of that band. It applies to later stages that use
-    single bands; it is 0 if it is not larger.
+    ``apart``: the bound of the worst band, relative to the full scale of that band; 0 if this bound is not the larger
+    one. It applies to later stages that use single bands.
     """
 
     bound: float

@@ -87,7 +87,7 @@ class Live:
         return not (self.folder / JOURNAL).is_file()
 
     def refresh(self) -> None:
-        """Read the archive again if something was written since and the last refresh was long enough ago."""
+        """Read the archive again if the last refresh was long enough ago and something was written since."""
         with self._lock:
             if time.monotonic() - self._seen < max(PATIENCE, SHARE * self._cost):
                 return

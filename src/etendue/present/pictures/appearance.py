@@ -134,8 +134,8 @@ def appearance(
 def brightness(drawn: Drawn, small: Array | None) -> float:
     """Return the linear value shown as white in a single picture, from its reduced version.
 
-    If brightness is adapted for viewing it is at least a thousandth of the brightest value: beside a point source
-    all else may be close to zero.
+    If brightness is adapted for viewing, this value is at least a thousandth of the brightest value, because next to a
+    point source all other values may be close to zero.
     """
     if not drawn.scaled or small is None:
         return drawn.white or 1.0

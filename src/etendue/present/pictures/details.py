@@ -4,9 +4,9 @@ In:  the grids of the shown pictures; later, the rows of each picture kept at fu
 Out: rows of every picture that are kept while it is reduced; within them, the detail that shows a strong edge between
      flat areas.
 
-Pictures that fit are kept whole. From larger pictures a band of rows is kept that shows the same part of the scene in
-all pictures. The position of the band is fixed, because the content of the picture is unknown when its first stage is
-computed; the detail is chosen within the band later.
+Pictures that fit are kept whole. From each larger picture a band of rows is kept that shows the same part of the scene
+in all pictures. The position of the band is fixed, because the content of the picture is unknown when its first stage
+is computed; the detail is chosen within the band later.
 """
 
 from __future__ import annotations

@@ -36,8 +36,7 @@ class Plots:
     ``.pareto(...)``, ``.strip()``.
 
     All kinds accept: names of variables in order; ``x``, ``y``, ``lines``, ``panels``, ``better``; values of axes by
-    name (``gain=2.8``, ``stage="filter"``); for an
-            axis whose name is also an argument, use ``at``.
+    name (``gain=2.8``, ``stage="filter"``). For an axis whose name is also an argument, use ``at``.
     """
 
     def __init__(self, tree: xarray.DataTree | xarray.Dataset) -> None:

@@ -40,8 +40,8 @@ class Plot:
     ----------
     figure : matplotlib.figure.Figure
         Made without pyplot, so pyplot keeps no reference to it.
-    columns, rows : names and values of what is plotted, a row for each number notes : what was chosen, left out or
-    unknown
+    columns, rows : names and values of what is plotted, a row for each number
+    notes : texts that say what was chosen, left out or unknown
     """
 
     figure: Any

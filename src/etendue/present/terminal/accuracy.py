@@ -31,7 +31,7 @@ TABLE, DOCUMENT, DIAGRAM = "accuracy.csv", "accuracy.json", "accuracy.png"
 
 
 def document(found: Any) -> Document:
-    """Return all curves, trials and choices; errors are rms relative to full scale, seconds are thread time."""
+    """Return all curves, trials and choices; errors are rms relative to full scale, seconds are CPU time."""
     knobs = {curve.knob.key: curve.knob for curve in found.curves}
     elsewhere = {tolerance: error for tolerance, error, _ in found.verified}
 
@@ -161,14 +161,14 @@ def diagram(document: DocumentView) -> bytes:
         [
             (
                 "each knob alone: error of its stage",
-                f"thread time of the stages it affects, {by}, s",
+                f"CPU time of the stages it affects, {by}, s",
                 alone,
                 None,
                 None,
             ),
             (
                 f"the whole {called()['whole']}: error of the wanted variables",
-                "thread time, s",
+                "CPU time, s",
                 [
                     Series("tried", of(every), "dots"),
                     Series(f"Pareto front, {by}", of(front), "front"),

@@ -1,4 +1,4 @@
-"""The error of the answer: printed after every headline metric, and in a row for each other wanted variable.
+"""The error of the answer: it is printed after every headline metric, and in one row for every other wanted variable.
 
 In:  the stored errors (``AnswerErrors.document()``).
 Out: texts and a table on stdout.
@@ -18,8 +18,10 @@ SHOWN = 8  # rows; smaller errors are summarised in one line
 
 
 def print_answers(document: DocumentView | None, headlines: Container[str] = ()) -> None:
-    """Print the errors of pictures, curves and further metrics, and the errors that could not be measured. None: no run
-    has measured the errors. ``headlines``: variables whose errors follow with their values.
+    """Print the errors of pictures, curves and further metrics, and the errors that could not be measured.
+
+    ``document``: None if no run has measured the errors. ``headlines``: variables that are skipped here, because their
+    errors are printed next to their values.
     """
     out = _out()
     if document is None:

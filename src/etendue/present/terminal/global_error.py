@@ -119,7 +119,7 @@ def _print_held(out: Console, document: Document, errors: list[tuple[str, Docume
         worst = max(elsewhere, key=lambda name: elsewhere[name])
         out.print(f"cells not measured: error bound {_number(elsewhere[worst])} ({escape(worst)})")
     when = ", by an earlier run" if told["remembered"] else ""
-    out.print(f"measured at {cells} of the sweep in {human_seconds(told['seconds'])} of thread time{when}")
+    out.print(f"measured at {cells} of the sweep in {human_seconds(told['seconds'])} of CPU time{when}")
 
 
 def _number(value: float | None) -> str:

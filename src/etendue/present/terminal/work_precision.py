@@ -51,7 +51,7 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
     figure = Figure(figsize=(7.2, 5.0), dpi=120, facecolor="white", layout="constrained")
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    axes.set(xscale="log", yscale="log", xlabel="thread time, s per Mpixel", ylabel=error, title=title)
+    axes.set(xscale="log", yscale="log", xlabel="CPU time, s per Mpixel", ylabel=error, title=title)
     for limits, values in ((axes.set_xlim, [p.seconds for p in points]), (axes.set_ylim, [p.error for p in points])):
         low, high = min(values), max(values)
         room = max((high / low) ** 0.18, 1.15)
@@ -110,7 +110,9 @@ TimedError = tuple[float, float, float]  # least seconds, error, median seconds
 
 @dataclass(frozen=True)
 class Series:
-    """Points of one kind: a ``line`` through them, ``dots``, the ``front``, the same ``cold``, or a ``star``."""
+    """Points of one kind: drawn with a ``line`` through them, as ``dots``, as the ``front``, as the front of ``cold``
+    times, or as a ``star``.
+    """
 
     label: str
     points: list[TimedError]

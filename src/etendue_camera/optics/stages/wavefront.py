@@ -197,9 +197,9 @@ class Wavefront(Blur, Aberrated, Transfer):
         needed = math.ceil(8.0 * self.shape().reach() * self.steepness / shortest)
         if needed > MOST_SAMPLES:
             raise ValueError(
-                f"the wavefront is {self.steepness / shortest:.0f} waves steep per pupil radius, but {MOST_SAMPLES} "
-                f"samples resolve only "
-                f"{MOST_SAMPLES // 8}: for so much defocus use lens_psf with a disc, or lens_gaussian"
+                f"the slope of the wavefront reaches {self.steepness / shortest:.0f} waves per pupil radius, but "
+                f"{MOST_SAMPLES} samples resolve at most {MOST_SAMPLES // 8}; for aberrations this large, use lens_psf "
+                f"with a disc, or lens_gaussian"
             )
         wanted = max(self.pupil_samples, needed + needed % 2)
         return min(4 * wanted, MOST_SAMPLES) if self.round else int(wanted)  # rows only are cheap

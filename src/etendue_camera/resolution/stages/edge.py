@@ -143,8 +143,7 @@ class EdgeProbe(PictureProbe):
         if (self.region_height > 0) != (self.region_width > 0):
             raise ValueError(
                 f"region_height is {self.region_height:g} and region_width {self.region_width:g}; give both, or "
-                f"neither to search the edge "
-                "automatically"
+                f"neither to have the edge found automatically"
             )
 
     # -- pictures ------------------------------------------------------------------------------------------------

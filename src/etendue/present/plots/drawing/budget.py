@@ -26,7 +26,7 @@ COLUMNS = ("stage", "cells", "failed", "left_out", "approximated", "seconds", "s
 
 
 def budget(holdings: Holdings, blame: DocumentView | None = None, place: str = "") -> Plot:
-    """Plot thread time, stated error and omissions by stage; with ``blame``, a document of ``etendue_shares``, also
+    """Plot CPU time, stated error and omissions by stage; with ``blame``, a document of ``etendue_shares``, also
     each stage's share of the losses at a ``place`` of the sweep.
 
     Raises
@@ -82,7 +82,7 @@ def budget(holdings: Holdings, blame: DocumentView | None = None, place: str = "
 
 
 def _draw_time(axes: Axes, at: Mapping[str, list[AxisValue]]) -> None:
-    """Draw bars of thread time by stage, spent and saved."""
+    """Draw bars of CPU time by stage, spent and saved."""
     rank = np.arange(len(at["stage"]))
     seconds, saved = np.nan_to_num(np.array(at["seconds"], float)), np.nan_to_num(np.array(at["seconds_saved"], float))
     axes.barh(rank, seconds, color="#4477aa", label="spent")
@@ -100,7 +100,7 @@ def _draw_time(axes: Axes, at: Mapping[str, list[AxisValue]]) -> None:
     for row, (own, more) in enumerate(zip(seconds, saved, strict=True)):
         axes.text(own + more + 0.01 * top, row, _seconds(own), va="center", fontsize=7)
     axes.set_xlim(0, 1.22 * top)
-    axes.set_title(f"thread time: {_seconds(float(seconds.sum()))} total", fontsize=9)
+    axes.set_title(f"CPU time: {_seconds(float(seconds.sum()))} total", fontsize=9)
     axes.set_yticks(
         rank,
         [

@@ -33,7 +33,7 @@ FAILED, NOTHING = "×", "–"
 
 @dataclass(frozen=True)
 class Sides:
-    """Labels along the sides of every panel and above each: texts, or numbers that become texts."""
+    """Labels along the sides of every panel and above every panel: texts, or numbers that become texts."""
 
     x: Sequence[AxisValue]
     y: Sequence[AxisValue]
