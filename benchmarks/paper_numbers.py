@@ -1,4 +1,4 @@
-"""The figures that docs/paper.md states, from the kernels, beside what the seed paper prints.
+"""The figures that docs/paper.md states, from the kernels, beside what the paper prints.
 
     python benchmarks/paper_numbers.py points | diffraction | falloff | pixel | sampling | sharpening | range | colour
     python benchmarks/paper_numbers.py order paper paper_order      two archives of `etendue run`, compared

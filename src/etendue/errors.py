@@ -27,7 +27,7 @@ _TURNING = (
 
 
 def unprintable(text: str) -> bool:
-    """Return whether a text contains invisible characters that act on a terminal or a file name: control characters,
+    """Return whether a text contains invisible characters that affect a terminal or a file name: control characters,
     line ends, changes of direction.
     """
     return not text.isprintable() and any(

@@ -42,7 +42,7 @@ class _SignalState:
 
 
 def install() -> None:
-    """Handle signals from now on, for the life of the process. Signals that were ignored when it started stay
+    """Handle signals from now on, for the life of the process. Signals that were ignored when the process started stay
     ignored.
     """
     _SignalState.owner = os.getpid()
@@ -121,7 +121,8 @@ def check() -> None:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Record signals instead of acting on them. A signal that was not handled inside is raised at the end.
+    """Record signals inside the block instead of acting on them. A recorded signal that the block has not handled is
+    raised at its end.
 
     In another program's process this covers Ctrl-C only, and only if it has Python's default handler.
     """

@@ -58,8 +58,8 @@ def _refuse_hollow(state: os.stat_result, path: str | Path) -> None:
 
 
 def refuse_unfolding(size: int, stored: int, what: str) -> None:
-    """Refuse arrays that decompress to far more bytes than they take in their file, because measured data is not so
-    uniform.
+    """Refuse arrays that decompress to far more bytes than they take in their file, because measured data does not
+    compress so well.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def unfolds_to(head: bytes, tail: bytes, length: int) -> int | None:
     """Return the size that compressed data states for its decompressed content, from its first 18 and last 8 bytes.
 
     Return 0 if the format is unknown, None if Zstandard data does not state the size. A chunk may be followed by a
-    checksum; gzip has its own checksum before the size, so for gzip the smaller of the two is taken.
+    checksum; gzip has its own checksum before the size, so for gzip the smaller of the two possible values is returned.
     """
     if length < 18:
         return 0

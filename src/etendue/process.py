@@ -25,8 +25,8 @@ _Found = TypeVar("_Found")
 
 
 class SharedChange(ContextDecorator):
-    """A change that several users need at once. Use it as a context manager or a decorator, nested and in any number of
-    threads.
+    """A change of the state of the process that several users may need at the same time. Use it as a context manager or
+    a decorator, nested and in any number of threads.
     """
 
     def __init__(self, change: Callable[[], AbstractContextManager[Any]]) -> None:

@@ -37,9 +37,9 @@ class Running:
     Attributes
     ----------
     shown : by stage, the cell shown as a picture
-    arrays : of the shown cells, and of all that are kept in memory, the arrays that the store does not hold
-    small : of the shown cells, the arrays that their pictures are made of
-    earlier : finished cells that only the store has reports of
+    arrays : the arrays that the store does not hold: of the shown cells, and of all cells that are kept in memory
+    small : by shown cell, the arrays from which its pictures are made
+    earlier : finished cells whose reports are only in the store
     """
 
     def __init__(self, work: Work, shown: Mapping[str, CellRef], keeper: Keeper, progress: Progress) -> None:

@@ -125,8 +125,8 @@ def told(error: BaseException) -> str:
 class foreign:
     """Guard for code of a plugin: an exception that it raises becomes a ``PluginError`` that names the failed part.
 
-    This does not apply to signals from the user, intended errors, and ``ValueError``, by which a stage states that it
-    cannot serve.
+    This does not apply to signals from the user, to errors of etendue, and to ``ValueError``, by which a stage refuses
+    its parameters or input.
     """
 
     __slots__ = ("what",)

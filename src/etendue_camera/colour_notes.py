@@ -30,8 +30,8 @@ def not_applied(what: str) -> str:
 
 
 def is_named(note: str, space: str, encoding: str) -> bool:
-    """Return whether the colour information of a file agrees with the space, and with the curve if it names one, in
-    which its values are read.
+    """Return whether the colour information of a file agrees with the colour space in which its values are read and, if
+    the information names an encoding curve, also with the curve.
     """
     said = re.search(r"\((.*)\) is not applied", note)
     if said is None:

@@ -144,7 +144,10 @@ def _check_parts(path: str) -> None:
 def check_segments(path: str | Path, page: Any) -> None:
     """Reject a TIFF page with strips or tiles that are, or decompress to, far more than their part of the picture.
 
-    Raises ------ ValueError If there is one.
+    Raises
+    ------
+    ValueError
+        If the page has such a strip or tile.
     """
     if page.dtype is None:
         return

@@ -55,8 +55,8 @@ class FlatScene(Stage):
 
 
 class EdgeScene(Stage):
-    """A scene of one slanted edge. Studies set its ``angle``, ``low``, ``high``, ``softness`` and, if it has them, its
-    parameters of size and light.
+    """A scene of one slanted edge. Studies set its parameters ``angle``, ``low``, ``high`` and ``softness`` and, if it
+    has them, the parameters of size and light.
     """
 
 

@@ -24,8 +24,8 @@ TO_RGB = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB)
 
 
 def of_wavelength(drawn: Drawn, edges: NDArray[np.float64], names: Sequence[str]) -> FloatArray:
-    """Return weights (3, wavelength) that show bands, with edges in nm, as an eye sees them; for numbers, their
-    mean."""
+    """Return weights (3, wavelength) that show wavelength bands, with edges in nm, as an eye sees them. For a variable
+    that is not light, the weights give the mean over the bands."""
     return (
         TO_RGB @ (spectra.colour_matching(edges) * np.diff(edges)[:, None]).T if drawn.linear else _mean(len(edges) - 1)
     )

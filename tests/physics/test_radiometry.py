@@ -39,7 +39,7 @@ def test_aplanatic_factor_matches_the_reference():
 
 def test_flat_disc_with_cos4_matches_the_reference_for_real_images():
     for given_, expected, rtol in cases("irradiance_paraxial"):
-        if given_["m_signed"] > 0.0:  # the seed paper's M = +1: refused, see below
+        if given_["m_signed"] > 0.0:  # the paper's M = +1: refused, see below
             continue
         factor = flat_disc_factor(given_["N"], given_["m_signed"]) * cos4(tangent(given_["phi_deg"]))
         assert_allclose(factor, expected, rtol=rtol)

@@ -120,7 +120,7 @@ def test_there_are_the_paper_and_three_classes():
 
 def test_what_the_paper_does_not_print_is_marked():
     paper = preset("paper-ccd").shared
-    printed = {name for name, s in paper.items() if s.source.startswith("seed paper")}
+    printed = {name for name, s in paper.items() if s.source.startswith("the paper")}
     assert printed == {"pixel_pitch", "aperture_fraction", "depletion_depth", "diffusion_depth"}
     for name in (
         "full_well_density",

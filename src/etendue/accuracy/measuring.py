@@ -48,7 +48,7 @@ class GlobalError:
     """The error of one wanted variable in the worst measured cell. A value is None if it is unknown, for the reason in
     ``why``.
 
-    ``how`` is ``measured``, ``unknown``, or ``unknown below`` a number: the possible error of the reference itself.
+    ``how`` is ``measured``, ``unknown``, or ``unknown below`` followed by the possible error of the reference itself.
     ``below`` is the change by the last refinement of the reference. ``rms`` is taken over the picture and ``max`` at
     the pixel with the largest error, both relative to ``scale``; ``linear`` is (rms, max) of an encoded variable before
     its encoding.

@@ -27,7 +27,8 @@ FEW, ROUNDED, IRREGULAR = "fewer than three settings", "errors at rounding", "no
 @dataclass(frozen=True)
 class Convergence:
     """``order``: the error falls with this power of the setting (``algebraic``), or by exp(-order) per unit of the
-    setting (``geometric``). It is None if fewer than three settings show it, or if local orders differ too much.
+    setting (``geometric``). ``order`` is None if fewer than three settings show an order, or if local orders differ too
+    much.
     """
 
     order: float | None

@@ -327,8 +327,8 @@ class Trials:
         return [replace(c, trials=tuple(self.search.at(t.settings) for t in c.trials)) for c in curves]
 
     def noise(self) -> tuple[float | None, str]:
-        """Return the rms difference between one frame and its expected value: the last wanted picture after a random
-        draw, at the reference settings.
+        """Return the rms difference between one noisy frame of the last wanted picture and the expected value of this
+        picture, at the reference settings.
         """
         self.effort.told("the noise of a frame")
         exact = self.measurement.exact

@@ -53,8 +53,8 @@ class Here:
     Attributes
     ----------
     run : the last run that has written to the folder; '' if nothing in the folder is newer than the store
-    there : by path, the tag of the object that a file equals, and the state of the file when this was checked; uploads
-        add to it from their threads, so a reader copies it first
+    there : by path of a file, the tag of the object with the same content, and the state of the file when this was
+        checked; threads that upload files add to this mapping, so a reader must copy it first
     """
 
     place: Path
@@ -103,7 +103,7 @@ class Here:
         return found
 
     def changed(self) -> list[str]:
-        """Return the files that differ from the store."""
+        """Return the files whose content differs from that in the store."""
         return [path for path, state in self.files().items() if self.there.get(path, ("", 0, 0, 0))[1:] != state]
 
     def gone(self) -> list[str]:

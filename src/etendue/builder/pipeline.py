@@ -157,7 +157,7 @@ class Pipeline(Extended, PipelineSource):
         """Return the pipeline with these shared quantities and preset: numbers in the declared unit, or text with a
         unit.
 
-        A method with the name of an installed table does the same.
+        Each installed table also has a method of its own name, which does the same for the quantities of that table.
         """
         given = {_bare(name): plain(value) for name, value in quantities.items()}
         return self._with(quantities={**self.quantities, **given})
@@ -314,9 +314,9 @@ class Pipeline(Extended, PipelineSource):
         return outcome
 
     def session(self, bytes: int = BYTES, leave_out: bool = True, archive: str | Path | None = None) -> Session:
-        """Return an object that evaluates the pipeline many times at different values. It keeps results of at most
-        ``bytes`` bytes, and computes only cells that a change affects. ``archive``: a folder from which finished
-        results are also read.
+        """Return a session, which evaluates the pipeline many times at different values. The session keeps results of
+        at most ``bytes`` bytes, and computes only cells that a change affects. ``archive``: a folder from which
+        finished results are also read.
         """
         return Session(at_choices_of(self.written(), archive), bytes, leave_out, archive)
 

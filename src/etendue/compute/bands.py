@@ -151,8 +151,8 @@ def _of_bands(array: Array | BandArray, dims: tuple[str, ...], grid: Grid, bands
 def run_bands(
     job: Job, given: Mapping[str, Array | BandArray], bands: slice, pixels: bool = True, rows: slice = EVERY
 ) -> Mapping[str, Any]:
-    """Call ``run`` of a stage on some of its bands, or on some rows of them; without ``pixels`` on one pixel, for
-    outputs without y and x.
+    """Call ``run`` of a stage on some bands of light, or on some rows of these bands. Without ``pixels``, call it on
+    one pixel, for outputs without y and x.
     """
     stage: Any = job.stage
     declared = reads_of(type(stage))
@@ -227,8 +227,8 @@ def lit_bands(light: Array) -> slice:
 
 
 def among_all(lit: Array, bands: slice, count: int) -> Array:
-    """Return light in all bands from light in some of them. The other bands are zero and take no memory until they are
-    read.
+    """Return an array of light in all bands, given the light in some of them. The other bands are zero and take no
+    memory until they are read.
     """
     if len(lit) == count:
         return lit
@@ -238,8 +238,8 @@ def among_all(lit: Array, bands: slice, count: int) -> Array:
 
 
 def of_lit_bands(job: Job, given: Mapping[str, Array | BandArray]) -> CellArrays | None:
-    """Return what a stage writes that multiplies light by factors, computed only in bands with light; None if the stage
-    does not multiply light by factors, or if all bands have light.
+    """Return the output of a stage that multiplies light by factors, computed only in bands with light. Return None if
+    the stage does not multiply light by factors, or if all bands have light.
     """
     stage, declared = job.stage, reads_of(type(job.stage))
     if not (isinstance(stage, Banded) and stage.pointwise and stage.negative != "clip"):
@@ -282,8 +282,9 @@ elsewhere = _Elsewhere()
 
 
 def in_order(light: Array | BandArray) -> Iterator[Array]:
-    """Yield every band; the next one is computed in a thread while this one is used, if it takes long enough and little
-    memory. A band ends with its reader.
+    """Yield every band. The next band is computed in a thread while this one is used, if computing takes long enough
+    and needs little memory. No reference to a band is kept once it was yielded, so its memory is freed as soon as the
+    reader drops it.
     """
     pixels = math.prod(light.shape[1:])
     if isinstance(light, np.ndarray) or pixels <= SMALL_BAND or pixels * light.dtype.itemsize > LARGE_BAND:

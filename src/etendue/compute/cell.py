@@ -33,7 +33,7 @@ from etendue.types.arrays import Array, CellArrays
 
 
 def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> CellArrays:
-    """Check a stage's result against its declaration, or against some of its outputs; floats are converted to the
+    """Check a stage's result against the declaration of all its outputs, or of some of them; convert floats to the
     plan's precision.
     """
     form, name = form_of(job), type(job.stage).__name__
@@ -77,8 +77,8 @@ def smallest(array: Array) -> float:
 
 
 def finite(array: Array) -> bool:
-    """Return True if no value is NaN or infinite. It sums the squares in one pass; the values are tested one by one
-    only if the sum overflows.
+    """Return True if no value is NaN or infinite. The squares are summed in one pass; the values are tested one by one
+    only if the sum is not finite.
     """
     if not array.ndim:
         return math.isfinite(array)
@@ -186,8 +186,8 @@ def _looked_at(job: Job, arrays: CellArrays) -> tuple[CellArrays, float]:
 
 
 def in_words(error: BaseException) -> bool:
-    """Return True if an exception's text explains itself: one of ours, or a ValueError that our own code raised about
-    a value.
+    """Return True if the text of an exception explains it without a traceback: an exception of etendue, or a ValueError
+    that code of etendue raised about a value.
     """
     if isinstance(error, EtendueError):
         return True

@@ -87,8 +87,8 @@ def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: 
 
 
 def clipped_figures(array: Array) -> tuple[int, Array, Array]:
-    """Return the number of negative values, and per row the sum of these and of all magnitudes. Sums are per row, so
-    that the sums of a frame equal the sums of its strips.
+    """Return the number of negative values and, for each row, the sum of the negative values and the sum of all
+    magnitudes. Sums are taken row by row, so that a frame gives the same sums as its strips.
     """
     taken = -np.minimum(array, 0).sum(axis=-1, dtype=np.float64)
     return int(np.count_nonzero(array < 0)), taken, np.abs(array).sum(axis=-1, dtype=np.float64)
@@ -174,8 +174,8 @@ def is_ordinary(job: Job) -> bool:
 
 
 def common(groups: dict[str, Alike], job: Job) -> Alike | None:
-    """Return the common part of a cell and the other cells of its stage in ``groups``; None if ``cell._made`` must
-    compute it.
+    """Return the properties that a cell shares with the other cells of its stage in ``groups``; None if ``cell._made``
+    must compute them.
     """
     if not is_ordinary(job):
         return None
@@ -186,8 +186,8 @@ def common(groups: dict[str, Alike], job: Job) -> Alike | None:
 
 
 class Alike:
-    """The shared properties of the ordinary cells of one stage: their form and, while the stage is the same, its
-    tables.
+    """The shared properties of the ordinary cells of one stage: their form and, as long as the parameters of the stage
+    are the same, its tables.
     """
 
     def __init__(self, job: Job) -> None:

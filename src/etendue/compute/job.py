@@ -31,8 +31,8 @@ Found = tuple[tuple[str, CellRef, str], ...]
 
 @dataclass(eq=False)
 class Segment:
-    """For a transfer function: the preceding cell from whose transform it continues, or the stages between it and the
-    segment's input.
+    """How a cell of a transfer function is computed: from the transform of the preceding cell, or from the segment's
+    input and the stages between that input and the cell.
     """
 
     previous: CellRef | None = None
@@ -89,15 +89,15 @@ class CellObserver(Protocol):
     def __call__(self, arrays: Mapping[str, Any]) -> CellArrays: ...
 
     def gathering(self, variable: str, shape: tuple[int, ...]) -> Any:
-        """Return an object that receives the rows of a variable in order, ``take(start, rows)``, and returns the
-        replacement of the variable, ``made()``; or None.
+        """Return an object that reduces a variable row by row: ``take(start, rows)`` receives its rows in order,
+        ``made()`` returns the reduced variable. Return None if the whole variable is needed at once.
         """
 
 
 @dataclass(eq=False)
 class Walk:
-    """Cells of one large frame that are computed together, strip by strip; arrays that only they read are never
-    whole.
+    """Cells of one large frame that are computed together, strip by strip. Arrays that only these cells read are never
+    held as a whole.
     """
 
     number: int
@@ -114,7 +114,7 @@ class Walk:
 class Job:
     """One cell to compute, or to load because something else reads it.
 
-    ``task``: compute, or load (stored already; only read back, or its transform rebuilt).
+    ``task``: compute, or load (the cell is stored already: it is only read, or its transform is rebuilt).
     ``deliver``: the variables that other jobs or the caller need as arrays; ``give``: the variables that the caller
     needs.
     """

@@ -44,8 +44,8 @@ def make_jobs(
     """Return jobs for the cells to compute and for the stored cells they read, in order.
 
     ``deliver_all`` keeps every kept variable in memory (no archive); ``show`` marks cells whose arrays the caller
-    wants; ``looks`` reduces these arrays in the worker that computes them; ``place`` gives the array into which a
-    variable for the caller is put as soon as it is computed.
+    wants; ``looks`` gives the function that reduces these arrays in the worker that computes them; ``place`` gives the
+    array into which a variable for the caller is put as soon as it is computed.
     """
     jobs = Jobs(plan, todo, target, deliver_all, show, looks)
     jobs.place_of = place
@@ -60,9 +60,10 @@ BANDS, WHOLE = 1, 2  # how others continue from the transform of a cell: a few b
 
 
 class Jobs(Mapping[CellRef, Job]):
-    """The jobs of a run, each created on demand and not kept: a sweep has many more cells than are under way.
+    """The jobs of a run. Each job is created on demand and not kept: a sweep has many more cells than are being
+    computed at any moment.
 
-    For each cell, only these are kept: the variables that other cells read, whether other cells continue from its
+    Only this is kept of each cell: the variables that other cells read, whether other cells continue from its
     transform, and whether it has a job.
     """
 

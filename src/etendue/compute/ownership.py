@@ -38,8 +38,8 @@ def for_reading(array: Array) -> Array:
 
 
 def handed(stage: Stage, given: CellArrays) -> CellArrays:
-    """Return the arguments for ``run`` of a stage. Stages of other distributions get copies: numpy's read-only flag
-    does not bind code outside numpy.
+    """Return the arguments for ``run`` of a stage. Stages of other distributions get copies, because code outside numpy
+    can ignore numpy's read-only flag.
     """
     return {name: _apart(value) for name, value in given.items()} if guests.is_guest(type(stage)) else given
 

@@ -72,7 +72,7 @@ def tiled_normal(
     columns: int,
     dtype: DTypeLike = np.float32,
 ) -> Array:
-    """Return standard normals tied to absolute positions.
+    """Return standard normal numbers that depend only on the name of the pattern and their absolute position.
 
     Parameters
     ----------
@@ -105,13 +105,14 @@ def tiled_normal(
 
 
 def tiled_uniform(seed_words: bytes, first_row: int, first_column: int, rows: int, columns: int) -> FloatArray:
-    """Return uniforms, 0 <= u < 1, tied to absolute positions; arguments, errors and tiles as in `tiled_normal`.
+    """Return uniform random numbers, 0 <= u < 1, that depend only on the name of the pattern and their absolute
+    position; arguments, errors and tiles as in `tiled_normal`.
 
     Returns
     -------
     (rows, columns) array of float64, dimensionless
-        Multiples of 2^-53 in every precision of a run: with 24 bits, the share below a threshold of 1e-6 would be
-        1.3 % too large, and below 1e-8 six times too large.
+        Multiples of 2^-53 in every precision of a run: with 24 bits, the share of numbers below a threshold of 1e-6
+        would be 1.3 % too large, and below 1e-8 six times too large.
     """
     at = seed_words, first_row, first_column, rows, columns
     return _tiled(lambda generator: generator.random((TILE, TILE)), *at, np.float64)

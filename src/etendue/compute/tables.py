@@ -60,7 +60,8 @@ Made = TypeVar("Made")
 
 
 class Cache:
-    """Values by key, bounded in bytes (least recently used dropped first) and in unused runs of the process.
+    """A cache of values by key. Values are dropped if the cache exceeds a number of bytes (the least recently used
+    first), or if a value was not used for a number of runs of the process.
 
     Shared by the threads of a process.
     """
@@ -72,8 +73,8 @@ class Cache:
         self.making: dict[Hashable, threading.Lock] = {}
 
     def get(self, key: Hashable, make: Callable[[], Made], transform: bool = False) -> Made:
-        """Return a value, made if it is not kept. ``transform``: one of many large arrays of a sweep, few of which are
-        used again; they share ``LARGEST_TRANSFORMS``.
+        """Return the value of a key; it is made if it is not in the cache. ``transform``: the value is one of many
+        large arrays of a sweep, few of which are used again; together they take at most ``LARGEST_TRANSFORMS``.
         """
         with self.lock:
             found = self.entries.get(key)
@@ -162,8 +163,8 @@ class PatternRandom:
     """Random numbers by absolute position, for pixels, rows and columns: the same in every cell, frame, window and
     precision.
 
-    A pattern is named by its owner, how it is drawn, and its own name: stages that request a pattern of the same name
-    get the same values. ``frame``: pixels of the whole frame, if the grid holds only some of its rows.
+    A pattern is identified by its owner, its distribution, and its own name: stages that request a pattern of the same
+    name get the same values. ``frame``: pixels of the whole frame, if the grid holds only some of its rows.
     """
 
     def __init__(self, serial: bytes, grid: Grid, precision: str, frame: int = 0) -> None:
@@ -178,12 +179,12 @@ class PatternRandom:
         return self
 
     def normal(self, pattern: str) -> FloatArray:
-        """Return (y, x) standard normals of the pattern of this name, such as ``"grain"``."""
+        """Return the (y, x) standard normal numbers of the pattern of this name, such as ``"grain"``."""
         return self._normals("normal", pattern, self.pixels)
 
     def spread(self, pattern: str, rms: float) -> FloatArray:
-        """Return (y, x) factors about 1 with this relative deviation, never negative: 1 + rms times the normals of this
-        name. Cached.
+        """Return (y, x) factors about 1 with this relative standard deviation, never negative: 1 + rms times the normal
+        numbers of this name. Cached.
         """
 
         def make() -> FloatArray:
@@ -199,8 +200,8 @@ class PatternRandom:
         return self._kept(("spread", pattern, rms), self.pixels, self.precision, make)
 
     def uniform(self, pattern: str) -> FloatArray:
-        """Return (y, x) uniforms, 0 <= u < 1, in float64 in every run, so that a share of 1e-8 holds in any
-        precision.
+        """Return (y, x) uniform random numbers, 0 <= u < 1, in float64 in every run, so that ``u < 1e-8`` selects that
+        share of the pixels in any precision.
         """
         words = self._words("uniform", pattern)
         return self._kept(
@@ -208,11 +209,11 @@ class PatternRandom:
         )
 
     def row_normal(self, pattern: str) -> FloatArray:
-        """Return (y, 1) standard normals, one per row, independent of the columns in the window."""
+        """Return (y, 1) standard normal numbers, one per row, independent of the columns in the window."""
         return self._normals("row", pattern, self.rows)
 
     def column_normal(self, pattern: str) -> FloatArray:
-        """Return (1, x) standard normals, one per column."""
+        """Return (1, x) standard normal numbers, one per column."""
         return self._normals("column", pattern, self.columns)
 
     def _normals(self, how: str, pattern: str, window: Window) -> FloatArray:
@@ -245,8 +246,8 @@ def _span(line: Line) -> tuple[int, int]:
 
 
 def key_of_prepared(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid]) -> tuple[Key, bool]:
-    """Return the key of a stage's prepared tables, and whether it stays valid; a key that depends on files does not
-    stay valid.
+    """Return the key of a stage's prepared tables, and whether this key stays valid during the process; a key that
+    depends on files does not.
     """
     state = state_of(stage)
     return Key(("prepare", state, tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))), not state[1]

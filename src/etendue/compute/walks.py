@@ -32,8 +32,8 @@ def with_walks(
     can: Callable[[CellRef], Walker | None],
     place: Callable[[CellRef, str], Array | bool | None] | None = None,
 ) -> dict[CellRef, Job]:
-    """Set ``walk`` for the jobs that belong to a walk. ``can``: the frame and halo of a cell for which a few rows
-    suffice. ``place``: the caller's array for a variable that no cell reads.
+    """Set ``walk`` for the jobs that belong to a walk. ``can`` returns the frame and halo of a cell that can be
+    computed from a few rows. ``place`` returns the caller's array for a variable that no cell reads.
     """
     walkers = _walkers(jobs, can)
     if not walkers:

@@ -41,8 +41,8 @@ class Source(Stage):
     def describe(self) -> tuple[Facts, Mapping[str, Grid]]: ...
 
     def white_light(self, edges: tuple[float, ...]) -> Array | None:
-        """(band,): light of a white surface in bands with these edges, in any scale, by which metrics weight the bands.
-        None: unknown, and metrics assume light that is equally strong in all bands."""
+        """Return the light of a white surface in bands with these edges, (band,), in any scale; metrics weight the
+        bands by it. Return None if it is unknown; metrics then assume light that is equally strong in all bands."""
         return None
 
 
@@ -65,8 +65,8 @@ class Transfer(Stage):
     @abstractmethod
     def transfer(self, *given: Any, **named: Any) -> Array:
         """Return the transfer function at separable frequencies ``(fy, fx, centres of the bands)``, in cycles/um, and
-        centres in the unit that the dim of the bands declares as ``asked_in``. If ``prepare`` returns something, it is
-        passed as ``prepared``."""
+        centres in the unit that the dim of the bands declares as ``asked_in``. The result of ``prepare``, if the stage
+        has that method, is passed as ``prepared``."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -101,9 +101,10 @@ class ChannelTransfer(Stage):
 
     @abstractmethod
     def channel_transfer(self, fy: Array, fx: Array, light: Array, prepared: Any) -> Array:
-        """(collecting channel, channel of the filter, m, n): the transfer at fy (m,), fx (n,), cycles/um.
+        """Return the transfer at the frequencies fy (m,) and fx (n,), cycles/um, as an array (collecting channel,
+        channel of the filter, m, n).
 
-        ``light``: (band,), of a white surface, in any scale."""
+        ``light``: light of a white surface by band, (band,), in any scale."""
 
     def moves_charge(self) -> bool:
         """Return whether the stage moves charge with these parameters."""
@@ -127,8 +128,8 @@ class Banded(Stage):
         return {}
 
     def mixture(self, prepared: Any) -> tuple[Sequence[Array], Array] | None:
-        """Return, for a source, planes (k, y, x) and weights (band, k) that add up to its light; None if the source has
-        none.
+        """Return, for a source, planes (k, y, x) and weights (band, k): its light in a band is the sum of the planes
+        times the weights of the band. Return None if the light of the source is not such a sum.
         """
         return None
 
@@ -138,19 +139,20 @@ class Haloed(Stage):
     """A stage in which every row depends only on rows near it: ``run`` can be given some rows of a frame and returns
     the same bits for them.
 
-    Inputs with rows, and coordinates along y, are cut into strips; all others (tables, numbers) are whole. Random
-    numbers must be drawn in one call, in the order of the rows, and only without a halo. Strips begin on even rows and
-    have at least as many rows as the halo.
+    Inputs with rows, and coordinates along y, are cut into strips; all other inputs (tables, numbers) are passed whole.
+    Random numbers must be drawn in one call, in the order of the rows, and only without a halo. Strips begin on even
+    rows and have at least as many rows as the halo.
     """
 
     def halo(self) -> int | None:
-        """Return the rows above and below that a row depends on; None: the whole frame, with these parameters."""
+        """Return the number of rows above and below on which a row depends; None if it depends on the whole frame, with
+        these parameters."""
         return 0
 
     def joined(self, parts: Mapping[str, Sequence[Array]], sizes: Sequence[int]) -> Mapping[str, Array]:
-        """Return the outputs that have no rows, from the results of all strips; ``sizes``: the number of values of the
-        first variable in each strip. By default these outputs must be equal in all strips; a stage without a halo may
-        override this."""
+        """Return the outputs that have no rows, combined from the results of all strips; ``sizes``: the number of
+        values of the first variable in each strip. The default method requires that these outputs are equal in all
+        strips; a stage without a halo may override it."""
         apart = [name for name, values in parts.items() if any(not _equal(values[0], value) for value in values[1:])]
         if apart:
             raise ValueError(f"{type(self).__name__}: {', '.join(apart)} differ from strip to strip; define joined()")
@@ -163,8 +165,8 @@ class Bounded(Stage):
 
     @abstractmethod
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        """Return the error if the stage is left out, relative to full scale, and the reason; None if the error is
-        unknown.
+        """Return the error that leaving out the stage causes, relative to full scale, and the reason; None if the error
+        is unknown.
         """
 
 
@@ -172,14 +174,14 @@ class Bounded(Stage):
 class Sampled(Stage):
     """A stage that draws random numbers or rounds, and can compute its mean output.
 
-    Errors of a pipeline are measured by comparing means: an error d before rounding to steps of q becomes sqrt(d q)
-    after it, and two draws differ by their noise.
+    Errors of a pipeline are measured by comparing these means. Outputs of ``run`` would not serve: an error d before
+    rounding to steps of q becomes sqrt(d q) after it, and two draws of random numbers differ by their noise.
     """
 
     @abstractmethod
     def mean(self, *given: Any, **named: Any) -> Mapping[str, Array]:
-        """Return the mean of the results of ``run``, before rounding: the same variables, as floats. It may have the
-        same arguments as ``run``, except random numbers.
+        """Return the mean of the results of ``run``, before rounding: the same variables, as floats. This method may
+        have the same arguments as ``run``, except random numbers.
         """
 
 
@@ -196,7 +198,7 @@ class Noisy(Stage):
 
     @abstractmethod
     def variance(self, level: float) -> float:
-        """Return the variance that is added at a mean level, in the square of its unit."""
+        """Return the variance that the stage adds at a mean level, in the square of the unit of that level."""
 
 
 class Datasheet(Stage):
@@ -221,13 +223,14 @@ class Sheet:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Probe(Stage):
-    """A stage that looks at all stages in order: reads ``"*.transfer"`` or ``"*.<variable>"``.
+    """A stage that looks at all stages in order: it reads ``"*.transfer"`` or ``"*.<variable>"``.
 
     For each such port ``run`` gets a list of (stage name, property or array of that stage). That is the transfer
     function up to and including the stage (``etendue.compute.joined.otf.Otf``), or the array itself; with
-    ``with_grids`` the list has (stage name, array, grid). No stage reads from a probe. It may write the dim ``stage``,
-    with an entry for every stage that it looks at, in order; ``run`` receives their names as ``stage``. Stages seen
-    only through the ports in ``beside`` have no entry, and a ``ChannelTransfer`` shares the pixel's.
+    ``with_grids`` the list has (stage name, array, grid). No stage reads from a probe. A probe may write the dim
+    ``stage``, with an entry for every stage that it looks at, in order; ``run`` receives their names as ``stage``.
+    Stages seen only through the ports in ``beside`` have no entry, and a ``ChannelTransfer`` shares the entry of the
+    pixel.
     """
 
     with_grids: ClassVar[bool] = False
@@ -240,7 +243,7 @@ class Viewed(Stage):
 
     @abstractmethod
     def viewing_white(self) -> Array | None:
-        """Return XYZ of this white; None if it is the white of the display."""
+        """Return XYZ of the white to which the viewer is adapted; None if it is the white of the display."""
 
 
 def is_source(kind: type[Stage]) -> bool:
@@ -258,7 +261,8 @@ def _equal(one: Array, other: Array) -> bool:
 
 
 def halo_of(stage: Stage) -> int | None:
-    """Return the rows above and below that a row of a stage's output depends on; None: the whole frame, or unknown."""
+    """Return the number of rows above and below on which a row of a stage's output depends; None for the whole frame,
+    or if it is unknown."""
     kind = type(stage)
     if isinstance(stage, Haloed):
         rows = stage.halo()
@@ -270,8 +274,8 @@ def halo_of(stage: Stage) -> int | None:
 
 
 def is_seen_as_transfer(kind: type[Stage]) -> bool:
-    """Return whether stages that look at transfer functions see a stage: by itself, or combined with the pixel before
-    it.
+    """Return whether stages that look at transfer functions see a given stage: by itself, or combined with the pixel
+    before it.
     """
     return issubclass(kind, Transfer | ChannelTransfer)
 

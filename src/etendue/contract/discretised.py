@@ -21,10 +21,10 @@ AUTO = "auto"  # in a pipeline: the value of a parameter that is left open
 class Discretised(Stage):
     """A stage that samples something continuous: bands, positions, a finite part of the plane.
 
-    The error of an answer includes the effect of one refinement of each discretisation.
+    The stated error of an answer includes the change that one refinement of each discretisation causes.
 
     ``automatic``: parameters that a pipeline may leave open (``"auto"``), each with its discretisation. ``chosen``
-    gives their values; ``finer`` gives the next finer values for ``--hold``.
+    returns the values of these parameters; ``finer`` returns the next finer values for ``--hold``.
     """
 
     automatic: ClassVar[Mapping[str, str]] = MappingProxyType({})
@@ -45,7 +45,8 @@ class Discretised(Stage):
 
     @classmethod
     def chosen(cls, name: str, values: Mapping[str, Any], shared: Mapping[str, tuple[Any, ...]]) -> Any:
-        """Return the value of a parameter that is left open, in its unit, by a rule that its documentation states.
+        """Return the value of a parameter that is left open, in its unit, by the rule that the documentation of the
+        parameter states.
 
         ``values``: the known values of the other parameters; ``shared``: all values of each shared quantity in the
         pipeline, by name.

@@ -60,8 +60,8 @@ def stage_document(registry: Registry, name: str) -> Document:
 
 
 def quantity_document(name: str, registry: Registry | None = None) -> Document:
-    """Return one shared quantity as JSON; with a registry, also the stages that take it. For a quantity that cannot be
-    read, return the reason.
+    """Return one shared quantity as JSON; with a registry, also the stages that take it. If the declaration of the
+    quantity cannot be read, return the reason.
     """
     brought = discovery.installed().all("quantities", name)
     found: Document = {"name": name, "distribution": brought[0].distribution, "version": brought[0].version}

@@ -79,8 +79,8 @@ class Progress(Protocol):
 
 @dataclass(frozen=True)
 class ContactSheet:
-    """Pictures of the shown cells: as a table of the archive (empty if the table of an earlier run is kept), and a
-    function that draws them into one PNG.
+    """Pictures of one cell of each stage: as a table of the archive (empty if the table of an earlier run is kept), and
+    a function that draws them into one PNG.
     """
 
     table: Document
@@ -98,10 +98,12 @@ class Keeper(Protocol):
 
     Attributes
     ----------
-    folder : its folder, if it has one
-    keeps_arrays : whether ``finished`` must pass the arrays of all cells; if not, cells write them to their ``target``
-    draws : whether pictures are made of the shown cells
-    mark : once begun, a file that all writers of results must see, and its content; None if nothing is written
+    folder : the folder of the store; None if it has no folder
+    keeps_arrays : whether the arrays of all cells must be passed to ``finished``; if not, cells write them to their
+        ``target``
+    draws : whether the run makes pictures of one cell of each stage (``ContactSheet.shown``)
+    mark : path and content of a file in the store, by which every process that writes results checks that it sees the
+        same folder; valid after ``begin``; None if nothing is written to a folder
     """
 
     folder: Path | None

@@ -63,8 +63,8 @@ class Registry:
         Raises
         ------
         PluginError
-            If two distributions provide it, its module cannot be imported or has no such class, or the class is not a
-            valid stage.
+            If two distributions provide the stage, its module cannot be imported or has no such class, or the class is
+            not a valid stage.
         """
         with self._lock:
             if name not in self._loaded:

@@ -56,12 +56,13 @@ class Stage:
     Attributes
     ----------
     role : a name shared by stages that can replace each other (``"sharpening"``, ``"glare"``, ``"resolution"``). Stages
-        that read and write the same variables are offered as replacements only within one role; with '', only the
-        variables that it reads and writes are compared
+        that read and write the same variables are offered as replacements only within one role; for a stage with the
+        role '', only the variables that it reads and writes are compared
     creates : coordinates of output dims that no input has, such as ``{"channel": RGB}``, if ``grid`` adds nothing
     gain : the largest factor by which an error can grow from input to output, both relative to full scale, for every
         allowed parameter value; None: unknown, so no error bound is given after this stage
-    nan, negative : treatment of such input: ``error`` (default), ``keep``, or ``clip`` (negative only)
+    nan, negative : treatment of undefined and of negative input: ``error`` (default), ``keep``, or ``clip`` (negative
+        only)
     libraries : distributions whose version can change the result
     nanoseconds : time per value written, used until it has been measured
     working : memory used while computing, apart from input and output, as a multiple of the larger of the two in floats
@@ -69,12 +70,12 @@ class Stage:
     pointwise : the stage multiplies light by factors that vary slowly over the frame, and does not move light. Transfer
         functions before and after it may therefore be multiplied as if it were absent
     elementwise : every value depends only on values at its own position, so ``run`` may receive many frames at once
-    once : physics that should occur once along a path (``"diffraction"``, ``"fall-off"``); the plan notes a second
-        stage with the same
+    once : physics that should occur once along a path (``"diffraction"``, ``"fall-off"``); the plan has a note if a
+        second stage declares the same
     decides : the stage rounds, counts or chooses, so that a small change of its input may change its output strongly;
-        or {parameter: values with which it does so}. For any other stage the conformance kit reports jumps
-    handed : the stage treats left and right, or up and down, differently, as for a picture that is moved or sheared.
-        For any other stage the kit requires the mirrored result for mirrored input
+        or {parameter: values with which the stage does so}. For any other stage the conformance kit reports jumps
+    handed : the stage treats left and right, or up and down, differently, as a stage does that moves or shears the
+        picture. For any other stage the kit requires the mirrored result for mirrored input
     keeps : properties of the output that the conformance kit tests: ``"order"`` (no value falls if the input rises),
         ``"sum"`` (the sum over the frame stays the same)
     unseen : by metric that the stage writes, the roles of stages that affect the subject of the metric but cannot be
@@ -102,7 +103,8 @@ class Stage:
 
     @property
     def common_draws(self) -> bool | str:
-        """Whether random numbers are the same for all parameter values; a text selects one of many such sets."""
+        """Whether the stage draws the same random numbers for all parameter values; a text selects one of many such
+        sets of numbers."""
         return False
 
     def grid(self, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
@@ -114,13 +116,13 @@ class Stage:
         return None
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Return the facts of its output, from {port: Facts} and {port: Grid} of its inputs."""
+        """Return the facts of the stage's output, from {port: Facts} and {port: Grid} of its inputs."""
         return UNKNOWN
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
-        """Return the largest ratio of a change of its output, relative to full scale, to the change of its input,
-        relative to the largest value of the input; from {port: Facts}. Clipping and gains make it larger than 1.
-        ``inf``: there is no bound.
+        """Return the largest ratio of a change of the stage's output, relative to full scale, to the change of its
+        input, relative to the largest value of the input; ``facts`` are known properties of the input by port. Clipping
+        and gains make the ratio larger than 1. ``inf``: there is no bound.
         """
         return 1.0
 
@@ -141,8 +143,8 @@ class Stage:
         return []
 
     def assumes(self) -> Mapping[str, Hashable]:
-        """Return the assumptions of the stage by topic; the plan has a note if an earlier stage has another value for
-        the same topic.
+        """Return the assumptions of the stage, a value for each topic; the plan has a note if an earlier stage assumes
+        another value for the same topic.
         """
         return {}
 
@@ -151,8 +153,8 @@ WORDS = frozenset(name for name in vars(Stage) if not name.startswith("_"))
 
 
 def looks(declaration: Declaration) -> str:
-    """Return the property of all earlier stages that a port reads: ``transfer``, ``datasheet`` or a variable; '' if it
-    reads one array.
+    """Return the property of all earlier stages that a port reads: ``transfer``, ``datasheet`` or a variable; '' if the
+    port reads one array.
     """
     return declaration.variable.removeprefix("*.") if declaration.variable.startswith("*.") else ""
 
@@ -210,8 +212,8 @@ def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
     Raises
     ------
     TypeError
-        If it has ``*args`` or ``**kwargs``, since an undeclared argument cannot be given; or if it takes fixed patterns
-        but not the quantity that identifies their owner.
+        If ``run`` has ``*args`` or ``**kwargs``, because an argument that is not declared cannot be passed; or if it
+        takes fixed patterns but not the quantity that identifies their owner.
     """
     names = () if kind.run is None else names_asked(kind, "run")
     patterns = _patterns_among(kind, names)
@@ -228,8 +230,8 @@ def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
 
 
 def identity_of(name: str) -> str:
-    """Return the quantity that identifies the owner of the patterns that an argument of this name draws; '' if the
-    argument is not a pattern generator.
+    """Return the quantity that identifies the owner of the fixed patterns that an argument of this name generates; ''
+    if the argument is not a pattern generator.
     """
     brought = discovery.installed().first("patterns", name)
     return str(brought.value) if brought is not None else ""

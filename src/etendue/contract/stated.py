@@ -30,7 +30,8 @@ class Stated:
 
 
 def proved(float32: float, float64: float | None = None) -> Stated:
-    """Return an error that follows from the arithmetic; one number holds for both precisions.
+    """Return an error that follows from the arithmetic: one number for single and one for double precision, or one
+    number for both.
 
     Examples
     --------

@@ -49,8 +49,8 @@ class Subject:
 @dataclass(frozen=True)
 class Unit:
     """``said``: the unit as written beside a plot; ``full``: a typical full scale, with which stages are tested;
-    ``bits``: the shared quantity with the number of bits of its largest value; ``noise``: whether noise has a variance
-    in its square."""
+    ``bits``: the shared quantity that gives the number of bits of the largest value in this unit; ``noise``: whether
+    there is a variance of noise, in the square of this unit."""
 
     said: str = ""
     full: float = 1.0
@@ -74,7 +74,7 @@ def first(place: str) -> tuple[str, ...]:
 @cache
 def words(of: frozenset[str] = frozenset()) -> Mapping[str, str]:
     """Return the words used in sentences. If names of distributions are given (such as those whose stages are in a
-    graph), only their words are used.
+    graph), only the words of these distributions are used.
     """
     every, found = discovery.installed(), dict(WORDS)
     for name in every.names("words"):

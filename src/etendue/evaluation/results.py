@@ -38,7 +38,7 @@ class Results:
     ----------
     most : largest number of bytes that the store holds
     bytes : bytes of all results that it holds now
-    behind : an archive, from which results are read that memory does not hold
+    behind : an archive; results that are not in memory are read from it
     """
 
     def __init__(self, most: int, behind: ArchivedResults | None = None) -> None:

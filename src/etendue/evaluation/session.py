@@ -94,7 +94,7 @@ class Session:
         Raises
         ------
         RequestError, EtendueError
-            As for a tree.
+            The values are refused by the planner, or a cell fails.
         """
         plan = self.plan(names, values)
         wanted: dict[Any, frozenset[str]] = {}

@@ -59,8 +59,8 @@ def without_stages(pipeline: PipelineFile, names: Collection[str]) -> PipelineFi
 
 
 def origin_without(pipeline: PipelineFile, entry: StageEntry, names: Collection[str]) -> dict[str, str]:
-    """Return ``from`` of a stage without removed sources: each is replaced by its own source, or left to the
-    default.
+    """Return the key ``from`` of a stage after its sources were removed: each removed source is replaced by the source
+    from which it read, or left to the default.
     """
     by_name = {one.name: one for one in pipeline.stages}
     found = {}
@@ -89,7 +89,7 @@ def wanting(
     pipeline: PipelineFile, places: Iterable[tuple[str, str]] | None = None, kept: bool = False, exact: bool = False
 ) -> PipelineFile:
     """Return the pipeline with the wanted variables ``(stage, variable)``; None: the default variables. All computed
-    variables are stored or, with ``kept``, only the wanted variables. ``exact``: in 64 bits.
+    variables are stored or, with ``kept``, only the wanted variables. ``exact``: everything is computed in 64 bits.
     """
     wanted = None if places is None else tuple(f"{stage}.{variable}" for stage, variable in places)
     precision = "float64" if exact else pipeline.precision

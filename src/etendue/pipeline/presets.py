@@ -25,7 +25,7 @@ from etendue.types.documents import Document
 TYPICAL = "typical"
 COPY = re.compile(r"\.\./inputs/[0-9a-f]{64}[^/]*")  # a file of an archive, named from its records
 BESIDE = re.compile(r"[0-9a-f]{64}\.\w+")  # a file next to that of a preset, named by its SHA-256
-SPOKEN = (TYPICAL, "definition", "seed paper")  # beginnings of a source that is not a URL
+SPOKEN = (TYPICAL, "definition", "the paper")  # beginnings of a source that is not a URL
 
 
 @dataclass(frozen=True)

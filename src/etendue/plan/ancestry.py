@@ -52,8 +52,8 @@ def behind(plan: Plan, names: Iterable[str]) -> set[str]:
 
 
 def in_front(plan: Plan, names: Iterable[str]) -> set[str]:
-    """Return the names of some nodes and of all nodes whose decisions can change their outputs: the nodes that they
-    read from or look at.
+    """Return the names of some nodes and of all nodes whose decisions can change the outputs of these: the nodes that
+    they read from or look at, directly or indirectly.
     """
     found = set(names)
     # A node reads only earlier nodes, so one pass in reverse reaches everything.

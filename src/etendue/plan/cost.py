@@ -84,8 +84,8 @@ def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
 
 
 def knobs_cost(stage: Stage) -> float:
-    """Return the time at the stage's settings relative to its time at the defaults: the product over all knobs with
-    known costs.
+    """Return the run time of a stage at its settings relative to its run time at the default settings: the product over
+    all knobs with known costs.
     """
     found = 1.0
     for name, (parameter, _, default) in parameters_of(type(stage)).items():
@@ -112,8 +112,8 @@ class Rates:
 
     @cached_property
     def known(self) -> dict[str, dict[str, float]]:
-        """The factor by stage and precision and, within these, by size (``_size``); under 'writing', the seconds per
-        byte.
+        """The measured factor on the predicted seconds, by stage and precision and, within these, by size (``_size``);
+        under 'writing', the seconds per byte.
         """
         try:
             document = json.loads(cache.read("rates", "stages") or b"{}")
@@ -168,8 +168,8 @@ def _size(estimate: float) -> int:
 
 
 def seconds_of(node: Node, groups: Iterable[tuple[Cell, int]], precision: str, rates: Rates) -> tuple[float, bool]:
-    """Return the seconds of some cells without writing, and whether this machine has run their stage. Each cell is
-    given with the number of cells of equal cost.
+    """Return the seconds of some cells of a stage, without writing, and whether this machine has run the stage. Each
+    cell is given with the number of cells that have the same cost.
     """
     total, known = 0.0, True
     for cell, count in groups:

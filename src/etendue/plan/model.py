@@ -61,7 +61,7 @@ def light_of(cells: Mapping[CellRef, Cell], cell: Cell) -> tuple[float, ...] | N
     """Return white light by band before a transfer cell: the white of the scene multiplied by the transmission of
     filters, scaled to a largest value of 1 and rounded to 12 digits.
 
-    Return None if the scene states no white, or if a stage changes white other than by a transmission.
+    Return None if the scene states no white, or if a stage changes white in another way than by a transmission.
     """
     edges = cell.input_grids[cell.inputs[0][0]].bands().edges
     passed = [1.0] * (len(edges) - 1)

@@ -70,8 +70,8 @@ def foreign(what: str, guest: str = "") -> Iterator[None]:
 
 
 def named(distribution: Distribution) -> tuple[str, str]:
-    """Return name and version of a distribution, '' if unknown; read from the first lines of its metadata, which is
-    faster than parsing it.
+    """Return name and version of a distribution, '' if unknown. They are read from the first lines of its metadata,
+    which is faster than parsing all of it.
     """
     head = (distribution.read_text("METADATA") or distribution.read_text("PKG-INFO") or "").partition("\n\n")[0]
     found = dict(_LINE.findall(head))
@@ -122,8 +122,8 @@ class Discovery:
         )
 
     def missed(self, what: str, name: str) -> str:
-        """Return '; ...' with possible reasons why no distribution provides a name: broken manifests, or manifests in
-        the form of earlier versions.
+        """Return the end of a message, '; ...', with possible reasons why no distribution provides a name: broken
+        manifests, or manifests in the form of earlier versions.
         """
         former = [point for point in self._former if point.name == name] if what == "stages" else []
         said = [_former_text(point) for point in former[:1]] or [
@@ -275,8 +275,8 @@ def made_of(form: type[_Form], what: str, brought: Brought) -> _Form:
 @dataclass(frozen=True)
 class Vocabulary:
     """A vocabulary that distributions can extend. ``word``: the noun for what its names denote, used in messages;
-    ``endings``: file name extensions, if its names denote tables in files; ``library``: the value that denotes a table
-    of a library instead of a path.
+    ``endings``: file name extensions, if the names denote tables in files; ``library``: the value that stands in place
+    of a path for a table of a library.
     """
 
     word: str

@@ -58,8 +58,8 @@ def etendue_roles() -> Mapping[str, str]:
 
 @hookspec
 def etendue_vocabularies() -> Mapping[str, DocumentView]:
-    """Further hooks of a domain, for itself and for distributions that build upon it; each returns a mapping by name
-    (``discovery.Vocabulary``).
+    """More hooks that a distribution defines for its domain: it and distributions that build upon it implement them.
+    Each hook returns a mapping by name (``discovery.Vocabulary``).
 
     {"stocks": {"word": "film stock"}}: others bring ``etendue_stocks()``
     """
@@ -103,7 +103,8 @@ def etendue_commands() -> Mapping[str, DocumentView]:
 
 @hookspec
 def etendue_methods() -> Mapping[str, str]:
-    """Methods of ``etendue.Pipeline`` and ``etendue.Archive``: a function whose first argument is that object.
+    """Methods of ``etendue.Pipeline`` and ``etendue.Archive``: the location of a function whose first argument is the
+    pipeline or archive.
 
     {"Pipeline.halation": "my_film.study:halation_of"}
     """
@@ -111,8 +112,8 @@ def etendue_methods() -> Mapping[str, str]:
 
 @hookspec
 def etendue_shares() -> Mapping[str, str]:
-    """Attribution of losses to stages: ``function(folder, at, told)`` returns ``losses``, ``notes``, and ``why`` if
-    there are none.
+    """Attribution of losses to stages: the location of ``function(folder, at, told)``, which returns ``losses`` and
+    ``notes``; if it finds no losses, ``why`` states the reason.
 
     {"halation": "my_film.study:shares_at"}
     """
@@ -120,9 +121,10 @@ def etendue_shares() -> Mapping[str, str]:
 
 @hookspec
 def etendue_seen() -> Mapping[str, str]:
-    """Conversion of arrays to colours. For a dim before y and x, a function of (drawn, edges, names) that returns the
-    (3, n) matrix from its n planes to linear sRGB, or None to show the first three unchanged; for ``pattern``, a
-    function of its text that returns rows and colours by letter.
+    """Conversion of arrays to colours. For a dim before y and x, the location of a function of (drawn, edges, names)
+    that returns the (3, n) matrix from the n planes along the dim to linear sRGB, or None to show the first three
+    planes unchanged. For ``pattern``, the location of a function that receives the text of a pattern and returns its
+    rows, and colours by letter.
 
     {"layer": "my_film.seen:of_layers"}
     """
@@ -134,8 +136,8 @@ def etendue_tables() -> Mapping[str, DocumentView]:
     (``contract.values.tables.Table``).
 
     {"film": {"preset": "stock", "presets": "stocks"}}: ``[film] stock = "NAME"``, provided by ``etendue_stocks()``;
-    ``find`` instead of ``presets`` names a function that finds the file of a name; ``further`` adds such keys,
-    each a file or a mapping
+    ``find`` (instead of ``presets``) names a function that returns the path of the file for a given name. ``further``
+    adds more keys like ``stock`` to the table; each has its own ``presets``, or its own ``find``
     """
 
 
@@ -189,9 +191,9 @@ def etendue_sections() -> Mapping[str, DocumentView]:
 
 @hookspec
 def etendue_first() -> Mapping[str, Sequence[str]]:
-    """Preferences for a choice: names of variables under ``map``, ``sheet``, ``glance``, ``headline``, ``curves``,
-    ``picture``; two in one text under ``front``; of axes under ``sides`` and ``along``; of shared quantities under
-    ``quantities``.
+    """What plots, pages and summaries show first. Names of variables under ``map``, ``sheet``, ``glance``,
+    ``headline``, ``curves`` and ``picture``; two names of variables in one text under ``front``; names of axes under
+    ``sides`` and ``along``; names of shared quantities under ``quantities``.
 
     {"map": ["rainfall", "mean_wind"], "front": ["rainfall mean_wind"]}
     """
@@ -224,7 +226,8 @@ def etendue_subjects() -> Mapping[str, DocumentView]:
 
 @hookspec
 def etendue_examples() -> DocumentView:
-    """Test inputs for stages that look at other stages: under ``datasheet`` a role and values.
+    """Test inputs for stages that look at other stages: ``datasheet`` is the data sheet of an example stage, with a
+    role and values.
 
     {"datasheet": {"role": "gauge", "figures": {"offset": 0.1}}}
     """

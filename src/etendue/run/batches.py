@@ -227,9 +227,7 @@ def _settle(jobs: tuple[Job, ...]) -> None:
 
 
 def let_go(job: Job, readers: Counter[CellRef], exports: Container[CellRef]) -> list[CellRef]:
-    """Return the cells that are no longer read after a job; ``readers``: the number of jobs that still read
-    each cell.
-    """
+    """Return the cells that no job reads after this one; ``readers``: the number of jobs that still read each cell."""
     needs = job.needs
     for ref in needs:
         readers[ref] -= 1

@@ -101,7 +101,7 @@ TREES_OUT = Trees()
 
 @cache
 def keep_freed_memory() -> bool:
-    """Make the allocator keep freed memory, once per process; return whether it supports that."""
+    """Make the allocator keep freed memory, once per process; return whether the allocator supports this."""
     if not sys.platform.startswith("linux"):
         return False
     try:
@@ -134,8 +134,8 @@ def _returning() -> tuple[Callable[[], _Heap], Callable[[int], int]] | None:
 
 
 def return_freed_memory() -> None:
-    """Return freed memory to the system if there is much of it; call before a large allocation, which would
-    add to it.
+    """Return memory that was freed but is still held by the process to the system, if there is much of it. Call before
+    a large allocation, which would come on top.
     """
     known = _returning()
     if known is not None and known[0]().fordblks > LEAST_RETURNED:

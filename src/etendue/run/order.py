@@ -13,7 +13,8 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def depth_first(keys: Iterable[Key], needs: Callable[[Key], Iterable[Key]]) -> list[Key]:
-    """Return keys ordered so that each follows all it needs, and a chain is finished before its sibling starts."""
+    """Return keys in an order in which each key follows all keys that it needs, and a chain is finished before its
+    sibling starts."""
     every = list(keys)
     number = {key: n for n, key in enumerate(every)}
     return [every[n] for n in Needs(len(every), lambda n: [number[key] for key in needs(every[n])]).depth_first()]
@@ -33,7 +34,8 @@ class Needs:
         return self.needed[self.first[number] : self.first[number + 1]]
 
     def depth_first(self) -> array[int]:
-        """Return all numbers, each after all it needs, a chain before its sibling."""
+        """Return all numbers in an order in which each follows all numbers that it needs, and a chain is finished
+        before its sibling starts."""
         waiting = array("i", self._counts().tobytes())
         behind, first = self._readers()
         order, ready = array("i"), array("i", [n for n in reversed(range(self.count)) if not waiting[n]])

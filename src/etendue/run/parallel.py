@@ -33,8 +33,8 @@ def graph_of(
     run: str = "",
     held_back: Mapping[int, Sequence[int]] = NOTHING,
 ) -> Document:
-    """Return the raw Dask graph, in which the key of a batch depends on the batches it imports from, and on the batches
-    for which it is held back.
+    """Return the raw Dask graph, in which a batch depends on the batches from which it reads cells, and on the batches
+    that must end before it may begin.
     """
     graph: Document = {}
     for batch in batches:

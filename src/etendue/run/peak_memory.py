@@ -293,7 +293,8 @@ class _Run:
         return found
 
     def working(self, job: Job) -> float:
-        """Return the memory a stage works with: its stated multiple of the larger of input and output, plus copies."""
+        """Return the working memory of a stage: the multiple that it states, times the larger of input and output, plus
+        copies."""
         return self.factor(job) * self.largest(job) + self.copied(job)
 
     def copied(self, job: Job) -> float:

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class How:
     """Options for running batches: the last argument of every ``place``, after ``batches, deliver, before, after``.
 
-    ``platform`` returns the properties on which bits depend, and ``mark`` is a file that all workers must see. A
-    cluster refuses workers for which these differ.
+    ``platform`` returns the properties of the platform on which bits depend; ``mark`` is path and content of a file
+    that every worker must be able to read. A cluster refuses workers for which these differ.
     """
 
     address: str  # the value of ``--scheduler``
@@ -40,8 +40,8 @@ class Scheduler:
     the owner's process.
 
     ``here``: cells are computed in the owner's process, where a cell cannot be stopped. ``far``: workers may be on
-    other machines and see only shared folders. ``single``: one cell at a time. ``typed``: the text in the help, if it
-    differs from the name.
+    other machines and see only shared folders. ``single``: one cell at a time. ``typed``: the name as the help shows
+    it, if that differs from the name.
     """
 
     place: str

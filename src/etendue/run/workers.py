@@ -127,8 +127,8 @@ class Worker:
         theirs.close()
 
     def ask(self, data: bytes, stop: Stop, limit: float | None) -> BatchResult:
-        """Return the result of a batch; raise ``Died``, or ``Stopped`` if the run was stopped and the worker did not
-        finish soon.
+        """Return the result of a batch. Raise ``Died`` if the worker dies, ``Stopped`` if the run is stopped and the
+        worker does not finish soon.
         """
         at, since, end = -1, time.monotonic(), None
         try:

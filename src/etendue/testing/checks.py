@@ -109,8 +109,8 @@ def perturbations_of(shape: tuple[int, ...], worst: Array | None) -> Iterator[Ar
 
 
 def worst_signs_of(bench: Bench, port: str, main: str) -> Array | None:
-    """Return the signs of the row with the largest sum in the derivative of the result by the input, on a small
-    frame.
+    """Return the signs of the derivative of one value of the result by the input, on a small frame: of the value whose
+    derivative has the largest sum of magnitudes.
     """
     base = np.full_like(bench.array(port, "uniform", SMALL), 0.5 * bench.scale(port))
     step = 1e-2 * bench.scale(port)

@@ -81,8 +81,8 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, Pla
     # -- what it does
 
     def test_it_writes_what_it_declares(self) -> None:
-        """Names, shape, dtype, and finite values unless declared otherwise, by the engine's own check, in both
-        precisions.
+        """Outputs have the declared names, shapes and dtypes, and finite values unless declared otherwise, by the
+        engine's own check, in both precisions.
         """
         bench = self.bench
         for precision in PRECISIONS:
@@ -280,7 +280,8 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, Pla
                 )
 
     def test_errors_grow_by_no_more_than_the_gain(self) -> None:
-        """Pairs of inputs: random, shifted, and with the signs of the worst case, at several levels and sizes of error.
+        """The difference between two outputs is at most ``gain`` times the difference between the inputs. Pairs of
+        inputs differ at random, by a shift, and with the signs of the worst case, at several levels and sizes of error.
 
         Errors are relative to full scale. For the input this is its largest value; for the output, its largest value
         for this input or for a uniform field as bright as its brightest point. The stage's own error is added.

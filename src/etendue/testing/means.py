@@ -40,8 +40,9 @@ def events(values: Array) -> bool:
 def missed(values: Array, p: float) -> float:
     """Return the possible deviation of the mean over many places, at a probability ``p``, because events are rare.
 
-    A kind of event with an expected number of ln(1/p) may not have occurred at all, or less often than its standard
-    error suggests. Each event contributes at most the value of a place, or the change by the largest event.
+    With the probability ``p``, an event that is expected ln(1/p) times does not occur at all, and it may occur less
+    often than its standard error suggests. Each event contributes at most the value of a place, or the change that the
+    largest event causes.
     """
     if not events(values):
         return 0.0

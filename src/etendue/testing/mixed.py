@@ -43,8 +43,8 @@ def mixed(kind: type[Stage], base: Mapping[str, Any], number: int) -> dict[str, 
 
 
 def as_many(kind: type[Stage], values: dict[str, Any], wanted: Wanted, accepts: Accepts) -> dict[str, Any]:
-    """Return the values with all wanted changes if they are accepted together, else with the accepted changes of each
-    half.
+    """Return the values with all wanted changes if the stage accepts them together; otherwise split the changes into
+    halves and return the values with the accepted changes of each half.
     """
     if accepts(kind, whole := {**values, **{name: found[0] for name, found in wanted.items()}}):
         return whole

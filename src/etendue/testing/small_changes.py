@@ -90,7 +90,7 @@ def with_parameter(bench: Bench, name: str, value: float, inputs: Arrays) -> Ben
 
 
 def compare(bench: Bench, base: BenchTrial, moved: dict[str, BenchTrial], what: str, inputs: Arrays) -> None:
-    """Compare relative to the largest value of a result, or of the input if a stage writes the variable that it
+    """Compare results relative to the largest value of a result, or of the input if a stage writes the variable that it
     reads.
     """
     if not base.done:

@@ -34,7 +34,8 @@ def evaluated(
     centres: tuple[FloatArray, FloatArray],
     widths: tuple[float, float],
 ) -> FloatArray:
-    """Evaluate windows anywhere on blurred cells, summed over bands, by an extended matrix Fourier transform.
+    """Return the means of blurred light, given by cells, over windows at any positions, summed over bands, by an
+    extended matrix Fourier transform.
 
     Parameters
     ----------
@@ -53,8 +54,8 @@ def evaluated(
 
     Notes
     -----
-    Every frequency up to the end of a band's transfer function is evaluated, for any cell size; light that is
-    not blurred at all (``rest``) comes from exact areas. Error: as ``folded``.
+    Every frequency up to the end of a band's transfer function is evaluated, for any cell size; the contribution of
+    light that is not blurred at all (``rest``) is computed from exact areas. Error: as for ``folded``.
     """
     kind = transforms.real.dtype
     channels = len(weights)
@@ -160,8 +161,8 @@ def _waves(k: Array, axis: PeriodicAxis, centres: FloatArray, width: float) -> A
 
 
 def box_of(otf: Transfer, pitch: float) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """Return width and position (um) along y and x of the window with this transfer function; None if it is not the
-    transfer function of a window.
+    """Return width and position (um) along y and x of the window with the transfer function ``otf``; None if ``otf`` is
+    not the transfer function of a window.
 
     Parameters
     ----------

@@ -51,8 +51,8 @@ class Reach(NamedTuple):
 
     @property
     def by_axis(self) -> bool:
-        """Whether the function has no end but is a product over the axes. Each factor is evaluated on one axis only, so
-        more aliases can be kept.
+        """Whether the transfer function is a product over the axes and does not end at any frequency. Each factor is
+        evaluated on one axis only, so more aliases can be kept.
         """
         return self.separable and self.rest != 0 and self.radius > 0
 
@@ -65,7 +65,8 @@ class AliasRule(NamedTuple):
 
 
 def reach_of(otf: Transfer, step: float) -> Reach:
-    """Find the reach of a transfer function on squares of 129 x 65 frequencies: widen until it has ended, then refine.
+    """Find the frequency at which a transfer function ends, its reach, on squares of 129 x 65 frequencies: the square
+    is widened until the function has ended inside it, then refined.
 
     Parameters
     ----------
@@ -76,8 +77,8 @@ def reach_of(otf: Transfer, step: float) -> Reach:
     Returns
     -------
     Reach
-        If it has no end within 64 aliases (diffusion alone, nothing at all), ``rest`` is its value 32 aliases out, and
-        16 aliases are kept; see ``folded`` for the resulting error.
+        If the function has no end within 64 aliases (diffusion alone, or no blur at all), ``rest`` is its value 32
+        aliases from zero frequency, and 16 aliases are kept; see ``folded`` for the resulting error.
     """
     limit, narrowing = 4.0 / step, False
     while True:
@@ -128,7 +129,7 @@ def window_rule(axis: PeriodicAxis, width: float, offset: float, half: bool) -> 
     width : float, um, 0 or above
         Width of the window.
     offset : float, cells
-        Distance of its centre from the centre of the cell that it replaces.
+        Distance of the window's centre from the centre of the cell that the window replaces.
     """
     require.must(0.0 <= width < np.inf, "width", width, "finite and not negative, in um")
 
@@ -159,7 +160,7 @@ def overlaps(centres: FloatArray, width: float, size: int) -> FloatArray:
 
     Notes
     -----
-    Exact areas: the value of a pixel in light that no optics has blurred.
+    The areas are exact: the shares give the value of a pixel in light that no optics has blurred.
     """
     centres = np.asarray(centres, dtype=float)
     found = np.zeros((centres.size, size))
@@ -291,7 +292,8 @@ def _line(otf: Callable[[FloatArray], Array], axis: PeriodicAxis, rule: AliasRul
 
 
 def far_line(otf: Callable[[FloatArray], Array], axis: PeriodicAxis) -> tuple[Array, float]:
-    """Return a factor of a separable transfer function at K = 0, 1, ... until it has ended, and the rest beyond."""
+    """Return one factor of a separable transfer function at K = 0, 1, ... until the factor has ended, and its value
+    beyond."""
     aliases = 2
     while True:
         f = np.linspace(0.5, 1.0, 257) * (aliases / axis.step)

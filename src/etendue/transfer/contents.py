@@ -37,9 +37,9 @@ def light_of(source: type[Source]) -> str | None:
 
 
 def content_of(source: Source, grids: Mapping[str, Grid]) -> Content | None:
-    """Return the content of a scene's light. Return None if the light is not samples of a band-limited function, if the
-    scene draws random numbers, if it has more than 17 million samples per band, or if it cannot be computed; the run
-    then reports the reason.
+    """Return the power of a scene's light by band and spatial frequency (a ``Content``). Return None if the light is
+    not samples of a band-limited function, if the scene draws random numbers, if it has more than 17 million samples
+    per band, or if it cannot be computed; the run then reports the reason.
     """
     try:
         with np.errstate(all="ignore"), unwarned():

@@ -25,8 +25,8 @@ DIRECTIONS = 8  # over a half turn, in which a non-radial transfer function is e
 
 
 def change(stage: Transfer, content: Content, grid: Grid) -> peaks.Change:
-    """Return a bound on the change if this stage is left out, in the norm of the content, relative to the largest
-    value after the stage.
+    """Return an upper bound of the change that leaving out this stage causes, in the norm of the content
+    (``content.norm``), relative to the largest value after the stage.
 
     Parameters
     ----------

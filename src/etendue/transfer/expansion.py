@@ -34,14 +34,14 @@ falls as 1/f, like amplitudes in pictures.
 
 def importance(frequency: FloatArray) -> FloatArray:
     """Return the weight of an error at each radial frequency in the fit of a basis: 1 at low frequencies, then falling
-    as 1/f. It suits any pixel size.
+    as 1/f. The same weight suits any pixel size.
     """
     flat = FLAT_BELOW * float(frequency.max()) or 1.0
     return np.minimum(1.0, flat / np.maximum(frequency, 1e-300))
 
 
 def band_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: FloatArray) -> FloatArray:
-    """Return functions of the band in which the weighted transfer functions of all channels are expanded.
+    """Return the basis in which the weighted transfer functions of all channels are expanded: functions of the band.
 
     Parameters
     ----------

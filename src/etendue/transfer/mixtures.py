@@ -24,8 +24,8 @@ TOGETHER = 1 << 14  # values of a band that are mixed at a time: all bands of th
 def looked_at(
     planes: Sequence[Array], weights: FloatArray, steps: tuple[float, float], edges: FloatArray, widths: FloatArray
 ) -> list[Any] | None:
-    """Return (low, mean, high, power, amplitude, peaks) of every band, as if computed from its own plane; None if a
-    value is not finite.
+    """Return (low, mean, high, power, amplitude, peaks) of every band, equal to those computed from the plane of the
+    band; None if a value is not finite.
     """
     full = float(np.max([(plane.max(), -plane.min()) for plane in planes])) or 1.0
     if not (math.isfinite(full) and np.isfinite(weights).all()):

@@ -38,8 +38,9 @@ SPOTS = 3.0  # relative excess of the rms over a few pixels above that over the 
 
 
 class Change(NamedTuple):
-    """A bound on a change. ``whole``: relative to the largest value of all bands. ``apart``: the largest over bands of
-    the change of a band relative to its own largest value, for a later stage that uses only one band.
+    """An upper bound of a change. ``whole``: the change relative to the largest value of all bands. ``apart``: the
+    largest relative change of a single band, relative to the largest value of that band, for a later stage that uses
+    only one band.
     """
 
     whole: float
@@ -67,8 +68,8 @@ def arrays_of(content: Content) -> ContentArrays:
 
 
 def padding(grid: Grid) -> float:
-    """Return the area of the padded plane over that of the frame. The power in a content is an upper bound; it is too
-    large by this factor.
+    """Return the area of the padded plane over that of the frame. The power in a ``Content`` is an upper bound, which
+    is too large by this factor.
     """
     sizes = [grid.line(dim).size for dim in ("y", "x")]
     return math.prod(sampling.padded_size(size) / size for size in sizes)
@@ -82,8 +83,8 @@ def shares(widths: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArra
 
 def behind(content: Content, changed: Array) -> FloatArray:
     """Return lower bounds of the largest values after a transfer function and the blurs of ``content.widths``, (band,
-    width). ``changed`` is |1 - H|, (band or 1, ring). The result has no rows if these values are not known before the
-    transfer function.
+    width). ``changed`` is |1 - H|, (band or 1, ring). The result has no rows if the largest values before the transfer
+    function are not known.
     """
     if not content.widths:
         return np.empty((0, 0))
@@ -94,8 +95,8 @@ def behind(content: Content, changed: Array) -> FloatArray:
 
 
 def largest_at_least(content: Content, left: FloatArray, padded: float) -> FloatArray:
-    """Return a lower bound of the largest value of each band, (..., band), relative to ``content.full``, if the
-    fraction ``left`` (..., band or 1, ring) of its detail remains.
+    """Return a lower bound of the largest value of each band, (..., band), relative to ``content.full``, after a blur
+    that leaves the fraction ``left`` (..., band or 1, ring) of the detail of the band.
 
     Let d be the mean of light above its smallest value, and v its variance. The largest value is then at least d + v /
     d above the smallest.
@@ -141,7 +142,8 @@ def sites(content: Content, size: float) -> float:
 
 
 def relative(factors: Array, left: Array, content: Content, grid: Grid) -> Change:
-    """Return a bound on light multiplied by ``factors``, relative to the largest value of the remaining light.
+    """Return an upper bound of the light in a content multiplied by ``factors``, relative to the largest value of the
+    light that remains.
 
     Parameters
     ----------
@@ -154,9 +156,10 @@ def relative(factors: Array, left: Array, content: Content, grid: Grid) -> Chang
     Returns
     -------
     Change
-        For 'max', the change of the sample that changes most. For 'rms', the change over the samples of the frame and
-        over the pixels that sample it later. If light lies in few spots, the rms over the pixels may exceed the rms
-        over the frame; the excess is fitted, and never exceeds the bound of the largest change.
+        For the norm 'max', the change of the sample that changes most. For the norm 'rms', the rms change over the
+        samples of the frame and over the pixels that sample it later. If light lies in few spots, the rms over the
+        pixels may exceed the rms over the frame; the excess is fitted, and never exceeds the bound of the largest
+        change.
     """
     edges, factors = arrays_of(content).edges, np.asarray(factors)
     # rms widths of later Gaussian blurs, um: none, and from the finest ring to the coarsest, an octave apart
@@ -197,8 +200,8 @@ def largest_of_sums(weights: FloatArray, left: Array, content: Content, grid: Gr
 
 
 def relative_sums(lost: Array, full: FloatArray, content: Content, grid: Grid) -> float:
-    """Return a bound on the loss from weighted sums over the bands, relative to the largest value of a sum; the sum
-    with the largest bound is used.
+    """Return an upper bound of the light that weighted sums over the bands lose, relative to the largest value of the
+    sum; of several sums, the largest bound is returned.
 
     Parameters
     ----------

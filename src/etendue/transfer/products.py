@@ -35,8 +35,8 @@ def alone(stage: Stage, edges: tuple[float, ...]) -> Any:
 
 @dataclass(frozen=True)
 class Product:
-    """The product of the transfer functions of ``stages``. ``prepared`` returns the tables of a stage for the bands; by
-    default they are computed without a cache.
+    """The product of the transfer functions of ``stages``. ``prepared`` is a function that returns the tables of a
+    stage for the bands; the default function computes them without a cache.
     """
 
     stages: tuple[Transfer, ...]
@@ -73,8 +73,8 @@ class Product:
 
 
 def asked(stage: Transfer, fy: Array, fx: Array, middles: Array, prepared: Any) -> Array:
-    """Return ``stage.transfer`` as finite numbers (band or 1, m, n) that match the frequencies; raise an error that
-    names the stage otherwise.
+    """Return the values of ``stage.transfer``, (band or 1, m, n); raise an error that names the stage if they are not
+    finite or their shape does not match the frequencies.
     """
     name = f"{type(stage).__name__}.transfer"
     with foreign(name):
@@ -89,8 +89,8 @@ def asked(stage: Transfer, fy: Array, fx: Array, middles: Array, prepared: Any) 
 
 
 def between(stage: ChannelTransfer, fy: Array, fx: Array, light: Array, prepared: Any) -> Array:
-    """Return ``stage.channel_transfer`` as finite numbers (channel, channel, m, n) that match the frequencies (m,),
-    (n,); raise an error that names the stage otherwise."""
+    """Return the values of ``stage.channel_transfer``, (channel, channel, m, n); raise an error that names the stage if
+    they are not finite or their shape does not match the frequencies (m,), (n,)."""
     name = f"{type(stage).__name__}.channel_transfer"
     with foreign(name):
         found = np.asarray(stage.channel_transfer(fy, fx, light, prepared))
@@ -108,8 +108,8 @@ def between(stage: ChannelTransfer, fy: Array, fx: Array, light: Array, prepared
 
 
 def behind_filters(bands: Array, shares: Array, moved: Sequence[Array] = (), still: Sequence[Array] = ()) -> Array:
-    """Return the transfer functions of grey detail by channel: means over bands, changed by charge that moves between
-    channels.
+    """Return the transfer functions of grey detail by channel: weighted means over bands, including the charge that
+    moves between channels.
 
     Parameters
     ----------

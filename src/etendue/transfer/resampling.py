@@ -67,7 +67,8 @@ class _Pieces:
         return _Pieces(self.place[first:last], self.share[first:last])
 
     def distinct(self) -> tuple[_Pieces, npt.NDArray[np.intp]]:
-        """Return the pieces without output samples equal to the one before, and how often each is repeated."""
+        """Return the pieces without output samples that equal the sample before, and how often each remaining sample is
+        repeated."""
         new = np.diff(self.place, axis=0).any(axis=1) | np.diff(self.share, axis=0).any(axis=1)
         first = np.concatenate([[0], np.flatnonzero(new) + 1])
         return _Pieces(self.place[first], self.share[first]), np.diff(first, append=len(self.place))

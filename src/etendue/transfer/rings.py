@@ -59,9 +59,9 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
     Returns
     -------
     power, amplitude : (n,) arrays
-        Values of the padded plane that a segment uses, times the ratio of padded to framed area. They are upper bounds:
-        the mean square of the plane minus its mean is at most the sum of ``power``, and no value differs from the mean
-        by more than the sum of ``amplitude``.
+        Values of the padded plane that a segment uses, times the ratio of the area of the padded plane to that of the
+        frame. They are upper bounds: the mean square of the plane minus its mean is at most the sum of ``power``, and
+        no value differs from the mean by more than the sum of ``amplitude``.
     """
     ny, nx = plane.shape
     half = sampling.transform(np.ascontiguousarray(plane))
@@ -81,8 +81,8 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
 
 
 def counted(columns: int, total: int) -> FloatArray:
-    """Return the number of times that each column of a half transform counts: once at frequency 0 and at the highest of
-    an even number, else twice.
+    """Return the number of columns of the full transform for which each column of a half transform stands: one at
+    frequency 0 and, for an even number of samples, at the highest frequency; two at all others.
     """
     twice = np.full(columns, 2.0)
     twice[0] = 1.0
@@ -105,9 +105,9 @@ def largest_behind(plane: FloatArray, step_y: float, step_x: float, widths: Floa
 
     Notes
     -----
-    A blur transmits almost nothing above a frequency of ``CUT`` over its width. The inverse transform therefore uses
-    only as many samples as these frequencies need, and all widths together cost about two transforms. The largest
-    sample within the frame is a lower bound, because the largest value may lie between samples.
+    A blur transmits almost nothing above the frequency ``CUT`` / width. The inverse transform therefore uses only as
+    many samples as these frequencies need, and all widths together cost about two transforms. The largest sample within
+    the frame is a lower bound, because the largest value may lie between samples.
     """
     half = sampling.transform(np.ascontiguousarray(plane))
     found = [float(plane.max())]

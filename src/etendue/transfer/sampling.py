@@ -33,8 +33,9 @@ def padded_size(size: int) -> int:
 
 @lru_cache(1024)
 def fast_length(size: int) -> int:
-    """Return the smallest number without prime factors above 5 that is at least ``size``: lengths of fast real
-    transforms, as ``scipy.fft.next_fast_len(size, real=True)``, without importing it while a plan is made.
+    """Return the smallest number without prime factors above 5 that is at least ``size``: the lengths of fast real
+    transforms. The result equals ``scipy.fft.next_fast_len(size, real=True)``, but planning does not have to import
+    scipy.
     """
     best, fives = 1 << max(size - 1, 0).bit_length(), 1
     while fives < best:
@@ -114,8 +115,9 @@ def transform(planes: FloatArray, columns: int | None = None) -> ComplexArray:
 def transform_of_rows(
     rows_of: Callable[[slice], FloatArray], ny: int, nx: int, dtype: np.dtype[np.generic], columns: int
 ) -> ComplexArray | None:
-    """Return the transform of a large plane with the bits of ``rfft2``: some rows are made, padded and transformed at a
-    time, then the columns in place. Nothing else of the plane's size is held. None for a plane of few rows.
+    """Return the transform of a large plane, with the same bits as ``rfft2``: some rows at a time are made, padded and
+    transformed, then the columns are transformed in place. No other array of the plane's size is held. Return None for
+    a plane of few rows.
     """
     total_y, total_x = padded_size(ny), padded_size(nx)
     gap = total_y - ny
@@ -184,7 +186,8 @@ def frequencies(size: int, step: float, half: bool, share: float = 1.0) -> Float
 
 
 def planes_of(half_transform: ComplexArray, ny: int, nx: int, *, own: bool = False) -> FloatArray:
-    """Return the frame [0:ny, 0:nx] of the planes with this half transform. ``own``: it is not needed any more."""
+    """Return the frame [0:ny, 0:nx] of the planes with this half transform. ``own``: the caller does not need the
+    transform any more."""
     return _picked(half_transform, ny, nx, slice(ny), slice(nx), own)
 
 
@@ -201,8 +204,8 @@ def _picked(half: ComplexArray, ny: int, nx: int, rows: slice, columns: slice, o
 
 
 def inverse(half: ComplexArray, size: tuple[int, int], rows: slice, columns: slice, *, own: bool = False) -> FloatArray:
-    """Return some rows and columns of the plane of a half transform, with the bits of ``irfft2``; a large one in
-    strips. ``own``: the transform is not needed any more.
+    """Return some rows and columns of the plane of a half transform, with the same bits as ``irfft2``; a large plane is
+    computed in strips. ``own``: the caller does not need the transform any more, so it may be overwritten.
     """
     if size[0] * size[1] <= LARGE:
         return np.ascontiguousarray(scipy.fft.irfft2(half, s=size, workers=1)[rows, columns])
@@ -307,8 +310,8 @@ def sample(
     *,
     own: bool = False,
 ) -> FloatArray:
-    """Return the values of ``evaluate``; picks samples, which is cheaper, if all positions are samples. ``own``: the
-    transform is not needed any more.
+    """Return the values of ``evaluate``. If all positions are samples, samples are picked, which is cheaper. ``own``:
+    the caller does not need the transform any more, so it may be overwritten.
     """
     rows = whole_steps(0.0, 1.0, y[0], y[1], y[2], ny)
     columns = whole_steps(0.0, 1.0, x[0], x[1], x[2], nx)

@@ -78,8 +78,8 @@ NOT_CHECKED = (
 
 
 def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, into: bool) -> list[NotChecked]:
-    """Return the list of contents that are not compared, with further contents that cannot be compared in this archive,
-    and their number.
+    """Return the contents that are not compared: those that are never compared, and those that cannot be compared in
+    this archive, with their number.
     """
     found = list(NOT_CHECKED)
     entries, gone = stored.journal.entries, stored.journal.outdated

@@ -29,7 +29,7 @@ class Deviation:
     Attributes
     ----------
     where : place in the file, such as ``attributes.units``
-    says, is_ : the archived and the recomputed value; '' if one is missing
+    says, is_ : the archived and the recomputed value; '' for a value that is missing
     """
 
     file: str

@@ -47,7 +47,7 @@ class Reproduction:
 
     Attributes
     ----------
-    platform : the fields that differ, as (recorded, now); empty on the same platform
+    platform : the properties of the platform that differ, as (recorded, now); empty on the same platform
     software : by stage, the difference from the archive: its distribution and version, or its code
     differences : other contents that were not reproduced: coordinates, units, dims, tables, records
     damages : damaged files, except those of cells

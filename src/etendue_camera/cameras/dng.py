@@ -53,8 +53,8 @@ class Raw:
     other: tuple[int, ...]
 
     def full_scale(self) -> float | None:
-        """Return the charge (electron) at white level and the file's ISO: 1/S of the plane with the least noise; None
-        without a noise profile.
+        """Return the charge (electron) that gives the white level at the ISO of the file, 1/S of the plane with the
+        least noise; None if the file has no noise profile.
         """
         return 1.0 / min(s for s, _ in self.noise) if self.noise else None
 

@@ -2,7 +2,7 @@
 
 In:  linear or encoded values, 1 = display white; any shape.
 Out: encoded or linear values, same shape and dtype (float32 stays float32; integers become float64).
-Sources: IEC 61966-2-1 (sRGB), ITU-R BT.709, seed paper eq. 15.
+Sources: IEC 61966-2-1 (sRGB), ITU-R BT.709, the paper (docs/paper.md), eq. 15.
 
 The function `power` of numpy is 4 times slower if 20 % of a picture is exactly 0, as after clipping. Bases are
 therefore raised above 0 first: to the end of the linear segment, or to the smallest number.
@@ -125,7 +125,7 @@ def bt709_decode(encoded: ArrayLike) -> NDArray:
 
 
 def gamma_signed(value: ArrayLike, gamma: float) -> NDArray:
-    """Return sign(v) |v|^gamma; the seed paper's encoding has gamma = 0.45.
+    """Return sign(v) |v|^gamma; the paper's encoding has gamma = 0.45.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def gamma_signed(value: ArrayLike, gamma: float) -> NDArray:
 
     Notes
     -----
-    Source: seed paper eq. 15, sign(v) |v|^gamma. Relative error: below 2e-17 times the condition number in float64
+    Source: the paper, eq. 15, sign(v) |v|^gamma. Relative error: below 2e-17 times the condition number in float64
     (reference values `gamma_signed`); 8e-7 relative in float32 (gamma up to 2.2, 1e-6 <= |v| <= 10).
     """
     gamma = float(gamma)

@@ -98,7 +98,7 @@ def von_kries_matrix(source_white_xyz: ArrayLike, target_white_xyz: ArrayLike, t
 
     Notes
     -----
-    Source: von Kries; seed paper section 3.1, with gains between M and M^-1 rather than on RGB. Error: below 4e-16
+    Source: von Kries; the paper, section 3.1, with gains between M and M^-1 rather than on RGB. Error: below 4e-16
     of the largest element and 6e-15 of each element (Bradford, CAT02, von Kries; D65 to D50, A to D65).
 
     Examples

@@ -83,7 +83,7 @@ def _shifted(lag: tuple[int, int], sign: int, shape: tuple[int, ...]) -> tuple[s
 
 
 def found_covariance(noise: ArrayLike, lag: tuple[int, int] = (0, 0)) -> FloatArray:
-    """Return the covariance that `carried_covariance` predicts, measured in planes of noise whose mean is 0.
+    """Measure, in planes of noise whose mean is 0, the covariance that `carried_covariance` predicts.
 
     Parameters
     ----------

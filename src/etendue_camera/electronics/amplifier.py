@@ -71,8 +71,8 @@ def dark_current_factor(temperature_K: float, reference_K: float, doubling_K: fl
     Notes
     -----
     Source: T^1.5 exp(-Eg(T) / 2kT) (Janesick 2001): half the band gap is the activation energy of generation through
-    mid-gap centres. It doubles every 8.5 K at 298 K. With a doubling, 2^((T - T0) / T_d) (EMVA 1288, section on the
-    doubling temperature).
+    mid-gap centres. This dark current doubles every 8.5 K at 298 K. If ``doubling_K`` is given, the factor is 2^((T -
+    T0) / T_d) (EMVA 1288, section on the doubling temperature).
     """
     for name, value in (("temperature_K", temperature_K), ("reference_K", reference_K)):
         require.allowed(COLDEST <= value <= HOTTEST, name, value, f"{COLDEST:g} to {HOTTEST:g} K")
@@ -100,7 +100,7 @@ def read_noise_at_gain(before_gain: ArrayLike, after_gain: ArrayLike, analogue_g
     before_gain : (...) array, electrons
         Standard deviation of the noise before the amplifier (source follower), at or above 0.
     after_gain : (...) array, electrons
-        Standard deviation of the noise after it (ADC), as electrons at gain 1; at or above 0.
+        Standard deviation of the noise after the amplifier (ADC), in electrons at gain 1; at or above 0.
     analogue_gain : (...) array, dimensionless
         Above 0.
 

@@ -2,7 +2,8 @@
 
 In:  dark current (A or A/cm2), time (s), full well, read noise and DSNU (electrons), gain (DN/electron).
 Out: dark electrons, limiting photocurrents (A), signal-to-noise ratio and dynamic range (dB).
-Sources: seed paper eqs. 12-13 in electrons (printed, eq. 13 adds A s to A2 s2); EMVA 1288 release 4 linear.
+Sources: the paper (docs/paper.md), eqs. 12-13, in electrons (as printed, eq. 13 adds A s to A2 s2); EMVA 1288 release 4
+linear.
 
 All quantities are in electrons: in SI units q^2 is 2.6e-38, at the edge of float32. Results are float32
 if all arguments are.
@@ -72,7 +73,7 @@ def saturation_current(full_well: ArrayLike, time: ArrayLike, dark_current: Arra
 
     Notes
     -----
-    Source: seed paper eq. 12, i_max = q Qmax / t - i_dc.
+    Source: the paper, eq. 12, i_max = q Qmax / t - i_dc.
     Error: below 2e-16 relative to the larger term (reference values i_max).
     """
     well, dark = require.at_least_zero("full_well", full_well), require.at_least_zero("dark_current", dark_current)
@@ -102,7 +103,7 @@ def smallest_current(time: ArrayLike, dark_current: ArrayLike, read_noise: Array
 
     Notes
     -----
-    Source: denominator of seed paper eq. 13 over t, with q^2 (not q) before the variances, which are in
+    Source: denominator of the paper's eq. 13 over t, with q^2 (not q) before the variances, which are in
     electrons squared. Error: below 4e-16 relative (reference values i_min).
     """
     time = require.above_zero("time", time)
@@ -113,7 +114,7 @@ def smallest_current(time: ArrayLike, dark_current: ArrayLike, read_noise: Array
 def dynamic_range_elgamal(
     full_well: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike
 ) -> NDArray:
-    """Return the largest photosignal over the noise of the dark signal, the seed paper's dynamic range.
+    """Return the largest photosignal over the noise of the dark signal, the paper's dynamic range.
 
     Parameters
     ----------
@@ -134,7 +135,7 @@ def dynamic_range_elgamal(
 
     Notes
     -----
-    Source: seed paper eq. 13 with q^2 before the variances; as printed it is wrong by up to sqrt(1/q) (-119 dB for a
+    Source: the paper, eq. 13 with q^2 before the variances; as printed it is wrong by up to sqrt(1/q) (-119 dB for a
     sensor of 68 dB). The smallest signal is the dark noise alone; `dynamic_range_emva` requires SNR = 1. Error: below
     3e-16 times the condition number (reference values `dr_db`, 68.05 dB to -111.6 dB).
     """

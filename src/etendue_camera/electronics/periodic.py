@@ -26,7 +26,7 @@ def offsets(
     rows, columns : (y,), (x,) array
         Absolute coordinates, in pixels.
     amplitudes : (wave,) floats, electrons
-        Half of peak to peak.
+        Half of the peak-to-peak value of each wave.
     along_y, along_x : (wave,) floats, cycles/pixel
     phases : (wave,) floats, cycles
         At row 0 and column 0.

@@ -31,8 +31,8 @@ def lasting_error(step: float, sigma: float) -> float:
 
     Notes
     -----
-    Above 0.3 steps of noise it equals the first harmonic of the sawtooth, step / pi exp(-2 pi^2 (sigma / step)^2),
-    within 1e-3 relative.
+    If the noise is above 0.3 steps, this error equals the first harmonic of the sawtooth, step / pi exp(-2 pi^2 (sigma
+    / step)^2), within 1e-3 relative.
     """
     if not step > 0:
         return 0.0

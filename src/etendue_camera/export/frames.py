@@ -223,7 +223,8 @@ class Shelf:
     def beside(self, frame: ArchivedFrame, variable: str, other_than: str = "") -> Any:
         """Return another variable of the same cell, such as ``white`` for a ``raw``, or None if the archive has none.
 
-        The last one written counts, except by stages of the role ``other_than``.
+        If several stages write it, the variable of the last stage is returned; stages of the role ``other_than`` are
+        ignored.
         """
         for stage, path in reversed(self.variables.get(variable, [])):
             if other_than and other_than in self.roles(stage):

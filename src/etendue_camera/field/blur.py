@@ -55,7 +55,7 @@ class BlurChoice:
     count : eigen-PSFs in addition to the mean (maximum over the planes), or tiles
     grid : nodes along y and x
     error : predicted largest error, relative to full scale
-    cost : per plane, in real transforms of the padded frame
+    cost : cost per plane, in units of one real transform of the padded frame
     size : samples along one side of a kernel
     others : (method, count, error, cost) of the alternatives not chosen
     """
@@ -170,8 +170,8 @@ def prepare(
     light, centre
         As for ``Sampler``.
     lost : float, optional
-        Fraction of flux in the tails of the PSFs that kernels may truncate; the rest is scaled to 1. Default: a tenth
-        of the tolerance. A given value is added to the tolerance.
+        Fraction of the flux of a PSF, in its tails, that a kernel may cut off; the rest is scaled to 1. Default: a
+        tenth of the tolerance, included in it. A value that is given is added to the tolerance.
 
     Raises
     ------

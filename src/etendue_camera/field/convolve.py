@@ -38,7 +38,8 @@ def fast(*lengths: int) -> tuple[int, int]:
 def eigen(
     plane: FloatArray, basis: FloatArray, coefficients: FloatArray, hats: list[FloatArray], weights: Weights
 ) -> FloatArray:
-    """Convolve a plane with the mean kernel, and with each further kernel weighted by its map.
+    """Convolve a plane with the mean kernel, and with each of the other kernels weighted by its map, and add the
+    results.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ def eigen(
     basis : (1 + R, n, n) array, n odd
         The mean kernel first.
     coefficients : (R, nodes y, nodes x) array
-        Coefficients of the further kernels at the nodes.
+        Coefficients of the other kernels at the nodes: the map of each.
     hats : (Y, nodes y) and (X, nodes x) arrays
         Interpolation weights, as returned by ``hats_of``.
     weights : {"source", "image"}

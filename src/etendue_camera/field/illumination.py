@@ -93,8 +93,9 @@ def vignetting(
     Notes
     -----
     Source: seen from the object point, the rim casts a shadow of radius k R on the pupil plane, displaced by k d
-    tan(theta), with k = 1/(1 - d/L). Multiplied by `radiometry.cos4` this is exact for a small pupil. The parts of a
-    wide pupil have different weights; the effect is at most the ratio of `radiometry.disc_falloff` to cos4.
+    tan(theta), with k = 1/(1 - d/L). Multiplied by `radiometry.cos4` this is exact for a small pupil. In a wide pupil
+    the parts have different weights, which are neglected; the relative error is at most that of `radiometry.cos4`
+    against `radiometry.disc_falloff`.
     """
     require.must(rim_distance >= 0, "rim_distance", rim_distance, "0 or above")
     require.that(

@@ -166,8 +166,9 @@ def _hermite(y: Sequence[float | None], t: float) -> float:
 def weighted(
     points: Sequence[Point], range_mm: tuple[float, float], focal: float, aperture: float, distance_m: float
 ) -> tuple[float, ...] | None:
-    """Return the terms of fall-off, averaged over the calibrations with weights (distance to them)^-3.5; None if all
-    are farther away than 1. Coordinates are the focal length over its range, 4/aperture and 0.1 m/focus distance.
+    """Return the terms of fall-off, averaged over the calibrations with the weights distance^-3.5; None if all
+    calibrations are farther away than 1. The coordinates between which the distance is taken are the focal length over
+    its range, 4/aperture and 0.1 m/focus distance.
     """
     total, sums, nearest = 0.0, [0.0, 0.0, 0.0], math.inf
     span = range_mm[1] - range_mm[0]

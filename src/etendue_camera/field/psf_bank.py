@@ -148,8 +148,8 @@ class PsfBank:
         return found / found.sum(axis=(2, 3), keepdims=True)
 
     def roundness(self) -> float:
-        """Return half the sum of absolute differences between the PSF on the axis and its mean over directions; 0
-        without one.
+        """Return half the sum of absolute differences between the PSF on the axis and its mean over directions; 0 if
+        the bank has no PSF on the axis.
 
         On the axis of a rotationally symmetric lens all directions are equal: a PSF that is not round there indicates
         noise or a decentred lens, which a bank cannot describe.

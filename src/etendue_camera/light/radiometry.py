@@ -2,11 +2,11 @@
 
 In:  f-number, magnification, tangent of the field angle; wavelengths (um), energies (J).
 Out: irradiance per radiance E/L (sr), falloff (1), photon numbers, plate scale and field.
-Sources: seed paper eqs. 5, 9 and 10; Foote's disc formula (Bulletin of the Bureau of Standards 12, 1915);
-ISO 517 for the T-number.
+Sources: the paper (docs/paper.md), eqs. 5, 9 and 10; Foote's formula for a disc (Bulletin of the Bureau of Standards
+12, 1915); ISO 517 for the T-number.
 
 The sign convention is the optical one: a real, inverted image has magnification m < 0, an object at infinity
-has m = 0. The seed paper's own M = +1 would make eq. 5 independent of the f-number, so m > 0 raises an error.
+has m = 0. The paper's own M = +1 would make eq. 5 independent of the f-number, so m > 0 raises an error.
 """
 
 import numpy as np
@@ -38,7 +38,7 @@ def working_f_number(f_number: Floats, magnification: Floats = 0.0, pupil_magnif
 
     Notes
     -----
-    Source: seed paper eq. 5, the factor f/# (1 - m), with the pupil magnification of a thick lens.
+    Source: the paper, eq. 5, the factor f/# (1 - m), with the pupil magnification of a thick lens.
 
     Examples
     --------
@@ -150,7 +150,7 @@ def flat_disc_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnif
 
     Notes
     -----
-    Source: seed paper eq. 5 at phi = 0. Error: below 4e-16 relative for f/0.5 to f/128.
+    Source: the paper, eq. 5 at phi = 0. Error: below 4e-16 relative for f/0.5 to f/128.
     """
     working = working_f_number(f_number, magnification, pupil_magnification)
     return np.pi / (1.0 + 4.0 * working**2)
@@ -171,9 +171,9 @@ def cos4(tan_angle: Floats) -> Floats:
 
     Notes
     -----
-    Source: seed paper eq. 5. A multiplication, not the convolution of eq. 1. For fast lenses it falls too
-    steeply (f/1.4 at 30 degrees: 0.911 of the exact value); `disc_falloff` is exact.
-    Error: below 5e-16 relative for any tangent.
+    Source: the paper, eq. 5. Fall-off multiplies the light; it is not part of the convolution of eq. 1. For fast lenses
+    cos^4 falls too steeply (f/1.4 at 30 degrees: 0.911 of the exact value); `disc_falloff` is exact. Error: below 5e-16
+    relative for any tangent.
     """
     tangent = np.asarray(tan_angle)
     return (1.0 / (1.0 + tangent * tangent)) ** 2
@@ -284,7 +284,7 @@ def plate_scale(pixel_pitch_um: Floats, focal_length_mm: Floats) -> Floats:
 
     Notes
     -----
-    Source: seed paper eq. 10, with 206264.806 instead of 206265. Small angles: on the axis.
+    Source: the paper, eq. 10, with 206264.806 instead of 206265. Valid for small angles, on the axis.
     """
     require.positive("pixel_pitch_um", pixel_pitch_um)
     require.positive("focal_length_mm", focal_length_mm)
@@ -308,7 +308,7 @@ def focal_length_from_field(half_diagonal_mm: Floats, half_field_rad: Floats) ->
 
     Notes
     -----
-    Source: seed paper eq. 9. A half-inch sensor (y = 4 mm) at 30 degrees needs 6.93 mm.
+    Source: the paper, eq. 9. A half-inch sensor (y = 4 mm) at 30 degrees needs 6.93 mm.
     """
     require.positive("half_diagonal_mm", half_diagonal_mm)
     require.must(
@@ -335,7 +335,7 @@ def field_from_focal_length(half_diagonal_mm: Floats, focal_length_mm: Floats) -
 
     Notes
     -----
-    Source: seed paper eq. 9 solved for omega.
+    Source: the paper, eq. 9 solved for omega.
     """
     require.positive("half_diagonal_mm", half_diagonal_mm)
     require.positive("focal_length_mm", focal_length_mm)

@@ -39,8 +39,8 @@ def taps(mask: Mask, row: int, column: int, channel: str) -> tuple[Tap, ...]:
     Returns
     -------
     tuple of (int, int, float)
-        Weights above 0 that sum to 1; their mean position is the place itself. Where the channel is measured, only the
-        place itself.
+        Rows and columns relative to the place, and weights above 0 that sum to 1; the weighted mean position is the
+        place itself. Where the channel is measured, the place is the only sample.
     """
     height, width = mask.period
     if mask.rows[row][column] == channel:
@@ -143,8 +143,8 @@ def linear(mosaic: NDArray, mask: Mask, first_row: int = 0, first_column: int = 
 
 
 def reach_of(mask: Mask) -> int:
-    """Return the largest distance in rows of a sample with a weight, but at least a period: a frame of fewer rows is
-    interpolated by another method.
+    """Return the largest distance in rows between a place and a sample that contributes to it, but at least one period,
+    because a frame of fewer rows is interpolated by another method.
     """
     return max(_farthest(_all_taps(mask)), mask.period[0])
 

@@ -2,7 +2,7 @@
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
 Out: planes (3, y, x) of red, green, blue in the same unit; measured samples are unchanged.
-Sources: bilinear and nearest as in textbooks; colour differences as described in the seed paper, section 2.7.
+Sources: bilinear and nearest as in textbooks; colour differences as in section 2.7 of the paper (docs/paper.md).
 
 Frames may have any size from 1 x 1; see `frame` for values beyond the border and for frames of one line. Each of the
 four sites of the 2 x 2 cell is computed for a whole tile at once, on slices of step 2.
@@ -130,7 +130,7 @@ def colour_difference(mosaic: NDArray, pattern: str) -> NDArray:
 
     Notes
     -----
-    Source: seed paper section 2.7: KR = G - R and KB = G - B at red and blue sites, interpolated bilinearly,
+    Source: the paper, section 2.7: KR = G - R and KB = G - B at red and blue sites, interpolated bilinearly,
     then R = G - KR and B = G - KB. CPSNR is 2.7 dB (Kodak) and 1.1 dB (McMaster) above bilinear
     (`benchmarks/demosaic.py`). The direction similarity of the method that the paper cites is in
     `directional`.

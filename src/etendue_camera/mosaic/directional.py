@@ -2,9 +2,9 @@
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
 Out: planes (3, y, x) of red, green, blue in the same unit; measured samples are unchanged.
-Sources: section 2.7 of the seed paper describes interpolation of colour differences and cites a method whose title
-adds "direction similarity". This module reconstructs the idea from those words; it is not the published method. The
-directional estimate follows Hamilton and Adams (US patent 5629734, 1997).
+Sources: section 2.7 of the paper (docs/paper.md) describes interpolation of colour differences, and cites a method
+whose title adds "direction similarity". This module reconstructs the idea from those words; it is not the published
+method. The directional estimate follows Hamilton and Adams (US patent 5629734, 1997).
 
 For the row through a pixel (columns are treated alike; signs are those at a red or blue site):
 

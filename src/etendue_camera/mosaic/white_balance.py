@@ -35,9 +35,9 @@ def cell_means(
     cell : int, pixel
         Side of the cells, at least 1; rounded up to whole periods of the mask, so that a cell contains every channel.
     ceiling : float
-        Cells with a value at or above it are omitted.
+        Cells that contain a value at or above this one are omitted.
     lowest : float
-        Cells with a mean below it are omitted.
+        Cells whose mean is below this value are omitted.
     first_row, first_column : int
         Position of the mosaic's first pixel on the sensor.
 

@@ -18,8 +18,8 @@ Sum = Callable[[NDArray, int, int], NDArray]
 
 
 def moved(values: NDArray, axis: int, by: int, reach: int) -> NDArray:
-    """Return a view of the samples that are `by` positions further on, for all positions at least `reach` from both
-    ends.
+    """Return a view of the samples that lie `by` positions after each position, for all positions that are at least
+    `reach` away from both ends.
     """
     start, stop = reach + by, values.shape[axis] - reach + by
     return values[start:stop] if axis == 0 else values[:, start:stop]

@@ -170,7 +170,7 @@ def cutoff_frequency(wavelength: Floats, f_number: Floats) -> Floats:
 
 
 def airy_diameter(wavelength: Floats, f_number: Floats) -> Floats:
-    """Return the diameter (um) of the first dark ring, 2.4393... lambda N; seed paper eq. 4 rounds it to 2.44."""
+    """Return the diameter (um) of the first dark ring, 2.4393... lambda N; the paper's eq. 4 rounds it to 2.44."""
     return AIRY_DIAMETER * spot(wavelength, f_number)
 
 
@@ -252,7 +252,7 @@ def two_point_saddle(separation: Floats) -> tuple[Floats, Floats]:
 
     Notes
     -----
-    Source: seed paper figure 2. The spots merge at the Sparrow separation, 0.4735776 lambda/NA. The peak is where the
+    Source: the paper, figure 2. The spots merge at the Sparrow separation, 0.4735776 lambda/NA. The peak is where the
     slopes 8 J1 J2 / v^2 of the two spots cancel, found by bisection to the last bit.
     Error: below 1e-15 for the ratio. For the offset, 1e-15 times its sensitivity to the separation s, which is s / (2
     (s - s0)) close to the Sparrow separation s0.

@@ -66,7 +66,8 @@ def focus_distance_of(focal_length_mm: float, magnification: float) -> float:
 
 
 def effective_magnification(magnification: float, focal_length_mm: float, focus_distance_mm: float) -> float:
-    """Return the magnification from itself, from the focus distance, or from both where they agree.
+    """Return the magnification, either as given or computed from the focus distance; if both are given, check that they
+    agree.
 
     Parameters
     ----------

@@ -3,8 +3,8 @@
 In:  spatial frequencies (cycles/um); blur widths, radii and sample spacings (um); the point spread function.
 Out: transfer functions, 1 at zero frequency: real where the blur is symmetric, complex for an image.
 Sources: the Fourier and Hankel transforms (Goodman, Introduction to Fourier Optics, sections 2.1 and 2.3).
-PSF_lens of the seed paper (eq. 1) comes from an optical design program. Such programs, and measurements, export a table
-or an image.
+PSF_lens of the paper (docs/paper.md, eq. 1) comes from an optical design program. Such programs, and measurements,
+export a table or an image of a point.
 """
 
 from math import pi, sqrt

@@ -77,7 +77,8 @@ def search_nodes(highest: float, nodes: int) -> FloatArray:
 
 
 def falls_below(response: Response, level: float, grid: FloatArray, values: FloatArray) -> float:
-    """Return the lowest frequency at which a response has fallen to a level; NaN if it does not on the grid.
+    """Return the lowest frequency at which a response has fallen to a level; NaN if it stays above the level at all
+    nodes.
 
     The crossing is bracketed on the nodes, estimated on a cubic spline through them, and solved on the response itself
     at five places about the estimate (inverse interpolation; the error is the fifth power of their distance). A dip
@@ -224,9 +225,9 @@ class ContrastCurve:
     def beyond(self, nyquist: float) -> float:
         """Return the fraction of the line spread energy above Nyquist, which sampling folds back.
 
-        The integral of the squared contrast from ``nyquist`` to the last node, over that from 0. The spectrum of a line
-        is white, so this is the fraction of its energy that sampling turns into false detail. For an edge, whose
-        spectrum decreases as 1/f, the fraction is smaller.
+        It is the integral of the squared contrast from ``nyquist`` to the last node, over the integral from 0. The
+        spectrum of a line is white, so this is the fraction of its energy that sampling turns into false detail. For an
+        edge, whose spectrum decreases as 1/f, the fraction is smaller.
 
         Raises
         ------

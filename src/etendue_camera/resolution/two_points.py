@@ -165,9 +165,9 @@ def separations(
     at most ``DARK`` of its peak and a brighter maximum follows. Without a dark ring (mixed wavelengths, a pixel, an
     aberrated lens) the result is the separation at which the midpoint has 0.7350 of the brightness of a peak, as for
     two Airy discs at Rayleigh's separation, so that the two rules agree for an Airy disc. Sparrow's: the dip between
-    the points disappears; twice the first distance at which the second derivative of the spread vanishes. NaN if there
-    is none within the resolution of ``nodes``. Error: 1e-12 of the Airy disc's 1.219670 and 0.947155 lambda N, and
-    1e-12 of Sparrow's 2 sigma of a Gaussian.
+    the points just disappears. It is twice the first distance at which the second derivative of the spread function
+    vanishes. NaN if there is no such distance within the resolution of ``nodes``. Error: 1e-12 of the Airy disc's
+    1.219670 and 0.947155 lambda N, and 1e-12 of Sparrow's 2 sigma of a Gaussian.
 
     Arguments as for `spread_of`; ``within``: relative error allowed for a separation's root, 0: full precision.
     """

@@ -28,7 +28,7 @@ def denoise(planes: NDArray, shot: float, floor: float, radius: int = 2, strengt
     planes : (..., y, x) array, any unit u
         Any sign; at least 1 x 1; mirrored beyond the border. Planes are processed separately.
     shot : float, u
-        Noise variance per value: 1 over the number of electrons that give a value of 1.
+        Noise variance divided by the value: 1 over the number of electrons that give a value of 1.
     floor : float, u^2
         Noise variance in the dark.
     radius : int, pixel

@@ -73,7 +73,7 @@ def variance_of(rate: NDArray, times: ArrayLike, noise: Noise) -> NDArray:
         Expected light per time.
     times : (frame,)
     noise : two (channel,) arrays, unit and unit^2
-        Variance of a frame's value: the first times the value, plus the second.
+        Variance of a value in a frame: the first array times the value, plus the second array.
 
     Returns
     -------
@@ -118,13 +118,14 @@ def merged(
     sigmas : float
         Above 0.
     margin : int, pixels
-        Excluded around clipped pixels.
+        Distance up to which pixels around a clipped pixel are excluded.
 
     Returns
     -------
     rate : (channel, y, x) array, unit per time
     variance : the same, unit^2 per time^2
-        Variance of the mosaic's noise, as if each value were measured; demosaicing reduces it further.
+        Variance of a measured value of the mosaic with these weights; demosaicing reduces the noise of interpolated
+        values further.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""Sharpening with the Laplacian of the seed paper or an unsharp mask, and its effect on frequencies and noise.
+"""Sharpening with the paper's Laplacian or an unsharp mask, and its effect on frequencies and noise.
 
 In:  planes (..., y, x) in any unit, strength or radius; or spatial frequency (cycles/pixel).
 Out: sharpened planes; transfer function and noise gain, dimensionless.
-Sources: seed paper eq. 11, whose taps sum to 0: the Laplacian L alone gives an edge image, and sharpening is identity +
-k L. Unsharp masking subtracts a blurred copy.
+Sources: the paper (docs/paper.md), eq. 11, whose taps sum to 0: the Laplacian L alone gives an edge image, and
+sharpening is identity + k L. Unsharp masking subtracts a blurred copy.
 """
 
 import math
@@ -28,7 +28,7 @@ def sharpen(planes: NDArray, strength: float) -> NDArray:
     planes : (..., y, x) array, any unit
         At least 1 x 1. Beyond the border the edge sample is repeated.
     strength : float, dimensionless
-        k, finite, at or above 0. 1, as in the seed paper, multiplies white noise by 9.4; below 0.2 is usual.
+        k, finite, at or above 0. 1, as in the paper, multiplies white noise by 9.4; below 0.2 is usual.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def sharpen_mosaic(mosaic: NDArray, strength: float, period: tuple[int, int] = (
 
     Notes
     -----
-    Source: section 2.8 of the seed paper ("right before interpolation"), which its abstract, section 4 and figures
+    Source: section 2.8 of the paper ("right before interpolation"), which its abstract, section 4 and figures
     contradict. The response equals the response of `sharpen` at (rows fy, columns fx). For a 2 x 2 array it is largest
     at a quarter of the sampling frequency, and 1 at half the sampling frequency.
     """

@@ -41,7 +41,8 @@ def step_mean(distance: FloatArray, softness: float, cell: float) -> FloatArray:
 
     Notes
     -----
-    Exact: differences of t P(t/s) + s p(t/s), the integral of the normal distribution P with density p. Error: 1e-14.
+    Exact: the result is a difference of t P(t/s) + s p(t/s), the integral of the normal distribution P with density p.
+    Error: 1e-14.
     """
     half = 0.5 * float(cell)
     if softness == 0:
@@ -67,10 +68,11 @@ def half_plane_mean(distance: FloatArray, angle: float, softness: float, cell: f
 
     Notes
     -----
-    Projected onto the normal, a square is a trapezoid: the convolution of two intervals a >= b. Hard borders: its
-    integral piece by piece, exact to 1e-15. Soft borders: if b is below the softness, Gauss-Legendre quadrature over b
-    of the exact mean over a; otherwise second differences of the second integral of the normal distribution. Error:
-    1e-12, and 1e-7 for a softness below 1e-7 of a cell together with a tilt below that.
+    Projected onto the normal, a square is a trapezoid: the convolution of two intervals a >= b. For hard borders the
+    trapezoid is integrated piece by piece, exact to 1e-15. For soft borders, if b is below the softness, the exact mean
+    over a is integrated over b by Gauss-Legendre quadrature; otherwise second differences of the second integral of the
+    normal distribution are taken. Error: 1e-12, and 1e-7 for a softness below 1e-7 of a cell together with a tilt below
+    that.
     """
     a, b = (0.5 * float(cell) * size for size in sorted((abs(np.cos(angle)), abs(np.sin(angle))), reverse=True))
     if softness == 0:

@@ -219,7 +219,8 @@ def channel_index(
 def frames_of_channel(
     frames: NDArray, mask: Mask | str, channel: str, first_row: int = 0, first_column: int = 0
 ) -> NDArray:
-    """Return the pixels of one channel as separate frames, one for each position in the period, stacked vertically.
+    """Return the pixels of one channel, taken apart into one frame for each position in the period; these frames are
+    stacked vertically.
 
     Parameters
     ----------
@@ -233,7 +234,8 @@ def frames_of_channel(
     Returns
     -------
     (..., n, m) array
-        Whole periods only. Pixels of one position keep their order; neighbours have the same position.
+        Incomplete periods at the border are dropped. Inside each frame, pixels keep their order; neighbours have the
+        same position in the period.
     """
     mask = parse(mask) if isinstance(mask, str) else mask
     height, width = mask.period

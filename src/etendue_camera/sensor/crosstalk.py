@@ -58,7 +58,7 @@ def shares(
     kept : float
         Charge from the depletion layer, as a fraction of all collected charge.
     moved : (n,) array
-        Charge that arrives after each t. Kept and moved sum to 1.
+        Charge that arrives after each t, as a fraction of all collected charge. ``kept`` and ``moved`` sum to 1.
 
     Raises
     ------
@@ -139,8 +139,8 @@ def pixel_shares(t: FloatArray, light: float, pitch: float, reach: int, offset: 
 
     Notes
     -----
-    Mean over the window of the probability to end in a pixel: second differences of the integral of the normal
-    distribution, whose linear part is the plain overlap of window and pixel. Error: below 1e-13.
+    The fraction is the probability to end in a pixel, averaged over the window: second differences of an integral of
+    the normal distribution, whose linear part is the overlap of window and pixel. Error: below 1e-13.
     """
     sigma = np.sqrt(2.0 * t)[:, None]
     edges = (np.arange(2 * reach + 2) - reach - 0.5) * pitch
@@ -198,7 +198,8 @@ def mixing(kernel: FloatArray, mask: Mask) -> FloatArray:
     """Return the mixing matrix for uniform light: (channel that collects, channel under whose filter charge was
     generated).
 
-    The mean over a channel's pixels. Weighted by the number of each channel's pixels, columns sum to 1.
+    Entries are means over the pixels of a channel. If they are weighted by the number of pixels of each channel,
+    columns sum to 1.
     """
     r = (kernel.shape[1] - 1) // 2
     height, width = mask.period

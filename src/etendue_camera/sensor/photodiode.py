@@ -2,7 +2,7 @@
 
 In:  spatial frequency (cycles/um), absorption (1/um), photodiode geometry and diffusion length (um).
 Out: aperture transfer function (signed), collected electrons per photon D(f), and D(f)/D(0).
-Sources: seed paper section 2.4, eqs. 6-8, for the n+/p-sub photodiode, with D(f) derived anew from the
+Sources: the paper (docs/paper.md), section 2.4, eqs. 6-8, for the n+/p-sub photodiode, with D(f) derived anew from the
 diffusion equation; departures are documented where they occur.
 
 Light that enters the silicon generates electrons at a depth z with density alpha exp(-alpha z). In the depletion layer
@@ -46,7 +46,7 @@ def aperture_otf(frequency: Floats, width: float) -> Floats:
 
     Notes
     -----
-    Source: seed paper eqs. 6 and 8 without their leading w (w^2), which would make the value at zero w instead of 1,
+    Source: the paper, eqs. 6 and 8 without their leading w (w^2), which would make the value at zero w instead of 1,
     and without the modulus. Error: below 3e-16 (float64) and 2e-7 (float32) absolute.
 
     Examples
@@ -98,7 +98,7 @@ def collection(
 
     Notes
     -----
-    Source: seed paper section 2.4. The printed closed form is 0/0 at alpha L_f = 1 and overflows for thick
+    Source: the paper, section 2.4. The printed closed form is 0/0 at alpha L_f = 1 and overflows for thick
     layers; this form avoids both (see `_field_free`).
     Error: below 5e-15 (float64) and 4e-7 (float32) relative over alpha 1e-6..1e3, Ld 1e-3..1e2, L 1e-2..1e3,
     Ln 0.1..1e5, f 1e-5..1e3 (3000 random points against 60-digit arithmetic). The same holds for weaker absorption as
@@ -132,7 +132,7 @@ def collection_mtf(
 
     Notes
     -----
-    Source: seed paper eq. 6. Radial: in two dimensions f is the length of the frequency vector.
+    Source: the paper, eq. 6. Radial: in two dimensions f is the length of the frequency vector.
     Error: below 5e-15 (float64) and 4e-7 (float32) relative over the box of `collection`, and for any absorption down
     to 5e-324, the smallest number (54 points of 5e-324..1e-200 against 400-digit arithmetic: 9e-16).
     """

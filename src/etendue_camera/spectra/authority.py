@@ -37,7 +37,8 @@ def colour_version() -> str:
 
 @lru_cache(maxsize=1)
 def colour_science() -> ModuleType:
-    """Import colour-science late, without its warnings about optional packages we do not use.
+    """Import colour-science when it is first needed, without its warnings about optional packages that etendue does not
+    use.
 
     A file ``colour.py`` next to a user's script would shadow it, so folders that contain one are not searched.
     """
@@ -134,8 +135,8 @@ def adaptation_of(name: str) -> FloatArray:
 
 
 def everything() -> dict[str, np.ndarray[Any, Any]]:
-    """Return all tables that a stage may need, as arrays by name: tables of a kind are stacked, spaces and matrices
-    concatenated.
+    """Return all tables that a stage may need, as arrays by name. Tables of one kind are stacked; the numbers of RGB
+    spaces and matrices are concatenated.
     """
     found: dict[str, np.ndarray[Any, Any]] = {}
     for kind, (tables, form) in TABLES.items():

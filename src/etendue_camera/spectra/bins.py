@@ -90,7 +90,8 @@ def table_from_csv(
     columns : names, optional
         Columns to return, in this order; default: all.
     outside : {"zero", "hold"}
-        Value beyond half a step outside the end rows: 0, or the end value. Within half a step the end value is used.
+        Value at wavelengths more than half a step outside the first or last row: 0, or the value of that row. Within
+        half a step the value of the row is used.
 
     Returns
     -------

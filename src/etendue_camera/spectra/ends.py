@@ -36,8 +36,8 @@ def reach_of(rows: FloatArray) -> tuple[float, float]:
 
 
 def beyond(rows: FloatArray, lowest: float, highest: float) -> tuple[float, float]:
-    """Return the width (nm) of the parts of the light from ``lowest`` to ``highest`` that lie below and above the range
-    of the rows; 0 if there is no such light.
+    """Return the widths (nm) of the parts of the rendered range, from ``lowest`` to ``highest``, that lie below and
+    above the range of the rows; 0 for a part that does not exist.
     """
     first, last = reach_of(rows)
     return max(0.0, min(first, highest) - lowest), max(0.0, highest - max(last, lowest))

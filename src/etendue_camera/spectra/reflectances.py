@@ -16,7 +16,7 @@ HIGHEST = 2.0  # a fluorescent white reaches about 1.3; values in per cent are a
 
 
 def require_shares(what: str, path: str | Path) -> None:
-    """Raise ValueError for reflectances that cannot be fractions.
+    """Raise ValueError for reflectances that are not fractions, such as percentages.
 
     Raises
     ------

@@ -25,7 +25,7 @@ from etendue_lab.compare.compared import ComparedRow
 def camera_of(
     base: PipelineFile, asked: AxisRequest, expected: bool, registry: Registry
 ) -> tuple[PipelineFile, tuple[Node, ...]]:
-    """Return the camera as compared, and its nodes.
+    """Return the pipeline from which the alternatives are made, and its nodes.
 
     Raises
     ------
@@ -75,8 +75,8 @@ def wanted_of(branched: Branched) -> tuple[StageVariable, ...]:
 def planned(
     branched: Branched, wanted: tuple[StageVariable, ...], asked: AxisRequest, values: Any, registry: Registry
 ) -> tuple[Plan, Any, list[ComparedRow]]:
-    """Return the plan of all compatible alternatives, their values, and a ``refused`` row for each incompatible
-    alternative.
+    """Return the plan of all compatible alternatives, the axis values of these, and a ``refused`` row for each
+    incompatible alternative.
     """
     pipeline = wanting(branched.pipeline, wanted, kept=True)
 

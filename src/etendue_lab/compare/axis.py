@@ -188,7 +188,7 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
 
 
 def without_sweep(pipeline: PipelineFile) -> tuple[PipelineFile, Document]:
-    """Return the camera without its sweep, and the values taken instead.
+    """Return the pipeline without its sweep, and the value that replaces each axis.
 
     For each axis this is the value that the file gives outside its sweep (under ``[camera]``, in the sensor file, or in
     the table of the stage), otherwise the first value of the sweep.

@@ -94,8 +94,8 @@ def _read(node: Node) -> set[str]:
 
 
 def noise_free(pipeline: PipelineFile, nodes: tuple[Node, ...], registry: Registry) -> PipelineFile:
-    """Return a pipeline of expected values: the stage that makes ``mosaic_linear`` is replaced, so that all stages
-    before it, back to the mosaic, are bypassed.
+    """Return a pipeline that computes expected values: a replacement for the stage that makes ``mosaic_linear``
+    bypasses all stages between the mosaic and this stage.
     """
     linear = makes(nodes, MOSAIC)
     if linear is None or writer(nodes, CHARGE) is None or linear.kind.role == REFERENCE:
@@ -167,8 +167,8 @@ class ReferenceBranch:
         return name
 
     def follow(self, node: Node, use: str, name: str) -> None:
-        """If a copy of the compared stage was added and has the parameter, record it, so that the axis also sets its
-        parameter.
+        """If a copy of the compared stage was added to the reference and has the parameter of the axis, record the
+        copy, so that the axis also sets the parameter of the copy.
         """
         if node.name == self.compared and self.parameter in parameters_of(self.registry.load(use)):
             self.counterpart = name
@@ -205,8 +205,8 @@ class ReferenceBranch:
         self.twin[demosaic.name] = self.put("reference", end, {MOSAIC: source}, {})
 
     def in_front_of_mask(self, nodes: Sequence[Node], source: str) -> str:
-        """Add replacements for stages that move charge behind the mask; return the last such stage, else the ``source``
-        of light.
+        """Add replacements for stages that move charge behind the mask. Return the last stage added, or the ``source``
+        of the light if none is added.
         """
         for node in nodes:
             if not (node.kind.role and _changes(node, CHARGE)):

@@ -153,8 +153,8 @@ def pitches_of(plan: Plan) -> list[float]:
 def crossing(picture: Array, sigma: float) -> float:
     """Return the lowest frequency of half contrast from a picture of an edge drawn with a Gaussian of ``sigma`` pixels.
 
-    NaN if it is not reached below 1 cycle/pixel. Interpolated linearly between samples 1/400 cycles/pixel apart: 1e-5
-    relative.
+    NaN if the contrast does not fall to half below 1 cycle/pixel. The frequency is interpolated linearly between
+    samples 1/400 cycles/pixel apart, with a relative error of 1e-5.
     """
     response = slanted_edge(picture, samples=SAMPLES, tails=False)
     own = np.exp(-2 * (math.pi * sigma * response.frequency) ** 2)
@@ -170,8 +170,8 @@ def crossing(picture: Array, sigma: float) -> float:
 def edge_and_field(
     base: PipelineFile, nodes: tuple[Node, ...], plan: Plan, white: float, registry: Registry
 ) -> tuple[PipelineFile, str, float]:
-    """Return the pipeline with an edge and a uniform field in place of its scene; the scene's dim; the rms softness of
-    the edge, um.
+    """Return the pipeline with two scenes, an edge and a uniform field, in place of its own; the dim along which the
+    scenes lie; and the rms softness of the edge, um.
     """
     sources = [n for n in nodes if n.is_source and "radiance" in n.writes]
     pixel = next((n for n in nodes if n.ends_in_sum), None)

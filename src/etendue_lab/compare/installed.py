@@ -30,12 +30,12 @@ def serving(registry: Registry, role: str, reads: str, writes: str, dims: tuple[
 
 
 def made_for(registry: Registry, base: type) -> str:
-    """Return the installed stage of a base, such as a flat scene.
+    """Return the installed stage that is derived from a base class, such as a flat scene.
 
     Raises
     ------
     RequestError
-        None is installed.
+        No such stage is installed.
     """
     name = next(registry.fitting(lambda kind: issubclass(kind, base)), "")
     if not name:

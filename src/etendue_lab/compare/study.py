@@ -207,8 +207,8 @@ def rank_by(rows: Iterable[ComparedRow]) -> str:
 
 
 def ranked(rows: list[ComparedRow], by: str = "psnr") -> list[ComparedRow]:
-    """Sort rows, best first; rows without the metric come last. Set the error of each, and mark the Pareto front of
-    quality and speed.
+    """Sort rows, best first; rows without the metric come last. Set the error of each row, and mark the rows on the
+    Pareto front of quality and speed.
     """
 
     def order(row: ComparedRow) -> tuple[bool, float, float, str]:

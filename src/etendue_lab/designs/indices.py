@@ -29,8 +29,8 @@ class Indices:
 
 
 def mixed_of(metric: Array, factors: int) -> Array:
-    """Return a metric as (points, factors + 2): at A, at B, and at A with each column from B. Points with a missing
-    value are omitted.
+    """Return a metric as (points, factors + 2) at the samples of a Saltelli design: at matrix A, at matrix B, and at A
+    with one column at a time taken from B. Points with a missing value are omitted.
     """
     whole = len(metric) // (factors + 2)
     found = metric[: whole * (factors + 2)].reshape(whole, factors + 2)
@@ -38,16 +38,16 @@ def mixed_of(metric: Array, factors: int) -> Array:
 
 
 def resampling(seed: int) -> np.random.Generator:
-    """Return the generator of resampled rows. It has a separate stream, because the design may have been drawn with the
-    same seed.
+    """Return the random generator that resamples rows. Its stream differs from that of the design, which may have been
+    drawn with the same seed.
     """
     return np.random.default_rng([OWN_STREAM, seed])
 
 
 @dataclass(frozen=True)
 class Terms:
-    """Values at every point, relative to the mean of the metric. The indices are ratios of the means of these
-    values.
+    """Terms of the Sobol' indices at every point, computed from the metric minus its mean. The indices are ratios of
+    the means of these terms.
     """
 
     above: Array  # (points, 2 factors): b (ab - a) and (a - ab)^2 / 2

@@ -51,8 +51,8 @@ def rank_correlations(factors: Array, metric: Array) -> Array:
 
 def main_effect(factor: Array, metric: Array) -> float:
     """Return the share of the variance that the mean of a metric over a factor explains, minus the share explained by
-    chance (epsilon squared). The mean is taken by value if each value occurs several times, else over groups of equal
-    size.
+    chance (epsilon squared). The mean of the metric is taken over all rows with one value of the factor if each value
+    occurs several times, else over groups of rows of equal size.
     """
     values, group = np.unique(factor, return_inverse=True)
     if 4 * len(values) > len(factor):

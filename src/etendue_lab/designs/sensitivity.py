@@ -89,11 +89,11 @@ def _of_metric(samples: Samples, metric: Metric) -> Document:
 
 
 def subjects_of(rows: Sequence[Document]) -> list[Document]:
-    """Return the sums of first-order indices, else main effects, by subject; and the share that the factors of a
-    subject explain together (the closed index of the group), if the design determines it: for one factor, for all, and
-    for all but one.
+    """Return the sums of first-order indices, else of main effects, by subject. Also return the share of the variance
+    that the factors of a subject explain together (the closed index of the group), if the design determines it: for a
+    subject with one factor, with all factors, or with all factors but one.
 
-    For all factors but one, it is 1 minus the total index of that factor.
+    For all factors but one, this share is 1 minus the total index of the remaining factor.
     """
     found = []
     for subject in dict.fromkeys(row["subject"] for row in rows):

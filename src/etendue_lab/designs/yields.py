@@ -59,12 +59,12 @@ class Requirement:
 
 
 def required(texts: Sequence[str]) -> list[Requirement]:
-    """Return requirements as written.
+    """Parse requirements; return them in the order in which they are written.
 
     Raises
     ------
     RequestError
-        A requirement has another form.
+        A requirement does not have the form of a requirement.
     """
     found, faults = [], []
     for text in texts:
@@ -197,8 +197,8 @@ def _scores(of: Distribution, factor: Factor) -> Array:
 
 
 def tightened(samples: Samples, factor: Factor, passes: Array, there: Array) -> Document:
-    """Return the yield with a smaller spread of one factor, from the finished units with other weights: the gain, its
-    interval, and the number of equally weighted units that would be as accurate.
+    """Predict the yield with a smaller spread of one factor by giving other weights to the finished units. Return the
+    gain in yield, its interval, and the number of equally weighted units that would be as accurate.
     """
     weights = weights_of(samples, factor)[there]
     mean = float(weights.mean())

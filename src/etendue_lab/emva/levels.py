@@ -46,7 +46,7 @@ def of_plan(
     Raises
     ------
     RequestError
-        There are not two light frames and two dark frames at each of four exposure times.
+        There are fewer than four exposure times with two light frames and two dark frames each.
     """
     node = raw_node(plan)
     exposures = {dim for one in plan.nodes if TIME in one.writes for dim in one.writes[TIME].dims}
@@ -179,8 +179,8 @@ def mask_of(stages: list[Stage]) -> cfa.Mask:
 
 
 def known(stages: list[Stage]) -> dict[str, float]:
-    """Combine the declarations of stages about their sensor: noises and patterns add in squares, and the smallest full
-    well is used.
+    """Combine the declarations of stages about their sensor: variances of noises and patterns are added, and the
+    smallest full well is used.
     """
     found: dict[str, float] = {}
     for stage in stages:
@@ -237,8 +237,8 @@ def lit(plan: Plan, options: Options | None) -> dict[str, float]:
 
 
 def saturation(plan: Plan) -> tuple[float, float, float]:
-    """Return the charge of a full pixel (electron), the dark current of nearly all pixels (electron/s), and the
-    camera's integration time (s).
+    """Return the charge of a full pixel (electron), a dark current that nearly all pixels stay below (electron/s), and
+    the camera's integration time (s).
     """
     stages = _stages(plan, plan.of(raw_node(plan).name)[0])
     sheet = known(stages)

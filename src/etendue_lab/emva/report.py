@@ -93,8 +93,8 @@ class SensorChannel:
     why: str = ""
 
     def rows(self) -> list[Document]:
-        """Return a row per metric: ``held`` says whether its interval contains the expected value; None without an
-        expected value.
+        """Return a row per metric: ``held`` says whether the interval of the metric contains the expected value;
+        ``held`` is None if there is no expected value.
         """
         found = []
         hidden = self.measurement is not None and self.measurement.hidden

@@ -46,8 +46,8 @@ class ArrayMember:
         return _opened(self.path, self.member)
 
     def read(self, index: int) -> Array:
-        """Return frame ``index``. The stream can only be read forwards; an earlier frame reads the file again from its
-        start.
+        """Return frame ``index``. The stream can only be read forwards; if an earlier frame is requested, the file is
+        read again from its start.
         """
         try:
             if self._file is None or index < self._next:

@@ -23,8 +23,8 @@ MONO: Site = (0, 0, 1)
 
 @dataclass(frozen=True)
 class LevelMoments:
-    """Moments of one level. The first axis of arrays has the value from all pixels, then the values without each of the
-    8 x 8 blocks.
+    """Moments of the frames of one level. The first axis of the arrays holds the value from all pixels, then the values
+    with one of the 8 x 8 blocks of pixels left out.
     """
 
     time: float

@@ -81,8 +81,8 @@ def pattern(frames: FrameSet, levels: Iterable[tuple[Level, float, float]], site
     """Return the pattern of levels, each given with a signal and the weight of one of its frames.
 
     A group is the sum of weight x (frame - its mean) / signal over its frames, divided by the sum of the weights. With
-    a signal in DN the result is relative, as for the pattern of the response; with a signal of 1 it is in DN. None for
-    fewer than two frames.
+    a signal in DN the pattern is relative, as for the pattern of the response; with a signal of 1 it is in DN. Return
+    None for fewer than two frames.
     """
     first, left, step = site
     given = [(frame, signal, weight) for level, signal, weight in levels for frame in level.frames]
@@ -129,8 +129,8 @@ def differ(times: Array) -> bool:
 
 
 def dark_patterns(frames: FrameSet, levels: Iterable[Level], site: Site = MONO) -> DarkPatterns | None:
-    """Return the patterns of dark levels; the growth is a least-squares slope over time in every group. None for fewer
-    than two frames.
+    """Return the pattern of the dark levels and its growth with time, a least-squares slope in every group. Return None
+    for fewer than two frames.
     """
     first, left, step = site
     given = [frame for level in levels for frame in level.frames]

@@ -39,10 +39,11 @@ def edge_contrast(
     registry: Registry,
     options: Options | None = None,
 ) -> dict[StageVariable, Document]:
-    """Return by picture and channel the contrast at the frequencies along the normal of the edge, `ANGLE` degrees from
-    x.
+    """Return, by picture and channel, the contrast at the given frequencies along the normal of a slanted edge; the
+    normal is `ANGLE` degrees from x.
 
-    ``white``: the largest value of a white surface, 1 where pixels saturate; the edge stays below.
+    ``white``: the largest value of a white surface in units of pixel saturation; the edge is drawn so that it stays
+    below saturation.
 
     Raises
     ------

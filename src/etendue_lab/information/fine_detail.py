@@ -204,8 +204,8 @@ class FineDetail(FlatField):
         return np.array([[corner[0] + y, corner[1] + x] for y, x in self.order])
 
     def signal_in(self, picture: StageVariable, fy: Array, fx: Array, dark: bool = False) -> FloatArray:
-        """Return (channel, m, n): mean of a picture times the transfer function of grey detail; with ``dark`` only the
-        mean, including dark charge.
+        """Return the mean of a picture times the transfer function of grey detail, (channel, m, n). With ``dark``,
+        return only the mean, including dark charge.
         """
         before = {c: self.contrast(c, fy, fx) for c in self.channels}
         level = {c: (self.signal()[c] if dark else self.electrons[c]) / self.full for c in self.channels}
@@ -237,7 +237,7 @@ def fine_detail(
     progress: Callable[[Plan], Progress] | None = None,
     notes: list[str] | None = None,
 ) -> FineDetail:
-    """Run a camera without a sweep, viewing a grey card, once.
+    """Run a camera that views a grey card once; the sweep of its pipeline is ignored.
 
     Raises
     ------
@@ -284,7 +284,8 @@ def small(plan: Plan) -> Mapping[CellRef, tuple[str, ...]]:
 def frames(
     detail: FineDetail, registry: Registry, count: int, expected: Collection[str] = ()
 ) -> list[dict[StageVariable, Any]]:
-    """Return pictures and mosaic of noise frames of the same light, each with its own fixed patterns, in the window.
+    """Return the pictures and the mosaic of noise frames inside the window. All frames have the same light, each has
+    its own fixed patterns.
 
     ``expected``: stages that return expected values instead of random draws or rounded values.
     """

@@ -57,9 +57,9 @@ def channel_of(detail: FineDetail) -> str:
 class Contrast:
     """Mean contrast along x from 0 to Nyquist, of one channel.
 
-    The effect of a stage before the mosaic is its transfer function, band by band; the effect of a later stage is the
-    change of the transfer function before it. An ideal pixel is a point; an ideal demosaicer has every channel at every
-    pixel.
+    A stage before the mosaic contributes its transfer function, band by band; a later stage contributes the factor by
+    which it changes the contrast of the picture before it. An ideal pixel is a point; an ideal demosaicer has every
+    channel at every pixel.
     """
 
     def __init__(self, detail: FineDetail) -> None:
@@ -94,7 +94,8 @@ class Contrast:
 class SignalToNoise:
     """SNR of the grey card in one channel, relative to the SNR for the shot noise of its light alone.
 
-    The effect of noise before the mosaic is its variance; the effect of a later stage is the change of the noise power.
+    A stage that adds noise before the mosaic contributes its variance; a later stage contributes the factor by which it
+    changes the noise power.
     ``gains``: transmission of stages that absorb light.
     """
 

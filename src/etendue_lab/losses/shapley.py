@@ -41,9 +41,10 @@ class Shares:
         return float(self.values[self.values > 0].sum())
 
     def of_pair(self, one: str, other: str) -> float:
-        """Return the predicted decrease of the total if two players leave, from values and interactions.
+        """Return the predicted decrease of the total if two players leave, from Shapley values and interactions.
 
-        Exact if no three players interact: phi_i + phi_j + half the interactions of both with all others.
+        It is phi_i + phi_j + half the sum of the interactions of both with all others, which is exact if no three
+        players interact.
         """
         i, j = self.order[one], self.order[other]
         others = [k for k in range(len(self.players)) if k not in (i, j)]

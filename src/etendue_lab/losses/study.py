@@ -83,8 +83,8 @@ def losses(
     reflectance : float
         Reflectance of the card, greater than 0 and at most 1.
     runs : int
-        Maximum number of cameras run for colour; 0: none. Exact if that covers all sets of its stages, else random
-        orders.
+        Maximum number of cameras run for colour; 0: none. The shares of colour are exact if this number covers all
+        subsets of the stages; otherwise random orders are used.
     seed : int
         Seed of random orders.
     told : callable

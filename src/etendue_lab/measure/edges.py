@@ -72,7 +72,7 @@ def measured_edge(photograph: PhotographFile, text: str, channel: str, confidenc
     Raises
     ------
     RequestError
-        The region is outside the picture, or its edge is missing, along the raster, or bent.
+        The region is outside the picture, or holds no edge, or its edge is bent or parallel to the rows or columns.
     """
     if text != FOUND:
         return _measured_in(

@@ -106,7 +106,7 @@ class PhotographFile:
         Raises
         ------
         RequestError
-            The picture does not have it.
+            The picture does not have this channel.
         """
         if self.names == ("grey",):
             if asked in PLANES:
@@ -180,8 +180,8 @@ class PhotographFile:
         return self._decoded(np.moveaxis(self.values[cut], -1, 0))
 
     def clipped(self, cut: Cut = np.s_[:]) -> Any:
-        """Return (y, x): pixels with a channel at an end of its scale; in a raw file only at the upper end, because
-        noise at the lower end is not clipped.
+        """Return a mask (y, x) of pixels with a channel at an end of its scale; in a raw file only at the upper end,
+        because noise at the lower end is not clipped.
         """
         part = self.values[cut]
         top = (part >= self.full).any(-1)
@@ -264,8 +264,8 @@ def _raw(path: Path, weights: tuple[float, ...]) -> PhotographFile:
 
 
 def developed(path: Path) -> Any:
-    """Return (rows, columns, 3): a raw file converted by LibRaw to linear sRGB, white balance of the camera, 1 at the
-    white level.
+    """Return a raw file converted by LibRaw to linear sRGB, (rows, columns, 3), with the white balance of the camera;
+    the white level is 1.
     """
     rawpy = reader()
     try:

@@ -84,8 +84,8 @@ def another(pipeline: PipelineFile, number: int) -> PipelineFile:
 
 
 def several(plan: Plan, node: Node, variable: str, but: Collection[str] = ()) -> str:
-    """Return a text that names a stage with more than one picture of a variable, and their number; '' if every stage
-    has one picture. ``but``: expected dims.
+    """Return a text that names a stage with more than one picture of a variable, and the number of these pictures; ''
+    if every stage has one. ``but``: dims along which several pictures are expected.
     """
     for dim in (dim for dim in node.writes[variable].dims[:-2] if dim not in but):
         maker = next(one.name for one in plan.nodes if any(dim in declared.dims for declared in one.writes.values()))
@@ -95,7 +95,8 @@ def several(plan: Plan, node: Node, variable: str, but: Collection[str] = ()) ->
 
 
 def followed(plan: Plan, notes: list[str], what: str, file: str) -> list[str]:
-    """Return the pictures made from the mosaic; if there are none, as with a grey sensor, add a note.
+    """Return the names of the pictures made from the mosaic. If there are none, as with a sensor without colour
+    filters, add a note.
 
     Raises
     ------

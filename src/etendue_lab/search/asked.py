@@ -256,7 +256,7 @@ def read_request(
     Raises
     ------
     RequestError
-        With every fault of the texts.
+        The texts have faults; the message lists every fault.
     """
     reader = _Reader(pipeline, registry)
     goals = [(reader.metric(f"--minimise {text}", text), False) for text in minimise]
@@ -283,7 +283,7 @@ def read_ranges(pipeline: PipelineFile, registry: Registry, over: Iterable[str])
     Raises
     ------
     RequestError
-        With every fault of the texts.
+        The texts have faults; the message lists every fault.
     """
     reader = _Reader(pipeline, registry)
     ranges = [reader.range(text) for text in ([over] if isinstance(over, str) else over)]

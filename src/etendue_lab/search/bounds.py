@@ -28,12 +28,12 @@ class First:
 
 
 def bounded(plan: Plan, limits: Iterable[Limit]) -> dict[Limit, float]:
-    """Return the smallest possible excess of each limit, relative to its bound; 0 or less if the limit may be met.
-    Limits on variables without a known bound are omitted.
+    """Return the smallest possible excess of each limit, relative to the number in the limit; 0 or less if the limit
+    may be met. Limits on variables without known bounds are omitted.
 
-    A bound is the smallest and the largest value of a stage's first variable without noise, if the stage knows them.
-    The bound is used if no earlier stage draws random numbers or rounds. The margin is the tolerance times the number
-    of earlier cells.
+    The bounds of a variable are its smallest and largest value without noise; a stage may state them for its first
+    variable. They are used if no stage on which the variable depends draws random numbers or rounds. The bounds are
+    widened by a margin: the tolerance times the largest bound, for each cell that the variable depends on.
     """
     found = {}
     for limit in limits:

@@ -68,7 +68,7 @@ class Memory:
         Raises
         ------
         RequestError
-            It had other settings: the search cannot be replayed.
+            The stored trial had other settings, so the search cannot be replayed.
         """
         if number >= len(self.trials):
             return None

@@ -39,8 +39,8 @@ FEW = 30  # trials below which nothing is said of the importance of settings
 
 @dataclass(frozen=True)
 class Trial:
-    """One evaluation. ``excess``: the excess of each limit, relative to its bound. ``spared``: the limit that is
-    certainly exceeded, so that the goals were not computed.
+    """One evaluation. ``excess``: the amount by which each limit is exceeded, relative to the number in the limit.
+    ``spared``: the limit that is certainly exceeded, so that the goals were not computed.
     """
 
     number: int

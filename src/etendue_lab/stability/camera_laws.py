@@ -261,8 +261,9 @@ def monotone(found: FloatArray, place: str, what: str, allowed: float = 0.0) -> 
 
 
 def white(display: FloatArray, clipped: Array, largest: float) -> Iterator[Broken]:
-    """Check that pixels (time, channel, y, x) are (1, 1, 1) where all pixels that affect them are clipped, given by
-    (time, y, x). The largest element of the colour matrix sets the allowed rounding error.
+    """Check that the picture (time, channel, y, x) is white, (1, 1, 1), at each pixel at which all raw pixels that
+    affect it are clipped; the mask (time, y, x) marks these pixels. The largest element of the colour matrix sets the
+    allowed rounding error.
     """
     allowed = WHITE + rounding(display, largest)
     away = np.abs(display - 1).max(axis=1)
@@ -275,8 +276,8 @@ def white(display: FloatArray, clipped: Array, largest: float) -> Iterator[Broke
 
 
 def rounding(display: FloatArray, largest: float) -> float:
-    """Return the rounding error of the picture's precision after a colour matrix with this element: at most 1e-3, a
-    quarter of an 8-bit code.
+    """Return the rounding error after a colour matrix whose largest element is given, in the precision of the picture:
+    at most 1e-3, a quarter of an 8-bit code.
     """
     return ROUNDINGS * float(np.finfo(display.dtype).eps) * min(largest, LARGEST)
 

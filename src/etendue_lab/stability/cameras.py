@@ -91,8 +91,8 @@ def base() -> Document:
 def changed(
     scene: Document | None = None, quantities: Document | None = None, frame: tuple[int, int] | None = None
 ) -> Document:
-    """Return the camera with other quantities, another scene or another frame; the light covers the pixels at two
-    samples each.
+    """Return the camera with other quantities, another scene or another frame. The grid of the light covers all pixels
+    with two samples per pixel along each axis.
     """
     made = base()
     made["camera"] |= {name: "inf" if value == math.inf else value for name, value in (quantities or {}).items()}

@@ -172,8 +172,8 @@ def largest(bench: Bench) -> int:
 
 
 def computed(name: str, bench: Bench, case: Case) -> LawCase:
-    """Run ordinary input in both precisions: finite, equal within the declared error, or refused with a clear
-    message.
+    """Check that ordinary input gives finite results in both precisions, equal within the declared error, or is refused
+    with a clear message.
     """
     with measuring() as found:
         try:

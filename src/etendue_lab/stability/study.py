@@ -39,7 +39,7 @@ Told = Callable[[int, int, str], None]  # parts done, total, the last one
 
 
 def parts(names: Sequence[str], seed: int = 0) -> list[WorkShare]:
-    """Return the parts of the work.
+    """Return the parts into which the work is divided among processes.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def rows_of_part(part: WorkShare) -> list[LawCase]:
 def stability(
     names: Sequence[str], workers: int = 0, told: Told = lambda done, total, name: None, seed: int = 0
 ) -> list[LawCase]:
-    """Return every row, in the order of the parts: the number of processes only affects the time.
+    """Return every row, in the order of the parts. The number of processes affects only the time.
 
     ``seed``: seed of the random numbers in statistical laws; other results do not depend on it.
     """

@@ -33,15 +33,15 @@ def taper(name: str, count: int) -> NDArray:
 
 
 def white_noise_gain(weights: NDArray) -> float:
-    """Return the gain in signal-to-noise ratio of a beam for noise independent per microphone; equals their number for
-    uniform weights.
+    """Return the gain in signal-to-noise ratio of a beam if the noise of the microphones is independent. With uniform
+    weights it equals the number of microphones.
     """
     return float(weights.sum() ** 2 / (weights**2).sum())
 
 
 def array_factor(count: int, spacing: float, frequency: float, speed: float, direction: Any, steered: float) -> NDArray:
-    """Return the relative power of a uniform beam, steered to one direction, for waves from others: |sin(N u) / (N sin
-    u)|^2, with u = pi f d (sin t - sin t0) / c (Van Trees, Optimum Array Processing, 2002, eq. 2.93)."""
+    """Return the relative power of a uniform beam, steered to one direction, for waves from other directions: |sin(N u)
+    / (N sin u)|^2, with u = pi f d (sin t - sin t0) / c (Van Trees, Optimum Array Processing, 2002, eq. 2.93)."""
     u = math.pi * frequency * spacing / speed * (np.sin(np.deg2rad(direction)) - math.sin(math.radians(steered)))
     whole = np.abs(np.sin(u)) < 1e-9
     safe = np.where(whole, 1.0, np.sin(u))
@@ -67,8 +67,8 @@ def half_power_width(directions: NDArray, power: NDArray) -> float:
 
 
 def side_lobe(power: NDArray) -> float:
-    """Return the highest power beyond the nulls around the main lobe, relative to its peak, dB; -300 if there is
-    none.
+    """Return the highest power beyond the nulls on both sides of the main lobe, relative to the peak of the main lobe,
+    dB; -300 if there are no side lobes.
     """
     top = int(np.argmax(power))
     if not power[top] > 0:

@@ -28,8 +28,8 @@ _loaded: list[Callable[..., Any]] = []
 
 
 def implementation() -> Callable[..., Any]:
-    """Return the package's function, imported at the first call: it imports colour-science, which takes a second or
-    more.
+    """Return the function of the package colour-demosaicing, which is imported at the first call: it imports
+    colour-science, which takes a second or more.
 
     The import warns about a deprecated SciPy namespace (and about optional packages of colour-science), and resets
     numpy's global print options to those of version 1.13; both are suppressed here.

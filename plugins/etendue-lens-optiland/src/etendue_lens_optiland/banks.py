@@ -59,8 +59,8 @@ def tangents_of(degrees: Any) -> FloatArray:
 
 
 def resolved(lens: Lens, tangent: float, wavelength: float, samples: int) -> pupil.Bundle:
-    """Return a bundle in which the phase of neighbouring rays differs by at most about 1 rad, except for the outermost
-    hundredth of them: ``samples`` cells across, or up to 512.
+    """Return a bundle in which the phases of neighbouring rays differ by at most about 1 rad, except for the outermost
+    hundredth of the rays. The bundle has ``samples`` cells across, or more, up to 512, if this requires it.
     """
     bundle = lens.bundle(tangent, wavelength, samples)
     needed = math.ceil(samples * 2.0 * math.pi * _radius(bundle, 0.01) / min(pupil.reach(bundle)))
@@ -89,8 +89,8 @@ def psf_bank(
     window : float, um
         Side of the PSF windows; 0: set by ``lost``.
     lost : float
-        Fraction of the flux allowed outside a window that is not given: half of it aberrated rays, half diffraction
-        (2/(pi v) of an Airy pattern lies outside v = pi r/(lambda N)).
+        Fraction of the flux allowed outside the window if ``window`` is 0. Half of it is allowed for aberrated rays,
+        half for diffraction (2/(pi v) of an Airy pattern lies outside v = pi r/(lambda N)).
 
     Raises
     ------

@@ -41,9 +41,7 @@ _LOCK = threading.RLock()
 
 @contextlib.contextmanager
 def quietly() -> Iterator[None]:
-    """Run optiland in one thread at a time (it stores rays on its surfaces), with its compiler's self-diagnostics
-    suppressed.
-    """
+    """Run optiland in one thread at a time (it stores rays on its surfaces), without messages of its compiler."""
     from numba.core.errors import NumbaIRAssumptionWarning  # comes with optiland, and is slow to import
 
     with _LOCK, np.errstate(all="ignore"):

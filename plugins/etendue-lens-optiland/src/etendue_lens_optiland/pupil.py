@@ -29,7 +29,7 @@ FloatArray = NDArray[np.floating]
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """The open rays of one field point and wavelength with x > 0; those with x < 0 are their mirror images.
+    """The open rays of one field point and wavelength with x > 0; the rays with x < 0 are their mirror images.
 
     Attributes
     ----------
@@ -41,9 +41,9 @@ class Bundle:
     open : (n,) array
         Open area of each cell of the entrance pupil, any unit.
     filled : (n,) array, 1
-        The same in direction cosines.
+        Open area of each cell in direction cosines.
     across_y, across_x : (n,) arrays, um
-        Intersections of the rays with the image plane, from the image point.
+        Intersections of the rays with the image plane, relative to the image point.
     steps : (2,) array, 1
         Largest difference of direction cosines between neighbours along y and x.
     height : float, um
@@ -173,12 +173,13 @@ def reach(bundle: Bundle) -> tuple[float, float]:
 
 
 def strehl(bundle: Bundle) -> float:
-    """Return the largest intensity of the PSF: searched where rays are densest, then refined twice.
+    """Return the largest intensity of the PSF. It is searched where rays are densest, then refined twice.
 
     Notes
     -----
-    Error of the search: below 1e-5 (the last grid is a two-hundredth of the PSF's finest detail). It searches around
-    the median of the rays, as far as three fifths of them lie from it plus two details.
+    Error of the search: below 1e-5 (the last grid is a two-hundredth of the PSF's finest detail). The search covers the
+    surroundings of the median of the rays, out to the distance within which three fifths of the rays lie, plus twice
+    the finest detail.
     """
     detail = bundle.wavelength / (2.0 * bundle.range)
     order = np.argsort(bundle.across_y)

@@ -257,8 +257,8 @@ class Blur(Moved, Banded, Bounded):
 
 @dataclass(frozen=True, kw_only=True)
 class Distortion(Moved, Banded, Bounded):
-    """Move every wavelength to where its chief ray lands: distortion and lateral colour. The ideal is the image of a
-    pinhole.
+    """Move the light of every wavelength to where its chief ray lands: distortion and lateral colour, relative to the
+    image of a pinhole.
     """
 
     role: ClassVar = "distortion"

@@ -18,8 +18,8 @@ from etendue.api import Stage, labelled, measured, param
 @labelled
 @dataclass(frozen=True, kw_only=True)
 class LocalWiener(Stage):
-    """Denoise with SciPy's Wiener filter (Lee 1980): areas that vary by no more than the noise become their local
-    mean."""
+    """Denoise with SciPy's Wiener filter (Lee 1980): areas that vary by no more than the noise are replaced by their
+    local mean."""
 
     role: ClassVar = "denoising"
     reads: ClassVar = {"rgb_camera": "channel y x [1]"}

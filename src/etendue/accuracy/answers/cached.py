@@ -31,8 +31,7 @@ def cached(plan: Plan) -> Document | None:
 
 def answer_key(plan: Plan) -> str:
     """Return the key of the errors of a plan. It depends on the keys of all cells whose values are reported, on the
-    point whose results are shown, and on the parameters in the file, because the parameters in the file are not
-    refined.
+    point whose results are shown, and on the parameters that the file sets, because these are not refined.
     """
     cells = [[stage, name, [cell.key for cell in plan.of(stage)]] for stage, name in answers(plan)]
     written = [[node.name, *(sorted(one.written) for one in node.alternatives)] for node in plan.nodes]

@@ -45,8 +45,8 @@ class Compared(NamedTuple):
 
 
 def is_refinable(evaluations: Evaluations, name: str) -> bool:
-    """Return whether the stages accept a finer discretisation with everything else as planned. This check takes one
-    plan; without it, a refusal would be found only after six plans. Return True if no time is left for the plan.
+    """Return whether the stages accept a finer discretisation if everything else stays as planned. The check makes one
+    plan; without it, a refusal would be found only after six plans. Return True if no time is left for the check.
     """
     try:
         return evaluations.plan({name: 2}) is not None

@@ -51,7 +51,7 @@ def state_errors(
     budget : maximum number of seconds
     shown : returns the progress to show of a plan
     places : largest number of points of a sweep
-    known : parts that need not be measured; the largest value over the points
+    known : parts of the errors that are known and need not be measured, as the largest value over the points
     """
     began, at, wanted = time.process_time(), shown_place(plan), answers(plan)
     rates, dear, longest = Rates(plan, reports), 0.0, 0.0

@@ -172,8 +172,8 @@ class Point:
 
     @cached_property
     def nearer(self) -> dict[str, dict[str, Any]]:
-        """For each stage, settings of its knobs one step finer than in the run, or the setting of the reference if this
-        is a closed form.
+        """For each stage, settings of its knobs one step finer than in the run, or the setting of the reference if the
+        reference is a closed form.
         """
         return self._settings(lambda knob, own: knob.reference if knob.closed_form else knob.finer_than(own))
 

@@ -155,8 +155,8 @@ def order_of(root: Path, record: Document) -> list[str]:
 
 
 def progress(journal: Read, began: str = "") -> Document:
-    """Return the progress of the last run: number of cells requested, number of cells present and, if the run is active
-    since ``began``, cells per second and remaining seconds.
+    """Return the progress of the last run: number of cells requested and number of cells present. If the run has been
+    active since ``began``, also return cells per second and remaining seconds.
     """
     return {**_progress(journal, _ended(journal)), **(_pace(journal, began) if began else {"rate": None, "left": None})}
 

@@ -95,8 +95,8 @@ class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
         return ((slot, row) for slot, row in enumerate(self.rows) if row >= 0)
 
     def lies_as(self, index: Mapping[int, tuple[int, int]]) -> bool:
-        """Return True if all chunks are in the shard itself, at the positions given by its index, and the index
-        contains no other chunks.
+        """Return True if the given chunks are all in the shard itself, at the positions given by its index, and the
+        index contains no other chunks.
         """
         rows = np.array(self.rows)
         slots = np.flatnonzero(rows >= 0)
@@ -151,7 +151,7 @@ class Blocks:
                 own[slot] = found
 
     def found(self, chunks: Iterable[tuple[str, int]]) -> dict[tuple[str, int], tuple[WrittenChunk, ChunkPlace]]:
-        """Return the given chunks that are stored: the record of writing, and the present place."""
+        """Return, for the given chunks that are stored, the record of writing and the present place of each."""
         there = ((path, slot, self.wanted.get(path)) for path, slot in chunks)
         return {(path, slot): own[slot] for path, slot, own in there if own is not None and slot in own}
 

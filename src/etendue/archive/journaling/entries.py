@@ -178,8 +178,8 @@ class Entries(MutableMapping[str, Entry]):
         return map(self.files.__getitem__, self._numbers(row))
 
     def standing(self, name: str, key: str) -> str:
-        """Return the status of a cell with this key; '' if the cell is being recomputed, has another key or
-        is unknown.
+        """Return the status of a cell if it has this key; '' if the cell is being recomputed, has another key or is
+        unknown.
         """
         row = self.rows.get(name)
         if row is None or self.event[row] == _EVENT["start"] or self.key_at(row) != key:
@@ -252,8 +252,8 @@ class Entries(MutableMapping[str, Entry]):
         return found
 
     def shards(self, beside: Collection[str] = ()) -> dict[str, int]:
-        """Map each shard that holds chunks of done cells to the number of one of these chunks; cells in ``beside`` are
-        ignored.
+        """Return, for each shard that holds chunks of done cells, the number of one of these chunks; cells in
+        ``beside`` are ignored.
         """
         numbers = self._of_done(beside)
         path = np.asarray(self.files.path)[numbers]

@@ -34,7 +34,8 @@ _COLUMNS = ("path", "part", "slot", "offset", "size", "digest")
 
 
 class Index(msgspec.Struct):
-    """An entry: the state of all cells after the first ``length`` bytes, and all other lines among them."""
+    """An entry of the cache: the state of all cells after the first ``length`` bytes of the journal, and all lines in
+    these bytes that are not about cells."""
 
     form: int
     length: int
@@ -63,8 +64,8 @@ def fresh_digest() -> Digest:
 
 
 def known(path: Path, file: BinaryIO, size: int) -> tuple[Index | None, Digest]:
-    """Return the cached content of the first bytes of an open journal, with their digest, and position the file after
-    them; return None, and position the file at its start, if no entry is valid.
+    """Return the cached content of the beginning of an open journal, with the digest of these bytes, and position the
+    file after them. If no entry of the cache is valid, return None and position the file at its start.
     """
     data = cache.read(KIND, _key(path)) if size >= SMALLEST else None
     try:

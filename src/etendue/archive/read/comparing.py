@@ -79,8 +79,9 @@ class Comparing:
 
 
 class ComparingKeeper(Passing):
-    """Use as a context manager. ``reports``: the result for each cell; ``sheet``: pictures of the cells in ``shown``
-    (one per stage), for the variables in ``drawn``."""
+    """Compare computed cells with stored cells instead of storing them. Use as a context manager. ``reports``: the
+    result of the comparison for each cell; ``sheet``: pictures of the cells in ``shown`` (one per stage), for the
+    variables in ``drawn``."""
 
     keeps_arrays = False
 

@@ -29,7 +29,7 @@ class Difference:
     why : reason why the arrays cannot be compared (different shapes or types, or a missing array); '' if they can
     values : number of compared values
     differing : number of values that differ
-    undefined : number of values that are NaN or infinite in only one of the arrays, or differ in this
+    undefined : number of values that are NaN or infinite in at least one of the arrays, and not the same in both
     defined : number of values that are finite in both arrays
     largest : largest absolute difference of the defined values
     rms : root mean square difference of the defined values

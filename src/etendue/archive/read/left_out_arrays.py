@@ -54,7 +54,7 @@ class LeftOutArrays:
         Raises
         ------
         ArchiveError
-            The journal names an array that cannot have the values.
+            The journal names an array that cannot hold the values of a left-out cell.
         """
         return {f"{node}/{ROOT}": self._metadata(node, one) for node, one in self.by_node.items()}
 

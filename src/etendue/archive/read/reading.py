@@ -136,7 +136,8 @@ class StoredArchive:
     ----------
     journal : the content of its journal
     cells : the cells that are done, by name
-    held : as ``cells``, plus the cells that a run was about to replace; their chunks remain until they are replaced
+    held : the cells in ``cells``, plus the cells that a run was about to replace; the chunks of such a cell remain
+        until it is replaced
     """
 
     def __init__(self, folder: Path, journal: Read | None = None, linked: frozenset[str] = frozenset()) -> None:
@@ -205,7 +206,7 @@ class StoredArchive:
         return found
 
     def chunks_of(self, cell: StoredCell) -> tuple[StoredChunk, ...]:
-        """Return the chunks of all variables of a cell: its own chunks, and the chunks of other cells that have its
+        """Return the chunks of all variables of a cell: its own chunks, and chunks of other cells that hold the same
         values.
         """
         return (*cell.chunks, *self._elsewhere.get(cell.name, ())) if self.journal.same else cell.chunks
@@ -364,7 +365,8 @@ class StoredArchive:
 
 @contextmanager
 def metadata_of(folder: Path) -> Iterator[None]:
-    """Wrap calls of a library that reads metadata of a store: if it fails, the metadata was not written by a run.
+    """Wrap calls of a library that reads metadata of a store: if the library fails, the metadata was not written by a
+    run.
 
     Raises
     ------

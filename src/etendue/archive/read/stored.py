@@ -181,8 +181,8 @@ class Stored:
                 yield group, cell_label(group.split("/")[0], labels)
 
     def by_ledger(self) -> set[tuple[Any, ...]] | None:
-        """Return (stage, key, status, clipped, clipped_flux) of every cell of the last run; None if its table is not
-        intact.
+        """Return (stage, key, status, clipped, clipped_flux) of every cell of the last run; None if the table of that
+        run is not intact.
         """
         columns = ("stage", "key", "status", "clipped", "clipped_flux")
         if any(f"{LEDGER}/{name}" not in self.nodes or not self._hold(self._files(LEDGER, name)) for name in columns):

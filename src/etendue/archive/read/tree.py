@@ -108,8 +108,8 @@ def content_first(path: str) -> list[str]:
 
 
 def incompatible(old: DocumentView | None, new: DocumentView) -> bool:
-    """Return True if chunks written for the old metadata of an array cannot be read with the new metadata. Unknown
-    metadata counts as incompatible.
+    """Return True if chunks written for the old metadata of an array cannot be read with the new metadata. Metadata
+    that cannot be interpreted counts as incompatible.
     """
     if old is None:
         return True

@@ -49,8 +49,8 @@ def write_crate(folder: Path, plan: Plan, known: Manifest | None, fresh: bool, d
 
 
 def crate_of(folder: Path, plan: Plan, fresh: bool = False) -> Entity:
-    """Return the expected content of an archive's crate; the times at which its runs ended are taken from it.
-    ``fresh``: the newest run has just ended.
+    """Return the expected content of an archive's crate; the times at which earlier runs ended are taken from the
+    existing crate. ``fresh``: the newest run has just ended, so the present time is taken as its end.
     """
     runs, ended = list(every_record(folder)), _ended(folder)
     if fresh and runs:

@@ -286,7 +286,7 @@ def lacks(folder: Path, what: str) -> str:
 class Listing:
     """The names below the folders of an archive, by folder: ``files["data.zarr/scene"]``. Links are not listed.
 
-    Content that an archive must not have is refused or, if ``odd`` is given, collected there by path.
+    Content that an archive must not have raises an error or, if ``odd`` is given, is collected in ``odd`` by path.
     """
 
     def __init__(self, root: Path, odd: dict[str, str] | None = None) -> None:

@@ -22,7 +22,7 @@ class Folders:
     """Open handles of the folders on the way to a file. In a sorted list of paths, each path shares most handles with
     the previous path.
 
-    ``make``: create missing folders, after a call of ``change``; with ``durable`` it survives a power cut.
+    ``make``: create missing folders, after a call of ``change``; with ``durable`` the new folders survive a power cut.
     Use as a context manager.
     """
 

@@ -207,8 +207,8 @@ def as_recorded(value: Any, written: Mapping[str, str]) -> str:
 
 
 def copy_inputs(folder: Path, inputs: Mapping[str, str], durable: bool = False) -> list[str]:
-    """Copy every file and folder that a pipeline names into ``inputs/``; describe very large files instead. Return the
-    damaged copies that were replaced.
+    """Copy every file and folder that a pipeline names into ``inputs/``; of a very large file, only a description is
+    stored. Return the damaged copies that were replaced.
     """
     mended = []
     for name, path in inputs.items():
@@ -257,8 +257,8 @@ def _parts(folder: Path) -> list[str]:
 
 
 def sweep_of(record: DocumentView, folder: Path, table: str = "sweep") -> DocumentView:
-    """Return the sweep, or another table, of an earlier run from its record, with files as copies in the archive; empty
-    if it cannot be read.
+    """Return the sweep, or another table, of an earlier run from its record, with the copies in the archive in place of
+    the original files; empty if the record cannot be read.
     """
     text = record.get("resolved")
     try:

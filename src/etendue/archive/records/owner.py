@@ -27,7 +27,7 @@ class Behind:
 
     Attributes
     ----------
-    running : whether a run is writing to the store now (known only from the store)
+    running : whether a run is writing to the store now, according to the store itself
     """
 
     def __init__(self, running: bool = False) -> None:
@@ -123,7 +123,8 @@ def is_written(folder: Path, before: bytes) -> bool:
 
 @contextmanager
 def unless_written(folder: Path) -> Iterator[None]:
-    """Report losses that a reader sees while a run is replacing cells as work in progress, not as damage.
+    """While a run is replacing cells, a reader sees chunks that are missing: report these as work in progress, not as
+    damage.
 
     Raises
     ------

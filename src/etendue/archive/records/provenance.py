@@ -154,8 +154,8 @@ def _distributions(path: tuple[tuple[str, int], ...]) -> DocumentView:
 
 
 def preset_said(pipeline: PipelineFile) -> str:
-    """Return the name of the first kind of preset; for a preset in a file, whose name differs in the archive, its
-    title.
+    """Return the name of the preset of the first kind; for a preset in a file, whose name differs in the archive,
+    return its title.
     """
     name = pipeline.preset_name
     if not name:
@@ -205,8 +205,8 @@ def sources_of(nodes: Iterable[Node]) -> dict[str, str]:
 
 
 def node_changes(old: DocumentView, new: DocumentView) -> dict[str, str]:
-    """Return, by stage, the ingredient of its keys that differs, with old and new value; for stages after such a stage,
-    the input that has changed.
+    """Return, for each stage whose keys have changed, the ingredient that differs, with old and new value; for stages
+    after such a stage, the input that has changed.
     """
     found: dict[str, str] = {}
     for name, after in new.items():

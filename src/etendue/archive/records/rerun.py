@@ -46,7 +46,7 @@ class Recorded:
         Raises
         ------
         ArchiveError
-            One of its inputs is missing or does not match its name.
+            One of the inputs of the pipeline is missing, or its content does not match the digest in its name.
         RequestError
             The text cannot be read.
         """

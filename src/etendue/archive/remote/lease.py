@@ -57,11 +57,11 @@ def in_use(url: str, seen: SeenOwner) -> ArchiveInUse:
 
 
 class Lease:
-    """A run's right to write.
+    """The right of a run to write to an archive in an object store.
 
     Attributes
     ----------
-    guarded : whether the store enforces the condition, so that no other run can write at the same time
+    guarded : whether the store supports conditional writes, so that no other run can write at the same time
     """
 
     def __init__(self, objects: Objects, seen: SeenOwner) -> None:
@@ -100,7 +100,8 @@ class Lease:
                 pass
 
     def check(self) -> None:
-        """Call before a put: the lease may have expired while the machine slept or the network was down.
+        """Check that this run still owns the lease. Call before a put: the lease may have expired while the machine
+        slept or the network was down.
 
         Raises
         ------

@@ -111,7 +111,7 @@ SPENT = Spent()
 
 @dataclass(frozen=True)
 class Chunk:
-    """One chunk of one variable: its slot in a shard, and the part of the cell that it covers (None: all of it).
+    """One chunk of one variable: its slot in a shard, and the part of the cell that it covers (None: the whole cell).
 
     ``slots`` is the number of slots of the shard, 0 if the file is the chunk itself.
     """

@@ -54,7 +54,7 @@ class ShardSegment:
         Raises
         ------
         Taken
-            Nothing more may be appended to this part.
+            The owner of the run has turned this part into a shard or removed it, so that nothing more may be appended.
         """
         with self.lock:
             if size < GATHERED:
@@ -174,8 +174,8 @@ class Parts:
     def settle(self, root: str, run_id: str) -> None:
         """Write all chunks that the threads of this process have appended.
 
-        A part stays listed until it is settled. If the part of a thread is gone, the thread reports its cells as
-        finished, and the owner makes a shard of them.
+        A part stays listed until its chunks are written. If the part of a thread is gone, the thread reports its cells
+        as finished, and the owner makes a shard of their chunks.
         """
         check_owner(root, run_id)
         with self.lock:

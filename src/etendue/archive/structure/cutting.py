@@ -128,8 +128,8 @@ def _noisy(plan: Plan) -> set[str]:
 def chunk_shapes(
     shape: tuple[int, ...], block: Sequence[int], chunk: tuple[int, ...]
 ) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
-    """Return the shapes of a chunk and of its shard from the shape of a cell; a single number has no shard. The chunks
-    cover the rows of the cell, rounded up to whole bands.
+    """Return the shapes of a chunk and of its shard from the shape of a cell; a single number has no shard. Together
+    the chunks cover the rows of the cell, rounded up to whole chunks.
     """
     room = (count * own for count, own in zip(counts_of(shape, chunk), chunk, strict=True))
     return (*(1 for _ in block), *chunk), (*block, *room) if block or shape else None

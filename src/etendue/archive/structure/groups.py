@@ -53,8 +53,8 @@ class ArchivedLayout:
 def groups_of(
     node: Node, cells: Sequence[Cell], kept: Sequence[str], before: ArchivedLayout
 ) -> tuple[str | dict[CellRef, str], str]:
-    """Return the group of all cells of a stage, or the group of each cell; and the child group that the stage's own
-    group must become, '' if it is not moved.
+    """Return the group of all cells of a stage, or the group of each cell; also return the child group to which the
+    content of the stage's own group must be moved, '' if it is not moved.
     """
     same = alike(cells)
     if same and not any(group.startswith(f"{node.name}/") for group in before.groups):
@@ -84,7 +84,7 @@ def alike(cells: Sequence[Cell]) -> bool:
 
 
 def shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
-    """Return a name for the shape of each cell; cells with the same sizes, bins and labels share one.
+    """Return a name for the shape of each cell; cells with the same sizes, bins and labels have the same name.
 
     The name is ``64x64`` from the sizes of y and x, followed by every other dim that differs between the cells.
     """

@@ -97,7 +97,7 @@ def text_chunk(texts: Sequence[str]) -> bytes:
 
 
 def texts_of(data: bytes) -> list[str]:
-    """Return the texts of such a chunk.
+    """Return the texts in a chunk of texts.
 
     Raises
     ------

@@ -130,8 +130,8 @@ def _some(names: Sequence[str]) -> str:
 
 
 def refuse_strangers(folder: Path, listing: disk.Listing, stages: set[str], ours: set[str]) -> None:
-    """Refuse foreign groups or arrays at the place of, or inside, groups that runs write, because they would be lost or
-    break the tree. Foreign groups beside these are allowed.
+    """Refuse foreign groups or arrays that lie inside a group that runs write, or have the path of such a group,
+    because they would be lost or break the tree. Other foreign groups are allowed.
     """
     for name in sorted(listing.folders.get(DATA, ())):
         found = [name] if name not in stages and name not in TABLES else []

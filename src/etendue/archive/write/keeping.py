@@ -47,7 +47,8 @@ def with_stored(asked: Plan, store: ArchiveWriter, prune: bool) -> tuple[Plan, l
 
 
 def refuse_regrown(asked: Plan, record: DocumentView | None, folder: str) -> None:
-    """Refuse a Latin hypercube with another number of points, because it has none of the stored rows.
+    """Refuse a Latin hypercube with another number of points than the stored one, because the two have no rows in
+    common.
 
     Raises
     ------
@@ -103,8 +104,8 @@ class RemovedCells:
 
 
 def staying(plan: Plan, entries: Entries, stored: set[tuple[str, str]]) -> tuple[Plan, list[str], RemovedCells]:
-    """Return the plan that also keeps valid stored variables, the stages kept for that reason alone, and the results
-    that would be lost.
+    """Return the plan extended to keep valid stored variables, the stages that are kept for that reason alone, and the
+    results that would be lost.
 
     If a stage keeps any variable, it keeps all its stored variables, because the status of a cell applies to all of
     them.

@@ -37,9 +37,9 @@ class Laid:
     Attributes
     ----------
     names : the name of each cell in the journal
-    axes : axis values by group as stored, values of earlier runs first
+    axes : by group, the stored axis values, values of earlier runs first
     places : by group and axis, the positions of the plan's values among the stored values
-    blocks : by group and variable, its split into shards and its codec
+    blocks : by group and variable, the split of the variable into shards, and its codec
     nodes : every group and array, by path
     """
 
@@ -100,7 +100,7 @@ class Laid:
     ) -> None:
         """Add ``status`` according to the journal; cells in ``todo`` are "not_computed", even if they have chunks.
 
-        ``ended``: by number of a cell, its status + 1 if it has ended in this run.
+        ``ended``: by number of a cell, its status + 1 if it has ended in this run, else 0.
         """
         found = self.standing(entries)
         found[[self.plan.numbers.of(ref) for ref in todo]] = -1

@@ -215,7 +215,8 @@ class ArchiveWriter:
         """Prepare the store for a run that computes ``todo``: take ownership, create and extend arrays, and remove
         arrays that are not planned.
 
-        ``outdated`` cells are at axis values of earlier runs and would now give other results; they are removed.
+        ``outdated`` cells lie at axis values of earlier runs and would give other results if they were computed now;
+        they are removed.
         """
         was = ((ref, self.journal.entries[self.names[ref]]) for ref in finished)
         if fresh := accepted(self.former, self.plan, was):

@@ -24,7 +24,7 @@ class WholeCells:
 
     Attributes
     ----------
-    there, bytes : by number of a cell
+    there, bytes : by number of a cell, whether it is stored, and its size in bytes
     """
 
     def __init__(self, store: ArchiveWriter, asked: bool = True) -> None:

@@ -77,8 +77,8 @@ def _tell_run(outcome: Outcome, measured: Document | None, way: Way) -> None:
 
 
 def held_seconds(held: Any, options: Options, measure: bool) -> float:
-    """Return the seconds that the measurement of errors may always take: the whole budget, or the remaining part after
-    the search for open values.
+    """Return the seconds that the measurement of errors may take in any case: the whole budget, or the part that the
+    search for open values has left.
     """
     if measure or not (held and held.chosen):
         return math.inf if measure else AT_LEAST

@@ -23,8 +23,8 @@ def made_by_band(cell: Cell) -> bool:
 
 
 def direct_input(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Direct | None:
-    """Return the segment's input and the active cells before ``cell``, if ``cell`` must start from that input itself;
-    else None.
+    """Return the segment's input, and the cells between this input and ``cell`` that are not left out, if ``cell`` must
+    be computed from the input itself; else None.
 
     This applies to all cells of a segment whose input is too large for memory or consists of means over grid cells, and
     to a last cell whose sum over bands is an expansion.

@@ -109,11 +109,11 @@ class Otf:
         return product
 
     def channels(self, fy: Array, fx: Array, light: Array | None = None, weights: Array | None = None) -> Array:
-        """Return (channel, m, n) at all pairs of frequencies: grey detail after each filter, including charge that
-        moves between pixels.
+        """Return the transfer function of grey detail in each channel, (channel, m, n), at all pairs of frequencies,
+        including charge that moves between pixels.
 
-        ``light``: (band,) of a white surface, in any scale; None: equal in every band. ``weights``: the weights of the
-        pixel, if the pixel is left out.
+        ``light``: light of a white surface by band, (band,), in any scale; None: equal in every band. ``weights``: the
+        weights of the pixel, if the pixel is left out.
         """
         fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
         return self._of_channels(
@@ -158,8 +158,8 @@ class Otf:
         return (*self.parts, *self.behind)
 
     def once(self, what: Hashable, make: Callable[[], Made]) -> Made:
-        """Return ``make()``, cached by the values of these stages; ``what`` names the result and everything else on
-        which it depends.
+        """Return the result of ``make()``, cached by the parameters of these stages; ``what`` names the result and
+        everything else on which it depends.
         """
         return TABLES.get(
             ("of a product", what, tuple(state_of(stage) for _, stage in self.stages), self.edges, self.rendered), make

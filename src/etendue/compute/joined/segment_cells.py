@@ -107,8 +107,8 @@ class BlurredCells(BandArray):
 
 
 def without_rounding(found: Array, given: Array) -> Array:
-    """Set light to 0 if it is negative only because of rounding. ``given`` gives the scale; if it holds negative light,
-    nothing is changed.
+    """Set light to 0 if it is negative only because of rounding. ``given`` is the light from which it was computed and
+    sets the scale; if ``given`` itself has negative values, nothing is changed.
     """
     if given.size and given.min() >= 0:
         least = -ROUNDING * np.finfo(given.dtype).eps * given.max()

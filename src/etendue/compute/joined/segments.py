@@ -32,7 +32,7 @@ from etendue.types.arrays import Array, CellArrays
 @dataclass(eq=False)
 class Light:
     """The light at a place in a segment: a transform in the bands ``lit``, outside which there is no light, times some
-    transfer functions. Before the first stage that needs the whole light, it is the unchanged light of the segment's
+    transfer functions. Before the first stage that needs the whole light, this is the unchanged light of the segment's
     input.
     """
 

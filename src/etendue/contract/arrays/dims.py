@@ -22,8 +22,9 @@ class Dim:
 
     ``bins``: the dim is divided into bands with edges; stages get the centres, and the edges as ``NAME_edges``.
     ``units``: unit of centres and edges. ``asked_in``: the unit in which transfer functions get the centres; '' if it
-    is ``units``. ``long_name``, ``standard_name``: its names in archives. ``example``: edges, evenly spaced positions
-    or names with which stages are tested; ``spacing``: the shared quantity that is the distance of its samples.
+    is ``units``. ``long_name``, ``standard_name``: names of the dim in archives. ``example``: edges, evenly spaced
+    positions or names with which stages are tested; ``spacing``: the shared quantity that gives the distance between
+    samples along the dim.
     """
 
     bins: bool = False

@@ -70,7 +70,8 @@ class Drawn:
 
 
 def read(name: str, attrs: DocumentView, at: AxisValues) -> Drawn:
-    """Return how to draw an array, from its attributes at a place on the axes; without any, from its name."""
+    """Return how to draw an array, from its attributes at a place on the axes or, if it has no such attributes, from
+    its name."""
     if "drawn_as" not in attrs:
         return Drawn.of(variable(name))
     own = dict(attrs)
@@ -105,9 +106,10 @@ class Pictured(NamedTuple):
 
 
 def lit_by(pictures: Sequence[Pictured], number: int) -> int:
-    """Return the picture of a cell, in the order of the light, that sets the brightness scale for a given picture.
+    """Return the picture that sets the brightness scale for a given picture of the same cell; pictures are in the order
+    of the light.
 
-    It is the first picture of the same variable, so that a picture that gets darker looks darker; for variables that
+    It is the first picture of the same variable, so that a picture that gets darker looks darker. For variables that
     share a scale it is the last picture, because values beyond a full well are not brightness. Only pictures with the
     same frames and no further axes count, so that a picture looks the same wherever it is drawn.
     """

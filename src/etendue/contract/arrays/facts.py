@@ -17,7 +17,8 @@ Rings = tuple[tuple[float, ...], ...]  # by band and ring of radial frequencies
 
 @dataclass(frozen=True)
 class Content:
-    """The content of light by band and radial frequency, relative to ``full``, the largest value of any band.
+    """The power and amplitude of light by band and radial frequency, relative to ``full``, the largest value of any
+    band.
 
     Values are rounded up to three digits, so that differences in the last bits between platforms do not change which
     cells are left out.
@@ -26,11 +27,11 @@ class Content:
     ----------
     full : largest value of any band, in the variable's unit
     edges : ends of the rings, cycles/um; the first is 0; no ring contains the mean
-    power : mean square over the frame of the content of a ring, by band
+    power : mean square over the frame of the light in a ring, by band
     amplitude : sum of the amplitudes in a ring, by band; no point can exceed it
     low, mean, high : smallest, mean and largest value of every band
-    white : light of a white surface in this scene by band, in the unit; empty if the source states none
-    norm : how a change of this light is measured: 'rms' over the frame, or at the largest pixel ('max')
+    white : light of a white surface in this scene by band, in the variable's unit; empty if the source states none
+    norm : how a change of this light is measured: 'rms' over the frame, or at the pixel that changes most ('max')
     widths : rms widths of Gaussian blurs, um, rising from 0; empty if the values after them are not known
     peaks : lower bounds of the largest value of a band after each of these blurs; rounded down
     """
@@ -51,10 +52,11 @@ class Content:
         return hash((self.full, self.edges[-1], self.mean, self.power[0]))
 
     def scaled(self, low: float, high: float, smooth: bool = False) -> Content:
-        """Return a bound on the content after a factor (at least 0) that varies over the frame between two values.
+        """Return an upper bound of the content after multiplication by a factor (at least 0) that varies over the frame
+        between two values.
 
-        The factor puts detail into uniform light. Its share above a frequency f falls as 1/f, as for an edge; with
-        ``smooth`` as 1/f^3, as for a mirrored slope.
+        The factor adds detail to uniform light. The share of this detail above a frequency f falls as 1/f, as for an
+        edge; with ``smooth`` as 1/f^3, as for a mirrored slope.
         """
         if low == high or high <= 0:
             return replace(self, full=self.full * high, **({} if high > 0 else self._nothing()))
@@ -106,8 +108,8 @@ class Content:
         return (2, self.power), (1, self.amplitude)
 
     def filtered(self, passed: Rings, peaks: Rings = ()) -> Content:
-        """Return the content after a blur that passes a share of every ring, by band or (one row) equally in all bands,
-        and leaves these largest values. The range of values does not change.
+        """Return the content after a blur. The blur passes a share of every ring, by band or (one row) equally in all
+        bands, and leaves at least the given largest values. The range of values does not change.
         """
         rows = passed if len(passed) > 1 else passed * len(self.power)
         power, amplitude = (
@@ -118,8 +120,9 @@ class Content:
         return replace(self, power=power, amplitude=amplitude, widths=widths, peaks=peaks)
 
     def bands_of_light(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return bounds on the values of every band, a little wider than the samples. Between samples, and after a
-        transfer function cut off by the grid, light can overshoot them by as much as the finest detail present."""
+        """Return the lower and upper bound of the values of every band. They lie a little outside the range of the
+        samples: between samples, and after a transfer function cut off by the grid, light can overshoot the samples by
+        as much as the finest detail present."""
         fine = [i for i, edge in enumerate(self.edges[:-1]) if edge > 0.25 * self.edges[-1]]
         low, high = [], []
         for own, mean, most, row, sums in zip(self.low, self.mean, self.high, self.power, self.amplitude, strict=True):
@@ -160,8 +163,8 @@ class Facts:
     band_limit : frequency above which the scene has less than a hundredth of its contrast, cycles/um
     rendered : for a scene, how its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which values
         are means), um, each 0 if it does not apply
-    content : for light, its content by band and frequency; the planner finds it for a scene, and passes it on through
-        transfer functions
+    content : for light, its power by band and frequency; the planner computes it for a scene, and updates it after
+        every transfer function
     """
 
     uniform: bool | None = None
@@ -176,7 +179,8 @@ class Facts:
     brightest: float | None = None
 
     def scaled(self, low: float, high: float | None = None, smooth: bool = False) -> Facts:
-        """Return the facts after a factor between ``low`` and ``high`` (both above 0); ``smooth``: it varies slowly."""
+        """Return the facts after multiplication by a factor between ``low`` and ``high`` (both above 0); ``smooth``:
+        the factor varies slowly."""
         high = low if high is None else high
         return replace(
             self,

@@ -29,26 +29,28 @@ class Variable:
 
     ``shown``: '' not at all; ``linear`` light, charge or signal (bands as an eye sees them, a pattern through its own
     filters); ``encoded`` display values, unchanged; ``unencoded`` display values before gamma, shown as they would look
-    without it; ``map`` numbers over y and x, in grey. ``white`` is the linear value shown as white, None: the bright
-    parts of the first picture; variables with one ``scale`` share the bright parts of their last picture. ``black``
-    names the shared quantity with the value of no signal, ``pattern`` the shared quantity with the filters over y and
-    x. ``range`` has both ends of a map, None: its own; ``log``: logarithmic. ``full``: the value to which its errors
-    are relative, if that does not follow from its declaration: 1 for a share. ``index``: its values are positions in a
-    list, so a value is either right or wrong; ``names``: the dim whose labels are that list. ``flags`` names codes,
-    ``masks`` bits that are combined. ``beside``: a dim; the variable is a coordinate of all variables in its group with
-    this dim. ``counted``: if the variable is above 0, the end of a run reports that values were raised to a floor, or
-    are above saturation. ``better``: whether ``higher`` or ``lower`` is better, '' if it depends. ``subject``: the
-    subject of a metric, such as ``detail`` or ``noise``: reports group metrics by subject and open with the metric of
-    the lowest ``rank``.
+    without it; ``map`` numbers over y and x, in grey. ``white`` is the linear value shown as white; with None, white is
+    taken from the bright parts of the first picture. Variables with the same ``scale`` are all shown with the white of
+    their last picture. ``black`` names the shared quantity with the value of no signal, ``pattern`` the shared quantity
+    with the filters over y and x. ``range`` gives both ends of the scale of a map; with None, the scale ends at the
+    smallest and largest value. ``log``: the scale is logarithmic. ``full``: the value to which errors of the variable
+    are relative, if that does not follow from its declaration: 1 for a share. ``index``: the values of the variable are
+    positions in a list, so a value is either right or wrong; ``names``: the dim whose labels are that list. ``flags``
+    names codes, ``masks`` bits that are combined. ``beside``: a dim; the variable is a coordinate of all variables in
+    its group with this dim. ``counted``: if the variable is above 0, the end of a run reports that values were raised
+    to a floor, or are above saturation. ``better``: whether ``higher`` or ``lower`` is better, '' if it depends.
+    ``subject``: the subject of a metric, such as ``detail`` or ``noise``: reports group metrics by subject and open
+    with the metric of the lowest ``rank``.
 
     ``quiet``: the variable is not among the metrics shown first. ``usable``: a cell with a larger value is not chosen
     to open a page. ``instead``: a variable that shows nearly the same; contact sheets with that variable omit this one.
-    ``curve``: priority among the curves of a page, the highest first; ``base``: its curves are drawn with a line at 0;
-    ``end``: a text; the value of the variable is the end of every axis in its unit, and the text is the label of that
-    end. For an index, ``asks`` is the question that it answers, ``said`` gives the names in its list as used in
-    sentences, ``tints`` their colours, ``cap`` the factor that limits before all others, and ``cap_said`` the text
-    after its name. ``dims``: dims that every stage writing the variable must use. ``below_zero``: noise makes the
-    variable negative, and stages that read it must state how they handle negative values.
+    ``curve``: priority among the curves of a page, the highest first; ``base``: curves of the variable are drawn with a
+    line at 0; ``end``: a text; every axis in the unit of the variable ends at the value of the variable, and the text
+    is the label of that end. For an index, ``asks`` is the question that it answers, ``said`` gives the names in its
+    list as used in sentences, ``tints`` the colours of these names, ``cap`` the name of the factor that limits before
+    all others, and ``cap_said`` the text after that name. ``dims``: dims that every stage writing the variable must
+    use. ``below_zero``: noise can make the variable negative, and stages that read it must state how they handle
+    negative values.
     """
 
     long_name: str = ""

@@ -41,8 +41,8 @@ def dotted_fault(text: str) -> Fault | None:
 
 
 def more_values(text: str, most_cells: int) -> Fault | None:
-    """Return a fault if the text has more values than cells are allowed; checked before parsing. Each value on an axis
-    makes at least one cell.
+    """Return a fault if the text of an axis has more values than cells are allowed, since each value makes at least one
+    cell. The text is checked before it is parsed.
     """
     count = text.count(",")
     if count <= most_cells + MOST_KEYS:

@@ -36,8 +36,8 @@ class LateValue:
 
 
 def ends(value: float | LateValue) -> tuple[float, float]:
-    """Return the smallest and largest possible value of a quantity: a number twice, or the range of a quantity that
-    only a run determines.
+    """Return the smallest and largest possible value of a quantity: both equal to the number if it is known, or the
+    ends of its range if only a run determines it.
 
     Examples
     --------

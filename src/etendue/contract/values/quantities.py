@@ -22,13 +22,14 @@ class Quantity(Parameter):
     """The declaration of a shared quantity: the keywords of ``param()``, its name as an axis, and a default unless it
     must be given.
 
-    ``prefix`` is written before its values instead of its name; ``off`` is the value that turns it off.
+    ``prefix`` is written before the values of the quantity instead of its name; ``off`` is the value that turns the
+    quantity off.
 
-    ``scales``: another quantity whose values it multiplies or explains. If a preset gives a value of this quantity and
-    the pipeline gives a value of the other, the two therefore do not match.
+    ``scales``: another quantity whose values this quantity multiplies or explains. If a preset gives a value of this
+    quantity and the pipeline gives a value of the other, the two therefore do not match.
 
-    ``compared``: a design for Sobol' indices uses this value, unless the pipeline gives one, so that samples differ
-    only by their factors.
+    ``compared``: a design for Sobol' indices uses this value of the quantity, unless the pipeline gives one, so that
+    samples differ only by their factors.
     """
 
     shared: bool = True
@@ -79,7 +80,7 @@ def declared(name: str) -> Quantity:
     Raises
     ------
     PluginError
-        If no distribution provides it, or its declaration cannot be read.
+        If no distribution provides the quantity, or its declaration cannot be read.
     """
     brought = discovery.installed().first("quantities", name)
     if brought is None:

@@ -23,7 +23,7 @@ class Table:
     ``preset``: the key, and axis, that names a set of values, '' for none; ``presets``: the hook that provides such
     sets; ``listed``: the command that lists them. ``find``: "module:function" instead of a hook, for names that are
     looked up: the function takes the text that names a preset and returns the path of its file, or raises RequestError.
-    ``further``: more such keys of the same table, each with its own ``presets``, ``listed`` and ``find``.
+    ``further``: more keys like ``preset`` in the same table, each with its own ``presets`` or ``find``, and ``listed``.
     """
 
     preset: str = ""

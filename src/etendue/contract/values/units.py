@@ -105,8 +105,8 @@ def parse_unit(text: str) -> tuple[Decimal, dict[str, int]]:
 
 
 def same_unit(one: str, other: str) -> bool:
-    """Return whether numbers in two units are equal without conversion, as in ``um-1`` and ``cycles/um``. Units that
-    are not in the table are compared as text.
+    """Return whether a number has the same meaning in both units without conversion, as in ``um-1`` and ``cycles/um``.
+    Units that are not in the table are compared as text.
     """
     if one == other:
         return True

@@ -19,8 +19,8 @@ TINY = 2.0**-33  # a share of 0 has no quantile
 
 
 def rows_of(method: str, points: int, factors: int) -> int:
-    """Return the number of rows of a design with this number of points; for Saltelli's design, all rows of each base
-    point count.
+    """Return the number of rows of a design with this number of points; for Saltelli's design, this counts all rows
+    that belong to a base point.
     """
     return points * (factors + 2) if method == "saltelli" else points
 
@@ -68,8 +68,8 @@ def _drawn(method: str, points: int, factors: int, seed: int) -> Array:
 
 
 def discrepancy(shares: Array, levels: Sequence[int]) -> tuple[float, float]:
-    """Return the centred discrepancy of points, and the centred discrepancy of the same points with this number of
-    levels per factor (0: no levels).
+    """Return the centred discrepancy of points, and the centred discrepancy of the same points after rounding to this
+    number of levels per factor (0: not rounded).
     """
     import numpy as np
     from scipy.stats import qmc

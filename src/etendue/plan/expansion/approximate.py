@@ -20,8 +20,8 @@ from etendue.plan.stage_calls import made
 
 
 class WatchedFacts(dict[str, Any]):
-    """Facts by port that record whether a stage read them. An answer given without reading them is valid for
-    any facts.
+    """Facts by port that record whether a stage read them. A result of the stage that was computed without reading them
+    is valid for any facts.
     """
 
     looked = False
@@ -82,9 +82,9 @@ def choose(
     the tolerance even at the finest settings, coarser settings add at most a tenth of the tolerance, so that the result
     is as close to the tolerance as the knobs allow.
 
-    A stage with a ``dear`` knob, whose finer settings the plan may not choose, stays as it is in this case: finer
-    settings of its other knobs would cost time without reaching the tolerance. The same applies to a stage that does
-    not know its error. A setting that the stage refuses is skipped in favour of a finer one.
+    In this case, a stage with a ``dear`` knob, whose finer settings the plan may not choose, keeps all its settings:
+    finer settings of its other knobs would cost time without reaching the tolerance. A stage that does not know its
+    error also keeps its settings. A setting that the stage refuses is skipped in favour of a finer one.
 
     The errors of several settings of one stage are not independent, so the same total is stated for each of them.
     """

@@ -231,7 +231,7 @@ class Expansion:
 
     def where(self, axes: tuple[str, ...]) -> Mapping[str, tuple[int, tuple[int, ...] | None]]:
         """Return, by axis and factor of an axis, the place in the index of a cell with these axes and, for factors, the
-        positions on it by those on the axis.
+        map from positions on the axis to positions on the factor.
         """
         if axes in self.wheres:
             return self.wheres[axes]
@@ -266,8 +266,8 @@ class Expansion:
         return f"{one.use} of {one.distribution} {one.version}: {error}"
 
     def form(self, node: Node, number: int, stage: Stage, inputs: Sequence[tuple[str, CellRef, str]]) -> CellGrids:
-        """Return the grids of a cell, found once for all cells of the node that read the same grids (and have the same
-        stage, if it makes grids of its own).
+        """Return the grids of a cell. They are found once for all cells of the node that read the same grids (and have
+        the same stage, if the stage makes grids of its own).
         """
         # Grids are unique per value (``self.grids``) and live as long as the plan, so their ids are a safe cache key.
         ports, own = reads_of(node.alternatives[number].kind), node.is_source or type(stage).grid is not Stage.grid

@@ -70,7 +70,7 @@ class Decider:
     def decide(
         self, draft: Draft, facts_in: Mapping[str, Facts], by_dim: Mapping[str, int], declared: Facts | None
     ) -> Decisions:
-        """Decide a cell from the facts of its inputs; ``declared`` are the facts that a source states of its own
+        """Decide a cell from the facts of its inputs; ``declared`` are the facts that a source states about its own
         output.
         """
         node, stage, form, watched = draft.node, draft.stage, draft.form, WatchedFacts(facts_in)
@@ -100,7 +100,7 @@ class Decider:
 
     def noises(self, by_dim: Mapping[str, int]) -> list[Noisy] | None:
         """Return every stage that adds noise, with its parameters at a combination of axis values; None if the
-        parameters of one are found only during the run, or depend on other axes.
+        parameters of one of these stages are found only during the run, or depend on other axes.
         """
         found: list[Noisy] = []
         for node, dims, awaits in self.noisy:

@@ -80,9 +80,9 @@ class Steps:
 
 
 def factors_of(cells: dict[CellRef, Cell], shares: bool) -> Iterator[tuple[CellRef, float]]:
-    """Yield every cell with its factor, the last first. ``shares``: for changes that multiply every value by nearly the
-    same factor. Clipping does not enlarge such changes relative to full scale, and a number computed from the light
-    changes by the same factor.
+    """Yield every cell with the factor by which an error of its output may grow, the last cell first. ``shares``:
+    return the factor for changes that multiply every value by nearly the same number. Clipping does not enlarge such
+    changes relative to full scale, and a number computed from the light is multiplied by the same number.
     """
     steps = Steps(cells)
     direct: dict[CellRef, float] = {}

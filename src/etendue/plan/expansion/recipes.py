@@ -36,9 +36,9 @@ AS_TEXT = json.JSONEncoder(sort_keys=True).encode
 
 
 class Recipes:
-    """Makes keys and seeds. ``cells`` are the cells planned so far; ``expected``: means instead of draws and rounding;
-    ``versions``: library versions to use instead of the installed ones; without ``keys``, the keys of cells
-    are empty.
+    """Make the keys and seeds of cells. ``cells`` are the cells planned so far; ``expected``: stages return means
+    instead of random draws and rounded values; ``versions``: library versions to use instead of the installed ones;
+    without ``keys``, the keys of cells are empty.
     """
 
     def __init__(
@@ -224,8 +224,9 @@ class Recipes:
         return known
 
     def drawn(self, ref: CellRef) -> Drawn:
-        """Return the words that key the random numbers of a cell, and those that a run must find. They contain values
-        only, no positions on axes, so that a cell computed alone equals the same cell in a sweep.
+        """Return the words from which the random numbers of a cell follow, and those words whose values are known only
+        in the run. They contain values only, no positions on axes, so that a cell computed alone equals the same cell
+        in a sweep.
         """
         cell, name = self.cells[ref], ref[0]
         stage, quantities = cell.stage, cell.settled.reading.quantities
@@ -262,8 +263,8 @@ class Recipes:
         return "\n".join(sorted(lines)).encode(), awaited
 
     def lines_behind(self, ref: CellRef) -> Lines | None:
-        """Return the words of a cell and of all that it reads through its ports, directly or indirectly; None if a run
-        must find one of their values.
+        """Return the words of a cell and of all cells that it reads through its ports, directly or indirectly; None if
+        one of the values in these words is known only in the run.
 
         Cells of one stage whose inputs have the same sets share one set.
         """

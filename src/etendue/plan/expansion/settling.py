@@ -79,8 +79,9 @@ class Settling:
     def decided(
         self, number: int, index: tuple[int, ...], stage: Stage, read: Sequence[Cell], known: Settled | None
     ) -> tuple[Settled, Facts, bool] | None:
-        """Decide a cell; return what it has in common with others, its facts, and whether only these depend on those
-        that it reads. None if it has a fault, which is noted. ``known``: what is settled already.
+        """Decide a cell. Return the properties that it shares with other cells, its facts, and whether the facts of its
+        inputs affect nothing but its facts. Return None if the cell has a fault, which is noted. ``known``: what is
+        decided already.
         """
         reading = self.readings[number]
         pairs = zip(reading.inputs, read, strict=True)
@@ -116,8 +117,8 @@ class Settling:
         return known
 
     def source(self, name: str, at: PositionMap) -> tuple[list[Cell], list[int] | None]:
-        """Return the cells of a node that is read, and the number of the one that each cell reads; None if they have
-        the same order.
+        """Return the cells of a node from which another node reads and, for each cell of the other node, the number of
+        the cell that it reads; None instead of the numbers if both have the same order.
         """
         expansion, axes, own = self.expansion, self.expansion.nodes[name].axes, self.node.axes
         if axes == own:

@@ -113,8 +113,8 @@ class Installed:
         )
 
     def files(self) -> Iterator[tuple[Path, str]]:
-        """Yield its files outside the metadata, with the digests of the record; '' if the record has none, or the file
-        is newer than the record.
+        """Yield the files of the distribution outside its metadata, each with its digest from the installation's
+        record; '' if the record has no digest, or the file is newer than the record.
         """
         record, site = self.folder / "RECORD", self.folder.parent
         since = record.stat().st_mtime_ns

@@ -60,9 +60,9 @@ class SourceFile:
     """The analysis of a file. ``imports``: names of imported modules and of names imported from them; relative names
     keep their dots.
 
-    ``words``: whether it contains only a docstring. ``hides``: whether it has imports that cannot be followed.
-    ``beside``: whether it reads files next to it. ``classes``: if it imports the ``models`` of a package, from which
-    classes are loaded by name, every word that may be such a name.
+    ``words``: whether the file contains only a docstring. ``hides``: whether it has imports that cannot be followed.
+    ``beside``: whether its code reads files next to it. ``classes``: if it imports the ``models`` of a package, from
+    which classes are loaded by name, every word in it that may be such a name.
     """
 
     digest: str

@@ -34,8 +34,8 @@ class LeftOut:
     """The reason why a cell is left out, and the error bound of this omission, relative to the full scale of its
     variable.
 
-    ``apart``: the bound of the worst band, relative to the full scale of that band; 0 if this bound is not the larger
-    one. It applies to later stages that use single bands.
+    ``apart``: the bound of the worst band, relative to the full scale of that band; 0 if it is not larger than the
+    other bound. Later stages that use single bands use ``apart``.
     """
 
     bound: float
@@ -247,8 +247,8 @@ class Cell:
         return self._start[0]
 
     def at_wanted(self, bound: float) -> float:
-        """Return a bound at the wanted variables for a bound at this cell. It is at most 1, because values beyond full
-        scale are clipped.
+        """Return the error bound at the wanted variables that follows from an error bound at this cell. It is at most
+        1, because values beyond full scale are clipped.
         """
         bound = max(bound, self.left_out.apart) if self.left_out else bound
         return max(bound, min(1.0, bound * self.growth)) if bound > 0 else bound

@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 
 def preset_axes(request: Request, declared: Mapping[str, Declared]) -> dict[str, Axis]:
-    """Return the axes of presets by the key that names them; without faulty presets, which are reported.
+    """Return the axes of presets by the key that names presets. Presets with a fault are left out and reported.
 
     A value's own table overrides the pipeline's shared quantities, which override the named preset. A quantity with its
     own axis is set by that axis. The axis of presets covers every quantity that any installed preset gives, even if the
-    presets named here agree on it. An archive can therefore take further presets later without a change of the
-    quantities that the axis sets.
+    presets on this axis agree on it. More presets can therefore be added to an archive later without changing which
+    quantities the axis sets.
     """
     found = {kind.preset: _axis(request, declared, kind) for kind in request.pipeline.table.kinds()}
     axes = {word: axis for word, axis in found.items() if axis is not None}

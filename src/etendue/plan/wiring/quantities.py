@@ -76,8 +76,8 @@ def _tell_stand_ins(request: Request, used: Mapping[str, Declared]) -> None:
 
 
 def to_be_found(name: str, parameter: Parameter, ends: tuple[float | None, float | None] = (None, None)) -> LateValue:
-    """Return the placeholder for a quantity that an earlier stage writes, while planning: its range is the intersection
-    of the ranges of the writing stage and of the parameter.
+    """Return the placeholder that stands, while planning, for a quantity that an earlier stage writes. Its range is the
+    intersection of the ranges of the writing stage and of the parameter.
     """
     held = parameter.held or (-math.inf, math.inf)
     lowest = max(x for x in (ends[0], parameter.at_least, parameter.above, held[0]) if x is not None)

@@ -38,9 +38,9 @@ def reading_of(node: Node, number: int, nodes: Mapping[str, Node], maps: Maps) -
 
 
 def places(node: Node, source: Node, maps: Maps) -> PositionMap:
-    """Return the map from a position of ``node`` to one of ``source``; dims that ``node`` lacks are at their first
-    value, which is right because a node lacks only dims that do not change what it reads. Rows of a design have the
-    combination of factors that they are part of.
+    """Return the map from the position of a cell of ``node`` to the position of the cell of ``source`` that it reads.
+    Dims that ``node`` lacks are at their first value, which is right because a node lacks only dims that do not change
+    what it reads. A row of a design is mapped to its combination of factors.
     """
     where = {dim: place for place, dim in enumerate(node.axes)}
     if source.axes == node.axes:

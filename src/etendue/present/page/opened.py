@@ -106,7 +106,7 @@ class Opened:
     running : whether a run is writing to it
     ended : whether its last run is finished, so that its tables are valid
     damaged : requested parts that are damaged
-    whites : values shown as white, by the picture that sets them: stage, variable, positions on its axes
+    whites : values shown as white, by the picture that sets the value: stage, variable, positions on its axes
     """
 
     def __init__(self, folder: Path) -> None:

@@ -59,8 +59,8 @@ def _along(size: int, count: int, middle: int) -> list[int]:
 
 
 def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> Document:
-    """Return ``strip``: every stage of the cell at ``start``; and ``cells``: pictures of chosen cells, pictures of the
-    last stages first.
+    """Return two groups of pictures: ``strip``, one of every stage of the cell at ``start``; and ``cells``, pictures of
+    chosen cells, those of the last stages first.
     """
     first, spent = strip(opened, start, int(STRIP_SHARE * budget))
     dims = [axis.dim for axis in opened.axes]

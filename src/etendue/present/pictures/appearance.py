@@ -28,7 +28,7 @@ STRIPE = 4  # samples
 
 @dataclass(frozen=True)
 class Appearance:
-    """How the arrays of one variable are seen. It is sent to where they are computed.
+    """How the arrays of one variable are converted to colours. It is sent to the process that computes the arrays.
 
     ``matrix``: (3, planes) from the leading dim to linear sRGB; None: the first three planes, or a single one as grey.
     ``tints``: (rows, columns, 3) of one period of a pattern from its first sample. ``grey``: whether numbers are shown
@@ -41,8 +41,8 @@ class Appearance:
     grey: bool = False
 
     def rgb(self, array: Array, first: tuple[int, int] = (0, 0)) -> Array:
-        """Return (3, y, x) float32, unscaled if linear, of the whole or of a window starting at row and column
-        ``first``.
+        """Return the colours (3, y, x) of a whole array, or of a window that starts at row and column ``first``, as
+        float32; linear values are not scaled.
         """
         array = np.asarray(array)
         if self.tints is not None:
@@ -102,7 +102,7 @@ class Appearance:
 def appearance(
     drawn: Drawn, dims: Sequence[str], edges: Any = None, channels: Sequence[Any] = (), first: tuple[int, int] = (0, 0)
 ) -> Appearance | None:
-    """Return how arrays with these dims are seen; None if they are not a picture.
+    """Return the appearance of arrays with these dims; None if they are not a picture.
 
     Parameters
     ----------
@@ -146,8 +146,8 @@ def brightness(drawn: Drawn, small: Array | None) -> float:
 
 
 def white_among(order: Sequence[Pictured], number: int, bright_of: Callable[[int], float | None]) -> float:
-    """Return the linear value shown as white in one of a cell's pictures, in the order of the light; ``bright_of``
-    gives the value of the pictures that exist.
+    """Return the linear value shown as white in one of a cell's pictures, which are in the order of the light;
+    ``bright_of`` returns this value for the pictures that exist.
     """
     there = list(range(len(order)))
     while order[number].drawn.scaled:
@@ -169,8 +169,8 @@ def rendered(drawn: Drawn, light: Array, white: float) -> Array:
 
 
 def seen(drawn: Drawn, found: Array, bright: float) -> Array:
-    """Return (3, y, x) display values in 0 to 1 from the result of `Appearance`; ``bright`` is shown as white if that
-    is linear.
+    """Return display values (3, y, x) from 0 to 1 for the result of `Appearance`; if the result is linear, ``bright``
+    is shown as white.
     """
     lost = np.isnan(found).any(axis=0)
     found = np.nan_to_num(found, nan=0.0, posinf=np.inf, neginf=-np.inf) if lost.any() else found

@@ -47,8 +47,9 @@ class _Tile:
 def contact_sheet(table: DocumentView, path: Path, title: str, maps: Sequence[Array] = ()) -> None:
     """Write all frames in order, each with its stage, variable and true size, as one PNG, completely or not at all.
 
-    Enlarged frames, and all with a pattern, use a whole number of dots per sample: any other resampling shows a false
-    moire. Pictures on a finer grid are drawn as large as the pictures of the pixels. ``maps``: (y, x, 3) bytes each.
+    Enlarged frames, and all frames with a pattern, use a whole number of dots per sample: any other resampling shows a
+    false moire. Pictures on a finer grid are drawn as large as the pictures of the pixels. ``maps``: (y, x, 3) bytes
+    each.
     """
     tiles = _tiles(table)
     wide, high = max(t.picture.shape[1] for t in tiles), max(t.picture.shape[0] for t in tiles)

@@ -133,8 +133,8 @@ def sheet(
 
 
 def same_pictures(folder: Path, maps: Callable[[], list[Array]]) -> ContactSheet | None:
-    """Return the sheet of an earlier run whose pictures still belong to the shown cells, with maps of the current
-    values.
+    """Return the contact sheet of an earlier run if its pictures still belong to the shown cells, with maps of the
+    current values.
     """
     before = folder / "contact_sheet.png"
     return ContactSheet({}, lambda path: with_maps(path, before, maps()), (), "") if before.is_file() else None

@@ -30,8 +30,8 @@ from etendue.types.arrays import Array, FloatArray
 
 @dataclass(frozen=True)
 class Thumbnail:
-    """(3, y, x) float32, unscaled if linear; the true size; for larger pictures a window at full resolution, and the
-    first row and column of the window.
+    """A small picture, (3, y, x) float32, not scaled if linear; its true size; for larger pictures also a window at
+    full resolution, and the first row and column of that window.
     """
 
     picture: Any
@@ -110,8 +110,8 @@ class View:
 
 @dataclass(frozen=True)
 class Observer:
-    """The shown part of a cell: its pictures, reduced, and its scalar metrics. It is sent to the worker that computes
-    the cell.
+    """The reduction of a cell to what is shown of it: small pictures and scalar metrics. The observer is sent to the
+    worker that computes the cell.
     """
 
     views: Mapping[str, View]
@@ -131,15 +131,14 @@ class Observer:
         return found
 
     def beside(self, keeps: bool, kept: frozenset[tuple[str, str]], stage: str) -> Observer:
-        """Return the same for a store that keeps the arrays themselves: pictures are then made from the stored
+        """Return the observer for a store that keeps the arrays themselves: pictures are then made from the stored
         arrays.
         """
         return replace(self, kept=frozenset(v for s, v in kept if s == stage)) if keeps else self
 
     def gathering(self, variable: str, shape: tuple[int, ...]) -> Gathering | None:
-        """Return an object that reduces a variable that arrives row by row; None if the whole is needed, or it is
-        small.
-        """
+        """Return an object that reduces a variable row by row; None if the variable is small or is needed as a
+        whole."""
         view = self.views.get(variable)
         return view.gathering(shape) if view and max(shape[-2:]) > LARGEST else None
 

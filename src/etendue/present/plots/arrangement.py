@@ -67,8 +67,8 @@ class Arrangement:
 
 
 def dims_of(held: Sequence[HeldVariable]) -> list[PlotDim]:
-    """Return the dims of the plotted variable: sweep axes first, preferred axes leading; then named dims such as
-    ``stage``.
+    """Return the dims of the plotted variable: first the sweep axes, preferred axes at their head, then named dims such
+    as ``stage``.
     """
     found: dict[str, PlotDim] = {}
     for one in held:
@@ -96,7 +96,7 @@ def arranged(
     """Place dims: up to ``sides`` of them along the sides, others over panels as long as they fit, the rest at one
     value.
 
-    ``at`` fixes a dim; ``middle`` gives the value of dims that do not fit, by default their middle.
+    ``at`` fixes the value of a dim; ``middle`` gives the value of dims that do not fit, by default the middle of each.
 
     Raises
     ------

@@ -45,8 +45,8 @@ class PlotRequest:
         return self.figures[1] if len(self.figures) > 1 else ""
 
     def cell(self, held: HeldVariable) -> Document:
-        """Return one value of every axis that affects a variable: as requested, else the value of the run's pictures,
-        else the middle.
+        """Return one value of every axis that affects a variable: the requested value, else the value at which the
+        run's pictures are shown, else the middle.
         """
         asked = resolved([held], self.at)
         found = {}

@@ -73,8 +73,8 @@ def bright_in(array: xarray.DataArray) -> float:
 
 
 def drawn(array: xarray.DataArray, bright: float | None = None, failed: bool = False, small: bool = False) -> Array:
-    """Return (y, x, 3) uint8 as seen, at full size or ``small``; missing values are striped, and the whole picture if
-    the cell ``failed``.
+    """Return a picture as uint8 (y, x, 3), at full size or ``small``. Missing values are striped; if the cell
+    ``failed``, the whole picture is.
     """
     array = upright(array)
     own = appearance_of(array)

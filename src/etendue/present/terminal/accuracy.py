@@ -138,8 +138,8 @@ def files_of(document: DocumentView) -> dict[str, bytes]:
 
 def diagram(document: DocumentView) -> bytes:
     """Plot the results. Left: each knob alone, error of its stage against the time of the stages it affects. Middle:
-    all trials. Right: the knobs that cause the error, for each setting on the front. Bars reach from the least time to
-    the median.
+    all trials. Right: the knobs that cause the error, for each combination on the Pareto front. Error bars reach from
+    the shortest time to the median.
     """
     floor, by = document["reference_floor"], document["by"]
     colours = _colours(document)

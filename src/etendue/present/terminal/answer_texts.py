@@ -101,8 +101,8 @@ def parts_text(error: DocumentView, missing: bool = True) -> str:
 
 
 def says_enough(error: DocumentView, complete: bool = False) -> bool:
-    """Return whether an error may be shown: all parts were measured or, if ``complete`` is False, at least one relevant
-    discretisation.
+    """Return whether an error may be shown: all its parts were measured or, if ``complete`` is False, the part of at
+    least one relevant discretisation.
     """
     unknown = unknown_parts(error)
     if unknown and not complete:

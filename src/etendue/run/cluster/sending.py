@@ -97,8 +97,8 @@ class Sending:
                 raise
 
     def send(self) -> None:
-        """Send ready batches while there is room; none while a batch is suspected, because that batch is
-        tried alone.
+        """Send ready batches while workers have room. Send none while a batch is suspected of killing its worker,
+        because that batch is tried alone.
         """
         ahead = AHEAD if self.watching.limit is None else 1  # with a time limit, a batch must not wait behind another
         while self.ready and not self.suspected and len(self.sent) < ahead * self.watching.threads():

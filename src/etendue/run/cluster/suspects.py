@@ -20,8 +20,8 @@ from etendue.run.cluster.watching import Watching
 
 
 class Suspects:
-    """Batches whose workers died. ``results``: results of ended batches, which may be lost with the workers that held
-    them.
+    """Batches whose workers died. ``results``: results of ended batches, which are lost if the workers that hold them
+    die.
     """
 
     def __init__(

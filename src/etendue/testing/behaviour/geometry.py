@@ -67,8 +67,8 @@ def told_where(bench: Bench) -> bool:
 
 
 def frames(bench: Bench, same: bool = True) -> bool:
-    """Return whether a stage reads and writes frames and draws no random numbers; on request, also whether both frames
-    have the same pixels.
+    """Return whether a stage reads and writes frames and draws no random numbers; on request, return whether, in
+    addition, both frames have the same pixels.
     """
     if is_random(bench.kind) or bench.looks or bench.given_grids:
         return False

@@ -36,8 +36,8 @@ def jumps_along(
     walk: Walk, places: Array, variables: Sequence[str], allowed: float, worth: int, rank: float = RANK
 ) -> dict[str, Jump]:
     """Return the largest jump of each variable along a path, among the unusual steps; 0 for jumps that are much smaller
-    than allowed. ``worth`` is the number of steps that are subdivided for each number of a summary; with 0, a single
-    step is subdivided a few times.
+    than allowed. ``worth`` is the number of steps that are subdivided for each of the three numbers of ``summaries``;
+    with 0, a single step is subdivided a few times.
     """
     found = {variable: (0.0, float(places[0]), float(places[-1])) for variable in variables}
     trials = walk(places)
@@ -97,8 +97,8 @@ def beside_zero(walk: Walk, variable: str, first: float, allowed: float) -> Jump
 
 
 def summaries(values: Sequence[Array | None]) -> Array:
-    """Return three numbers for each array that jump if the array jumps: its largest value, and two weighted sums
-    relative to that value.
+    """Return three numbers for each array: its largest value, and two weighted sums relative to that value. If the
+    array jumps along the path, these numbers jump too.
     """
     shapes = [np.shape(value) for value in values if value is not None]
     usual = max(set(shapes), key=shapes.count) if shapes else ()

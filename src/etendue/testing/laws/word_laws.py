@@ -112,8 +112,8 @@ class WordLaws:
             check_parameter(f"{type(self.stage).__name__}.{name}", name, parameter, kind, default, self.stage)
 
     def test_the_grid_is_a_pure_function(self) -> None:
-        """Called twice it returns the same, leaves its inputs unchanged, and accepts or clearly refuses any frame
-        size.
+        """``grid`` called twice returns the same result, leaves its inputs unchanged, and accepts or clearly refuses
+        any frame size.
         """
         stage = self.stage
         if is_source(type(stage)):
@@ -136,8 +136,8 @@ class WordLaws:
             hold(all(isinstance(g, Grid) for g in first.values()), f"{stage!r}.grid returned values that are no Grid")
 
     def test_noise_about_black_is_met_with_a_word_of_its_own(self) -> None:
-        """If noise makes values negative, they are ordinary: a stage that refuses them must declare that explicitly,
-        not by default.
+        """Values that noise makes negative are ordinary: a stage that refuses them must declare this explicitly and not
+        by the default of ``negative``.
         """
         kind = type(self.stage)
         own = next(base for base in kind.__mro__ if "negative" in vars(base))

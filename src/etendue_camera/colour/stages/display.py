@@ -228,8 +228,8 @@ class _Encoding(Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class Encode(_Encoding):
-    """Encode linear display values (gamma), clipped to the display's range. Clipped values are counted, unless they
-    exceed the range by no more than rounding: white that is clipped in the camera can differ from 1 in its last bits.
+    """Encode linear display values (gamma), clipped to the display's range. Clipped values are counted if they exceed
+    the range by more than rounding: white that is clipped in the camera can differ from 1 in its last bits.
     """
 
     role: ClassVar = "display encoding"

@@ -171,11 +171,10 @@ class ColourFit(Collecting):
 class CameraToXyz(Haloed):
     """Apply the fitted matrix to camera RGB divided by the white; the level rendered as display white gets Y = 1.
 
-    This level is the scene white or the level at which the first balanced channel clips, whichever is lower; with
-    ``brightness = "camera"`` it is always the clipping level. ``balance_mosaic`` uses the same level, so the result
-    does not depend on whether it was applied. The true value of a clipped channel is unknown:
-    ``highlights = "neutral"`` clips all balanced channels at that level, so overexposed areas are white and not
-    magenta.
+    The level of display white is the scene white or the level at which the first balanced channel clips, whichever is
+    lower; with ``brightness = "camera"`` it is always the clipping level. ``balance_mosaic`` uses the same level, so
+    the result does not depend on whether it was applied. The true value of a clipped channel is unknown: ``highlights =
+    "neutral"`` clips all balanced channels at that level, so overexposed areas are white and not magenta.
     """
 
     role: ClassVar = "camera colour"

@@ -188,8 +188,8 @@ class ShotNoise(Sampled, Noisy, Haloed):
         return charge
 
     def halo(self) -> int | None:
-        """Return 0 for common draws, which are made per pixel; None for independent ones, whose order depends on the
-        whole frame.
+        """Return 0 for common random draws, which are made pixel by pixel; None for independent draws, whose order
+        depends on the whole frame.
         """
         return 0 if self.common_draws else None
 
@@ -210,8 +210,8 @@ class ShotNoise(Sampled, Noisy, Haloed):
         return facts["expected_charge"]
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the total variation distance from a Poisson distribution, rather than the error of the mean. It is
-        largest where the expansion begins, and at the transition of common draws.
+        """Bound the total variation distance from a Poisson distribution, rather than the error of the mean. The
+        distance is largest at the smallest mean for which the expansion is used, and at the transition of common draws.
         """
         if math.isinf(self.exact_below):
             return 0.0, "proved"

@@ -18,8 +18,8 @@ Sheets = Sequence[tuple[str, Sheet]]
 
 
 def elsewhere(sheets: Sheets, figure: str) -> float:
-    """Return the square of a noise (``read_noise``, ``dsnu``), electron^2, over all stages except those whose noise is
-    a camera quantity.
+    """Return the variance of a noise (``read_noise``, ``dsnu``), electron^2, summed over all stages except those whose
+    noise is a shared quantity of the camera.
     """
     return sum(sheet.figures.get(figure, 0.0) ** 2 for _, sheet in sheets if sheet.role != READ_NOISE)
 
@@ -28,8 +28,8 @@ def elsewhere(sheets: Sheets, figure: str) -> float:
 class KnownNoise(ReadOut, GainChain):
     """A stage that uses the noise of its input: variance = shot x value + floor, for values that are 1 at clipping.
 
-    It includes photon shot noise, read noise, DSNU and quantisation. Dark current shot noise depends on the time, which
-    metering may set, and is not included: 1.3 electrons rms after 10 ms at 1e-10 A/cm2 and 5.4 um.
+    This variance includes photon shot noise, read noise, DSNU and quantisation. Shot noise of the dark current depends
+    on the time, which metering may set, and is not included: 1.3 electrons rms after 10 ms at 1e-10 A/cm2 and 5.4 um.
     """
 
     dsnu: float = quantity("dsnu")

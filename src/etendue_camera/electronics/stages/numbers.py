@@ -65,8 +65,9 @@ def _with(noise: float, more: float) -> float:
 class DynamicRange(NoiseFloor):
     """Compute the dynamic range, down to the dark noise (eqs. 12-13) and down to SNR = 1 (EMVA 1288).
 
-    Both are at the camera's analogue gain, which ``system_gain`` gives in DN per electron. Row and column noise counts
-    as if independent per pixel; dark current non-uniformity is not in the DSNU of eq. 13.
+    Both are at the camera's analogue gain, which ``system_gain`` gives in DN per electron. Row and column noise is
+    treated as if it were independent in each pixel; the DSNU of eq. 13 does not include the non-uniformity of the dark
+    current.
     """
 
     role: ClassVar = "figures"
@@ -146,9 +147,9 @@ class ExposureNumbers(NoiseFloor, Collecting):
     saturates (ISO 12232), by full well or ADC. ``snr_18`` is the temporal signal-to-noise ratio of an 18 % grey card in
     the raw channel with most charge: shot noise of light and dark current, read noise (also of rows and columns),
     quantisation; no fixed patterns. ``snr10_illuminance`` is the scene illuminance (lx on the card) at which that ratio
-    is 10, at this f-number, time and light; the mobile industry's metric, which is measured after a colour matrix at
-    1/15 s, f/2.8 and 3200 K, is larger by the matrix's noise amplification. Both are undefined (NaN) if the card
-    saturates first.
+    is 10, at this f-number, time and light; the mobile industry's metric of this name, which is measured after a colour
+    matrix at 1/15 s, f/2.8 and 3200 K, is larger by the noise amplification of the matrix. ``snr_18`` and
+    ``snr10_illuminance`` are undefined (NaN) if the card saturates first.
     """
 
     role: ClassVar = "figures"

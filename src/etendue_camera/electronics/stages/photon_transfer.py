@@ -45,8 +45,9 @@ class PhotonTransfer(Stage):
 
     ``transfer_signal`` is the mean above dark and ``transfer_variance`` the temporal variance with the dark variance
     subtracted; ``transfer_fit`` is the line through the origin with slope ``emva_gain``
-    (`etendue_camera.electronics.emva`). Dark current charge counts as signal here, since the dark level has no exposure
-    time. ``etendue emva`` takes dark frames at every time, and so measures the dark current.
+    (`etendue_camera.electronics.emva`). Dark-current charge counts as signal here: the exposure time of the dark level
+    is practically zero, so subtracting that level does not remove the dark-current charge of the others. ``etendue
+    emva`` takes dark frames at every time, and so measures the dark current.
     """
 
     role: ClassVar = "figures"

@@ -244,8 +244,9 @@ class Linearise(KnownNoise, Scaled):
     """Scale to (DN - black) / (white - black): 1 where pixels saturate, at full well or top code; negatives are kept.
     A non-linear response (``response_bend``) is inverted.
 
-    ``clipping_level`` is the lowest value that a clipped pixel can have. Rounding brings it slightly below 1; if the
-    full well lies below the top code, so does the noise after it (four sigma of read noise and offsets).
+    ``clipping_level`` is the lowest value that a clipped pixel can have. Rounding brings this level slightly below 1.
+    If the full well lies below the top code, the noise after the full well lowers it further (by four sigma of read
+    noise and offsets).
     """
 
     role: ClassVar = "linearisation"

@@ -90,8 +90,8 @@ def _per_second(
 
 @dataclass(frozen=True, kw_only=True)
 class WhiteEstimate(KnownNoise):
-    """Estimate the colour of the white from the picture, or take it from a preset; its level remains the level of
-    ``white``.
+    """Estimate the colour of the white from the picture, or take it from a preset; the level of the white remains that
+    of ``white``.
 
     ``grey_world``: the scene is grey on average; ``white_patch``: the brightest area is white; ``shades_of_grey``: a
     power mean between the two; ``preset``: gains from a list; ``illuminant``: the true white, unchanged. Mosaic cells

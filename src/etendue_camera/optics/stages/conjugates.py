@@ -53,9 +53,10 @@ class Cone(Conjugates):
     aperture_model: str = quantity("aperture_model")
 
     def cone_f_number(self) -> float:
-        """Return 1/(2 sin) of the half angle of the cone; the cut-off is 1/(lambda times this).
+        """Return N_c = 1/(2 sin u), where u is the half angle of the cone; the cut-off is 1/(lambda N_c).
 
-        For a flat exit pupil sqrt(N_w^2 + 1/4): tan = 1/(2 N_w) from the centre of the image to the pupil edge.
+        For a flat exit pupil N_c = sqrt(N_w^2 + 1/4), because tan u = 1/(2 N_w) from the centre of the image to the
+        edge of the pupil.
         """
         working = self.working_f_number()
         return working if self.aperture_model == "aplanatic" else float(np.hypot(working, 0.5))

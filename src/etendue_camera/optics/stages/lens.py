@@ -46,9 +46,9 @@ class Blur(Bounded):
         return None
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Keep the facts of a uniform plane, which is unchanged, and drop the range of any other plane.
+        """Keep the facts of a uniform plane, which is unchanged, and drop the range of values of any other plane.
 
-        Where the grid truncates the transfer function, values may leave the range slightly.
+        Where the grid truncates the transfer function, the output may leave the range of the input slightly.
         """
         own = facts["irradiance"]
         return own if own.uniform else replace(own, low=None, high=None, contrast=None)
@@ -92,8 +92,8 @@ class Diffraction(Blur, Cone, Transfer):
 
 
 def too_coarse(facts: Facts, grid: Grid, f_number: float) -> list[str]:
-    """Return a note where the lens passes, and the scene contains, frequencies above the Nyquist frequency of the
-    grid."""
+    """Return a note if there are frequencies above the Nyquist frequency of the grid that the scene contains and the
+    lens passes."""
     cutoff = 1.0 / (grid.bands().edges[0] * 1e-3 * f_number)
     step = grid.line("x").step
     if facts.uniform or facts.band_limit is None or min(cutoff, facts.band_limit) <= 1.001 * 0.5 / step:

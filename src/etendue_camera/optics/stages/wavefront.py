@@ -79,9 +79,9 @@ class Aberrated(Cone):
 class Wavefront(Blur, Aberrated, Transfer):
     """Blur with one wavefront for the whole frame: aperture, defocus, Zernike and Seidel terms at one image point.
 
-    It includes and replaces ``diffraction``: with every term at zero and a clear circle the results are identical. With
-    both in one pipeline the aperture would blur twice. A polygon has the area of the f-number's circle, so that it
-    passes the same light.
+    This stage includes diffraction and takes the place of ``diffraction``: with every term at zero and a clear circle
+    the results are identical. With both stages in one pipeline the aperture would blur twice. A polygon has the area of
+    the f-number's circle, so that it passes the same light.
     """
 
     gain: ClassVar[float | None] = (
@@ -205,13 +205,13 @@ class Wavefront(Blur, Aberrated, Transfer):
         return min(4 * wanted, MOST_SAMPLES) if self.round else int(wanted)  # rows only are cheap
 
     def by_quadrature(self, shortest: float) -> bool:
-        """Return whether a rotationally symmetric wavefront is smooth enough for Gauss quadrature: faster, and
+        """Return whether a rotationally symmetric wavefront is smooth enough for Gauss quadrature, which is faster and
         exact."""
         return self.round and self.steepness <= ROUND_WAVES[self.obstruction > 0] * shortest
 
     def prepare(self, coordinates: Mapping[str, Array]) -> Any:
-        """Return tables by wavelength, (wavelengths um, nodes or None, values); None where they are not needed or too
-        large.
+        """Return tables by wavelength, (wavelengths um, nodes or None, values); None if no table is needed or the
+        tables would be too large.
         """
         bands = np.asarray(coordinates["wavelength"], dtype=float) * 1e-3
         if self.flat:

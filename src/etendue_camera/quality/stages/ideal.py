@@ -91,7 +91,7 @@ class IdealMosaic(GainChain):
 
 
 class NoDemosaicing(_HandedOn):
-    """Pass full planes on as camera channels, without interpolation. Takes the place of a demosaicer after
+    """Pass full planes on as camera channels, without interpolation. This stage takes the place of a demosaicer after
     ``no_mask``.
     """
 

@@ -29,9 +29,10 @@ def lost(why: str) -> str:
 
 
 def smooth(image: FloatArray, sites: Sites | None = None) -> tuple[FloatArray, Sites | None]:
-    """Return the mean over 3 x 3 pixels, with borders repeated, and where its gradient is known (None: everywhere).
+    """Return the mean over 3 x 3 pixels, with borders repeated, and a mask of the pixels at which the gradient of this
+    mean is known (None: everywhere).
 
-    If ``sites`` are given, the mean is over these only, and is applied twice.
+    If ``sites`` are given, the mean is taken over these only, twice in succession.
     """
     if sites is None:
         return _mean(image), None
@@ -59,8 +60,8 @@ def _mean(image: FloatArray) -> FloatArray:
 
 
 def first_line(image: FloatArray, sites: Sites | None = None) -> tuple[bool, FloatArray]:
-    """Return whether the edge is nearer to a column, its place at v = 0 and change to v = 1, from the squared
-    gradient."""
+    """Return whether the edge is nearer to a column than to a row, its position at v = 0, and the change of its
+    position from v = 0 to v = 1, from the squared gradient."""
     gy, gx = gradient(image, sites)
     weight = gx**2 + gy**2
     # Keep about as many strong pixels as the edge has rows.

@@ -67,8 +67,8 @@ def rewritten(
     crossings: Callable[[EdgeSpread], FloatArray],
     rng: np.random.Generator,
 ) -> list[Rewritten]:
-    """Return the shifts of some frequencies, as found by ``crossings`` in curves (frequency, curve); inf if one is not
-    reached.
+    """Return the shifts of some frequencies that writing the picture to a file causes. ``crossings`` finds the
+    frequencies in curves (frequency, curve); a shift is inf if its frequency is not reached.
 
     Notes
     -----

@@ -47,7 +47,7 @@ def edge_shape(image: FloatArray, sites: Sites | None = None) -> EdgeShape:
     -----
     Error on a Gaussian edge of 1 pixel rms, 120 x 100 pixels, noise of 1 % of the step, 0 to 30 degrees, bent by 0 and
     2.7 pixels: angle within 0.1 degrees, bend within 0.2 pixels. A bent edge that leaves the picture at its sides is
-    seen only in part.
+    measured only in part.
     """
     vertical, line = first_line(image, sites)
     value, _ = smooth(image, sites)

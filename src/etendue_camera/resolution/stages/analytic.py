@@ -100,8 +100,8 @@ def half_contrast(
 
 
 def gains(otf: Otf, mtf50: Callable[[Otf], float], nyquist: float, highest: float) -> FloatArray:
-    """Return the ratio of MTF50 without each factor to MTF50 with it, (factor,); for sampling, MTF50 over Nyquist where
-    above it.
+    """Return, for each factor, the ratio of MTF50 without the factor to MTF50 with it, (factor,); for sampling, the
+    ratio of MTF50 to Nyquist, at least 1.
 
     The rendering of the chart is not part of the camera and is excluded. Where contrast without a factor does not fall
     to one half up to ``highest``, that frequency is used for MTF50, as a lower bound. NaN where the contrast of the

@@ -76,8 +76,8 @@ def normal(edge: Edge) -> tuple[float, float]:
 
 
 def doubt(edge: Edge, per_pixel: float) -> float:
-    """Return the interval width of the effective MTF50, with both ends capped at Nyquist, over MTF50; 0 without
-    noise."""
+    """Return the width of the interval of the effective MTF50, with both ends capped at Nyquist, divided by MTF50; 0
+    without noise."""
     if math.isnan(edge.mtf50_high):
         return 0.0
     low, high = (min(end * per_pixel, NYQUIST) for end in (edge.mtf50_low, edge.mtf50_high))

@@ -55,8 +55,8 @@ class Inverse(KnownNoise):
             raise ValueError(f"nodes is {self.nodes}; it must be 0 (every frequency) or at least 16")
 
     def table_error(self) -> float:
-        """Return the error that the table causes in the picture. It is largest where the cut-off of the lens lies
-        within the table, as for f/22 and 2 um pixels; it is 1e-5 for f/4 and 4 um.
+        """Return the error that the table causes in the picture. The error is largest if the cut-off of the lens lies
+        within the table, as for f/22 and 2 um pixels; for f/4 and 4 um it is 1e-5.
         """
         return 1.5e-3 * max((128 / self.nodes) ** 3, 128 / self.nodes) if self.nodes else 0.0
 

@@ -149,8 +149,8 @@ class Denoise(KnownNoise, Bounded):
     """Denoise with an edge-preserving filter based on the camera's noise: areas that vary no more than the noise are
     replaced by their local mean.
 
-    The noise level is taken from the mosaic. Demosaicing averages some of the noise, so the default strength is high.
-    Channels are processed separately, and the mean of each is preserved.
+    The noise level is taken from the mosaic. Demosaicing has already averaged out some of this noise, so the default
+    strength of 1 denoises strongly. Channels are processed separately, and the mean of each is preserved.
     """
 
     role: ClassVar = "denoising"

@@ -25,8 +25,8 @@ from etendue_camera.scene.stages.scene import Scene, softness_knob
 class PatchChart(Scene):
     """Draw uniform patches with user-supplied reflectances, row by row from the upper left, on grey.
 
-    Outside the rows of the table its end values are used. Values up to 2 are allowed, for fluorescent surfaces. The
-    rest of the last row is background.
+    Wavelengths outside the table use its first or last row. Reflectances up to 2 are allowed, for fluorescent surfaces.
+    Empty places in the last row of patches show the background.
     """
 
     nanoseconds: ClassVar = 12.0
@@ -55,7 +55,7 @@ class PatchChart(Scene):
         spectra.require_shares("reflectances", self.reflectances)
         rows, columns = self.layout(len(names))
         if min(rows, columns) < 1:
-            raise ValueError(f"across is {self.across}, but {self.reflectances} has {len(names)} patches")
+            raise ValueError(f"{self.reflectances} has no patches: a column of reflectance is required for each")
         low, high = min(values.min(), self.background), max(values.max(), self.background)
         return Facts(uniform=bool(low == high), contrast=float(high / low) if low > 0 else math.inf)
 

@@ -113,9 +113,9 @@ class Scene(Source, Banded, Discretised):
 
     @classmethod
     def chosen(cls, name: str, values: Mapping[str, Any], shared: Mapping[str, tuple[Any, ...]]) -> float:
-        """Return the value of a parameter left open: bins of at most 10 nm that divide the range evenly; a spacing of
-        half the smallest pixel pitch, adjusted to divide the width evenly (1 um without pixels); a surround of an
-        eighth of the longer side if the chart extends beyond the frame.
+        """Return the value of a parameter that the pipeline leaves open: bins of at most 10 nm that divide the range
+        evenly; a spacing of half the smallest pixel pitch, adjusted to divide the width evenly (1 um without pixels); a
+        surround of an eighth of the longer side if the chart extends beyond the frame.
         """
         own = {"wavelength_from": 380.0, "wavelength_to": 780.0, "width": 1000.0, "height": 1000.0, **values}
         if name == "bin_width":

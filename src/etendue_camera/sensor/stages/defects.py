@@ -68,8 +68,8 @@ class Defects(Sampled):
         return {"photocurrent": light, "defect_map": found.astype(np.uint8)}
 
     def mean(self, photocurrent: FloatArray, prepared: Array) -> dict[str, Array]:
-        """Return the mean over many sensors: drawn defects are spread over all pixels, and the map contains the listed
-        ones only.
+        """Return the mean over many sensors: the effect of randomly drawn defects is spread over all pixels, and the
+        map contains only the defects from the list.
         """
         kind = photocurrent.dtype.type
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
@@ -122,8 +122,8 @@ class StuckPixels(Sampled):
         return {"raw": codes, "stuck_map": found.astype(np.uint8)}
 
     def mean(self, raw: FloatArray, prepared: Array) -> dict[str, Array]:
-        """Return the mean over many sensors: drawn pixels are spread over all pixels, and the map contains the listed
-        ones only.
+        """Return the mean over many sensors: the effect of randomly drawn stuck pixels is spread over all pixels, and
+        the map contains only the pixels from the list.
         """
         level = (0.5 if self.level < 0 else self.level) * (2**self.bits - 1)
         stuck = prepared == defects.STUCK

@@ -213,7 +213,8 @@ def peaks_note(stage: Sensitive) -> list[str]:
 def cut_off_notes(stage: Sensitive, edges: tuple[float, ...]) -> list[str]:
     """Return notes on a table that ends where a channel still responds: beyond its end the response counts as 0.
 
-    Filters over silicon are judged separately: the charge at their ends depends on the silicon too.
+    Tables of filters over silicon are judged separately, because the charge at the ends of such a table depends on the
+    silicon too.
     """
     if stage.sensitivity == FLAT:
         return []

@@ -342,7 +342,7 @@ def show(holdings: Holdings, variable: str, stage: str = "", at: AxisValues | No
 
 def show_array(array: xarray.DataArray, failed: bool = False, title: str = "", white: float | None = None) -> Plot:
     """Show one array as a picture, striped where it has no values. ``white``: the linear value shown as white; None:
-    from the array alone.
+    the value is derived from the array alone.
     """
     picture = pictures.drawn(array, white, failed)
     rows, columns = picture.shape[:2]
