@@ -25,7 +25,7 @@ SMALL, SHARE, AGAIN = 0.25, 0.1, 0.01  # allowed: seconds of a short run, share 
 
 
 def run(name: str, options: tuple[str, ...], archive: Path) -> tuple[float, float, int, int]:
-    """Return the seconds of stating, the seconds of stages, and how many variables have a complete error, of how many."""
+    """Return the seconds of stating and of the stages, and how many variables have a complete error, of how many."""
     words = ["run", str(PIPELINES / f"{name}.toml"), "--archive", str(archive), "--quiet", "--json", *options]
     found = json.loads(subprocess.check_output([sys.executable, "-m", "etendue", *words], text=True))
     answer = found["answer"]

@@ -18,7 +18,7 @@ import numpy as np
 
 from etendue.accuracy.answers.comparing import KnownParts, compare
 from etendue.accuracy.answers.error import Part, is_number
-from etendue.accuracy.answers.evaluations import Evaluations, Rates, Shown, TooDear
+from etendue.accuracy.answers.evaluations import Evaluations, Rates, Shown, TooDear, costs_of
 from etendue.accuracy.answers.one_at_a_time import refined_pair
 from etendue.accuracy.answers.pilots import ELSEWHERE, PLACES
 from etendue.accuracy.answers.refinement import Point
@@ -272,7 +272,7 @@ class Refinement:
         except EtendueError as error:
             faults = error.faults if isinstance(error, RequestError) else ()
             return self._not(words, shortened(faults[0].message if faults else plain(str(error))))
-        seconds = self.rates.seconds(plan, plan.cells)
+        seconds = self.rates.seconds(costs_of(plan, plan.cells))
         if need > MEMORY * (available_memory() or math.inf):
             return self._not(words, f"the run would take about {human_bytes(need)} of memory and {_time(seconds)}")
         if seconds > self.until - self.began and steps == 1:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 Which = tuple[Factors, str]
 Asked = frozenset[StageVariable] | None  # None: all wanted variables
 Evaluated = tuple[Plan, dict[StageVariable, "Array"]]
+Costs = list[tuple[str, float | None]]  # of cells: stage and predicted seconds; None: left out
 Shown = Callable[[Plan], Progress] | None
 PLANNED: Which = ({}, "")
 PLANNING = 0.01  # assumed seconds of a plan of one point, until one has been timed
@@ -73,15 +74,25 @@ class Rates:
             fixed = min(max(report.seconds - predicted, 0.0), FIXED)
             self.of[report.stage] = fixed, max((report.seconds - fixed) / predicted, LEAST)
 
-    def seconds(self, plan: Plan, refs: Iterable[CellRef]) -> float:
+    def seconds(self, costs: Costs) -> float:
         """Return the expected seconds of some cells."""
         total = 0.0
-        for ref in refs:
-            cell, (fixed, rate) = plan.cells[ref], self.of.get(ref[0], (0.0, 1.0))
-            if cell.left_out is None:
-                total += fixed + rate * cell_seconds(plan.node(cell.node), cell, plan.precision)
+        for stage, predicted in costs:
+            fixed, rate = self.of.get(stage, (0.0, 1.0))
+            if predicted is not None:
+                total += fixed + rate * predicted
             total += ENGINE
         return total
+
+
+def costs_of(plan: Plan, refs: Iterable[CellRef]) -> Costs:
+    """Return the predicted costs of some cells."""
+    found: Costs = []
+    for ref in refs:
+        cell = plan.cells[ref]
+        seconds = None if cell.left_out is not None else cell_seconds(plan.node(cell.node), cell, plan.precision)
+        found.append((ref[0], seconds))
+    return found
 
 
 class Evaluations:
@@ -100,6 +111,9 @@ class Evaluations:
         self.planning = PLANNING
         self._plans: dict[tuple[object, ...], Plan | None] = {}
         self._values: dict[tuple[object, ...], Evaluated] = {}
+        # By evaluation and asked variables: the costs of its cells; and the evaluations that fit into memory.
+        self._costs: dict[tuple[object, ...], Costs] = {}
+        self._fit: set[tuple[object, ...]] = set()
         self._before_noise: Mapping[CellRef, Mapping[str, Array]] = {}
 
     @property
@@ -174,17 +188,22 @@ class Evaluations:
         for one, plan in ahead:
             if self._known(one, asked) is None:
                 seconds += self._seconds(one, plan, asked)
-                try:
-                    check_machine(replace(plan, kept=frozenset(asked or self.point.wanted)), None, pictures=False)
-                except MachineError as error:
-                    raise TooDear(seconds, f"needs more memory: {shortened(str(error))}") from None
+                if (*_key(*one), asked) not in self._fit:
+                    try:
+                        check_machine(replace(plan, kept=frozenset(asked or self.point.wanted)), None, pictures=False)
+                    except MachineError as error:
+                        raise TooDear(seconds, f"needs more memory: {shortened(str(error))}") from None
+                    self._fit.add((*_key(*one), asked))
         if seconds > self.left:
             raise TooDear(seconds)
 
     def _seconds(self, which: Which, plan: Plan, asked: Collection[StageVariable] | None) -> float:
-        known = self.point.before_noise.keys() if which[1] == DRAWN and asked is None else ()
-        cells = ancestry(plan, set(self.point.refs(plan, asked).values()), known)
-        return self.rates.seconds(plan, cells - set(known))
+        key = (*_key(*which), None if asked is None else frozenset(asked))
+        if key not in self._costs:
+            known = self.point.before_noise.keys() if which[1] == DRAWN and asked is None else ()
+            cells = ancestry(plan, set(self.point.refs(plan, asked).values()), known)
+            self._costs[key] = costs_of(plan, cells - set(known))
+        return self.rates.seconds(self._costs[key])
 
     def _evaluated(self, which: Which, plan: Plan, asked: Asked) -> Evaluated:
         whole = asked is None
