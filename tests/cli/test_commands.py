@@ -546,6 +546,8 @@ def test_what_is_asked_for_is_kept_whatever_the_file_keeps(file, inside):
     assert code == 0, err
     code, out, _ = inside("show", "asked")
     assert "airy_diameter" in out
+    code, out, err = inside("reproduce", "asked")  # the run's own text and overrides give what was kept
+    assert code == 0, out + err
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")

@@ -11,6 +11,7 @@ from etendue.accuracy.answers.cached import cached
 from etendue.archive.records.choices import with_kept_choices
 from etendue.cli.options import Given, installed
 from etendue.cli.saying import say, show
+from etendue.pipeline.file import overridden
 from etendue.plan.planner import make_plan, summary
 from etendue.process import NOT_COLLECTING
 from etendue.run.machine import check_machine
@@ -27,7 +28,7 @@ def pipeline_of(given: Given) -> PipelineFile:
     pipeline = given.pipeline()
     # what is requested now is kept, whatever the file keeps
     if given.want and pipeline.keep is not None and pipeline.wanted is not None:
-        pipeline = replace(pipeline, keep=(*pipeline.keep, *pipeline.wanted))
+        pipeline = overridden(pipeline, {"keep": [*pipeline.keep, *pipeline.wanted]})  # recorded, so reproducible
     if not given.nothing_left_out:
         return pipeline
     from etendue.accuracy.reference import reference_of
