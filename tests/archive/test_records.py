@@ -71,6 +71,13 @@ def test_a_value_that_toml_has_not_is_refused():
         toml.value(None)
 
 
+@given(st.floats(allow_nan=False))
+def test_a_number_is_written_as_it_is_once_it_has_been_read(number):
+    text = toml.value(number)
+    read = tomllib.loads(f"v = {text}", parse_float=Decimal)["v"]
+    assert toml.value(read) == text and float(read) == number
+
+
 # -- the same keys -------------------------------------------------------------------------------------------------
 
 ASKED = {

@@ -550,6 +550,20 @@ def test_what_is_asked_for_is_kept_whatever_the_file_keeps(file, inside):
     assert code == 0, out + err
 
 
+@pytest.mark.parametrize("more", [(), ("--sweep", 'demosaic.use=["demosaic_bilinear", "demosaic_nearest"]')])
+def test_a_run_with_nothing_left_out_is_reproduced_from_its_text_and_overrides(more, inside, tmp_path, monkeypatch):
+    """Its knobs, one of them 1e-14, are in the overrides of the record."""
+    monkeypatch.chdir(tmp_path)
+    assert inside("new", "mine")[0] == 0
+    words = ("--set", "camera.f_number=4", "--want", "mosaic_linear" if not more else "demosaic.rgb_camera", *more)
+    code, out, err = inside("run", "mine.toml", *words, "--nothing-left-out", "--no-errors", "--archive", "whole")
+    assert code == 0, out + err
+    code, out, err = inside("reproduce", "whole")
+    assert code == 0, out + err
+    record = json.loads(Path("whole/runs/0001.json").read_text())
+    assert {"precision", "leave_out", "crosstalk.beyond"} <= record["overrides"].keys()
+
+
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 @pytest.mark.parametrize("words", [("--help",), ("plan", "--help")])
 def test_help_that_finds_no_room_says_so_in_one_line(words):

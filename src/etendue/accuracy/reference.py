@@ -135,6 +135,20 @@ def reference_of(
     return ReferencePipeline(with_settings(exact, best), chosen, with_settings(exact, coarser) if moved else None)
 
 
+def reference_overrides(pipeline: PipelineFile, registry: Registry) -> Document:
+    """Return the overrides that make a pipeline its reference, as an archive records them."""
+    found = reference_of(pipeline, registry)
+    entries = {entry.name: entry for entry in pipeline.stages}
+    given: Document = {"precision": "float64", "leave_out": False}
+    if pipeline.digits != DIGITS[0]:
+        given["archive.digits"] = DIGITS[0]
+    for knob in found.knobs:
+        if knob.settings and entries[knob.stage].use == knob.use:
+            given[f"{knob.stage}.{knob.name}"] = knob.reference
+    swapped = {key: own for key, own in found.pipeline.sweep.items() if own != pipeline.sweep[key]}
+    return given | {f"sweep.{key}": own for key, own in swapped.items()}
+
+
 def with_settings(pipeline: PipelineFile, settings: Mapping[tuple[str, str, str], Any]) -> PipelineFile:
     """Return the pipeline with values for (stage, use, parameter) written in, also in a sweep that swaps stages."""
 

@@ -57,7 +57,7 @@ def value(found: object) -> str:
     if isinstance(found, float | Decimal):
         if not math.isfinite(found):
             return "nan" if math.isnan(found) else "inf" if found > 0 else "-inf"
-        return str(found) if isinstance(found, Decimal) else repr(found)
+        return str(found if isinstance(found, Decimal) else Decimal(repr(found)))  # as it is once it has been read
     raise TypeError(f"TOML has no {type(found).__name__}")
 
 

@@ -31,9 +31,9 @@ def pipeline_of(given: Given) -> PipelineFile:
         pipeline = overridden(pipeline, {"keep": [*pipeline.keep, *pipeline.wanted]})  # recorded, so reproducible
     if not given.nothing_left_out:
         return pipeline
-    from etendue.accuracy.reference import reference_of
+    from etendue.accuracy.reference import reference_overrides
 
-    return reference_of(pipeline, installed()).pipeline
+    return overridden(pipeline, reference_overrides(pipeline, installed()))
 
 
 def planned(given: Given, quiet: bool, pipeline: PipelineFile | None = None) -> Plan:
