@@ -75,13 +75,14 @@ def state_errors(
 
 def _elsewhere(errors: dict[str, AnswerError], point: Point, plan: Plan) -> dict[str, AnswerError]:
     """Return the errors over a sweep of which only some points were measured. A variable without any error there, such
-    as a saturated picture, says nothing about the other points.
+    as a saturated picture, says nothing about the other points; codes and counts often stay the same.
     """
     affected = {one for name in point.names() for one in point.affected(plan, name)}
     found = dict(errors)
     for name, one in errors.items():
-        nothing = 0.0 if one.unit else UNSEEN
-        if (one.stage, one.variable) in affected and one.parts and not one.open and one.rms <= nothing:
+        declared = plan.node(one.stage).writes[one.variable]
+        varies = (one.stage, one.variable) in affected and (declared.dtype == "float" or "y" in declared.dims)
+        if varies and one.parts and not one.open and one.rms <= (0.0 if one.unit else UNSEEN):
             where = "the measured point" if one.points == 1 else f"the {one.points} measured points"
             found[name] = replace(one, open={"other points": f"at {where} no refinement changes it"})
     return found
