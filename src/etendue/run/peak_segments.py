@@ -10,7 +10,7 @@ from typing import Any
 
 from etendue.compute.bands import LARGE_BAND
 from etendue.compute.job import Job
-from etendue.compute.joined.segment_bands import GATHERED, LARGEST_SHARED, TOGETHER
+from etendue.compute.joined.segment_bands import LARGEST_SHARED, TOGETHER, gathered_samples
 from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Banded, Summed, Transfer
 from etendue.transfer import sampling
@@ -70,12 +70,15 @@ def _by_band(run: Any, job: Job, grid: Grid) -> float:
         return float(transforms + max(ahead + 1.5 * padded, 1.5 * padded + run.plane(job)))
     run.transforms += [size for size in (terms * padded, transforms) if size <= LARGEST_SHARED]
     if made and large and in_rows(run, run.jobs[ref]):
-        ahead = GATHERED * run.size
+        ahead = AHEAD * gathered_samples(grid.bands().size) * run.size  # by one stage, and by the next
     else:
         ahead += (TOGETHER - 1) * run.plane(job)
-    kept = terms * padded if terms * padded <= LARGEST_SHARED else padded + transforms  # else one plane after the other
-    gathered = terms * run.plane(job) + max(ahead, kept)
-    return float(max(gathered, kept + 2 * transforms, 3 * transforms))
+    if terms * padded > LARGEST_SHARED:  # one plane after the other, and the result after the last
+        result = sum(run.bytes(job, name) for name in job.writes)
+        gathered = terms * run.plane(job) + max(ahead, padded + transforms)
+        return float(max(gathered - result, transforms + 2 * padded))
+    gathered = terms * run.plane(job) + max(ahead, terms * padded)
+    return float(max(gathered, terms * padded + 2 * transforms, 3 * transforms))
 
 
 def in_rows(run: Any, job: Job) -> bool:

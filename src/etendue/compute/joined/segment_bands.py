@@ -318,25 +318,26 @@ def _gathered(light: Array | BandArray, basis: Array) -> Iterator[Array]:
 def _gather_in_rows(light: BandArray, basis: Array, planes: list[Array]) -> None:
     """Add the bands to planes with the same bits as from whole bands, without holding any."""
     count, rows, columns = light.shape
-    whole, size = rows * columns, expansion.BLOCK * max(1, GATHERED // (expansion.BLOCK * count))
+    whole, size = rows * columns, gathered_samples(count) // count
     flat = [plane.reshape(-1) for plane in planes]
 
     def some(bands: slice, start: int) -> Array:
-        """Return a range of samples, which may begin and end within a row: the ranges of whole bands."""
+        """Return a range of samples of some bands, which may begin and end within a row."""
         stop, first = min(start + size, whole), start // columns
         own = light.rows(bands, slice(first, -(-stop // columns)))
         return own.reshape(len(own), -1)[:, start - first * columns : stop - first * columns]
 
-    lit = np.zeros(count, bool)
-    for start in range(0, whole, size):
-        if not (dark := np.flatnonzero(~lit)).size:
-            break
-        unknown = slice(int(dark[0]), int(dark[-1]) + 1)
-        lit[unknown] |= some(unknown, start).any(axis=1)
-    bands = np.flatnonzero(lit)
-    for start in range(0, whole if bands.size else 0, size):
-        found = some(slice(int(bands[0]), int(bands[-1]) + 1), start)
+    starts = range(0, whole, size)
+    # most bands are recognised by their first samples; dark bands take no place in a product, as with whole bands
+    lit = [band for band in range(count) if any(some(slice(band, band + 1), start).any() for start in starts)]
+    for start in starts if lit else ():
+        found = some(slice(lit[0], lit[-1] + 1), start)
         own = [plane[start : start + size] for plane in flat]
-        for first in range(0, bands.size, TOGETHER):
-            group = bands[first : first + TOGETHER]
-            expansion.add_projected(own, basis[:, group], [found[band - bands[0]] for band in group])
+        for first in range(0, len(lit), TOGETHER):
+            group = lit[first : first + TOGETHER]
+            expansion.add_projected(own, basis[:, group], [found[band - lit[0]] for band in group])
+
+
+def gathered_samples(bands: int) -> int:
+    """Return how many samples of all bands are made at once: whole blocks of the product of every band."""
+    return bands * expansion.BLOCK * max(1, GATHERED // (expansion.BLOCK * bands))
