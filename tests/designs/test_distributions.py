@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from etendue.contract.values.parameter import Parameter
-from etendue.plan.designs.distributions import distribution_of
+from etendue.plan.designs.distributions import distribution_of, level_share
 from etendue.plan.designs.points import unit_points
 
 WRITTEN = {
@@ -45,11 +45,24 @@ def test_moments_are_those_of_the_closed_form(name):
     assert values.var() == pytest.approx(variance, rel=2e-3)
 
 
-def test_levels_are_the_middles_of_strata():
+def test_there_is_one_level_in_every_stratum():
     one = of({"normal": [3, 0.3], "levels": 4})
-    found = sorted({one.quantile(share) for share in np.linspace(0.001, 0.999, 999)})
-    np.testing.assert_allclose([of({"normal": [3, 0.3]}).share_below(v) for v in found], [0.125, 0.375, 0.625, 0.875])
+    found = sorted({one.quantile(share) for share in np.linspace(0, 1, 999)})
+    shares = [of({"normal": [3, 0.3]}).share_below(value) for value in found]
+    out = 1 / 96  # the outer two are moved outward by 1/24 of a stratum
+    np.testing.assert_allclose(shares, [0.125 - out, 0.375, 0.625, 0.875 + out])
     assert [sum(a <= v < b for v in found) for a, b in zip(one.edges(), one.edges()[1:], strict=False)] == [1] * 4
+    assert level_share(0.3, 1) == 0.5
+
+
+@pytest.mark.parametrize("levels", [8, 16, 64])
+def test_the_mean_over_levels_is_of_third_order(levels):
+    """exp(3 u): the error is the closed form, but for its next order; middles alone would be 5.6 times as far off at 8
+    levels and 41 times at 64.
+    """
+    mean = np.exp([3 * level_share((n + 0.5) / levels, levels) for n in range(levels)]).mean()
+    expected = -23 / 1152 * 9 * (1 + np.exp(3)) / levels**3
+    assert mean - (np.exp(3) - 1) / 3 == pytest.approx(expected, rel=3 / levels)
 
 
 def test_whole_numbers_and_choices():

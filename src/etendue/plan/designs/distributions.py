@@ -26,6 +26,7 @@ MOST_LEVELS = 10_000
 NORMAL = NormalDist()
 TINY = 2.0**-53  # a share of 0 has no quantile
 SAME = 1e-11  # values are rounded to 12 digits
+OUTWARD = 1 / 24  # of a stratum: removes the second-order error of the mean over levels (Euler-Maclaurin)
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Distribution:
     numbers: tuple[float, ...]  # in the unit of the parameter; of choices: how many there are
     low: float = -math.inf  # truncated below and above
     high: float = math.inf
-    levels: int = 0  # how many values are used, each in the middle of a stratum of equal probability; 0: all
+    levels: int = 0  # how many values are used, each in a stratum of equal probability; 0: all
     whole: bool = False  # only whole numbers
 
     @property
@@ -73,7 +74,7 @@ class Distribution:
         if self.shape == "choices":
             return float(min(int(share * self.numbers[0]), int(self.numbers[0]) - 1))
         if self.levels:
-            share = (math.floor(share * self.levels) + 0.5) / self.levels
+            share = level_share(share, self.levels)
         low, high = self._below(self.low), self._below(self.high)
         found = min(max(self.at(low + share * (high - low)), self.low), self.high)
         return float(round(found)) if self.whole else found
@@ -84,7 +85,7 @@ class Distribution:
         return min(max((self._below(value) - low) / (high - low), 0.0), 1.0)
 
     def edges(self) -> list[float]:
-        """Return the edges of its strata of equal probability, whose middles are its levels."""
+        """Return the edges of its strata of equal probability, one for each level."""
         low, high = self._below(self.low), self._below(self.high)
         inner = [self.at(low + step / self.levels * (high - low)) for step in range(1, self.levels)]
         return [-math.inf, *inner, math.inf]
@@ -137,6 +138,16 @@ class Distribution:
         if value <= mode:
             return (value - first) ** 2 / (width * (mode - first)) if value > first else 0.0
         return 1 - (last - value) ** 2 / (width * (last - mode)) if value < last else 1.0
+
+
+def level_share(share: float, levels: int) -> float:
+    """Return the level of a share: the middle of its stratum; in the first and the last stratum a little outward.
+
+    The mean of f over n middles is off by (f'(0) - f'(1)) / (24 n^2). With the outer two moved by 1 / (24 n), it is off
+    by -23 (f''(0) + f''(1)) / (1152 n^3).
+    """
+    stratum = min(math.floor(share * levels), levels - 1)
+    return (stratum + 0.5 + OUTWARD * ((stratum == levels - 1) - (stratum == 0))) / levels
 
 
 def distribution_of(written: Any, parameter: Parameter, kind: Any, folder: Path) -> Distribution:

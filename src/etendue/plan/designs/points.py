@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Sequence
 from functools import lru_cache
 
+from etendue.plan.designs.distributions import level_share
 from etendue.types.arrays import Array
 
 METHODS = ("sobol", "halton", "random", "lhs", "saltelli", "list")
@@ -71,11 +72,10 @@ def discrepancy(shares: Array, levels: Sequence[int]) -> tuple[float, float]:
     """Return the centred discrepancy of points, and the centred discrepancy of the same points after rounding to this
     number of levels per factor (0: not rounded).
     """
-    import numpy as np
     from scipy.stats import qmc
 
     placed = shares.copy()
     for column, count in enumerate(levels):
         if count:
-            placed[:, column] = (np.floor(shares[:, column] * count) + 0.5) / count
+            placed[:, column] = [level_share(share, count) for share in shares[:, column].tolist()]
     return float(qmc.discrepancy(shares)), float(qmc.discrepancy(placed))
