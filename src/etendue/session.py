@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -19,7 +19,7 @@ from etendue.archive import places
 from etendue.archive.records.provenance import platform_record
 from etendue.compute.jobs import make_jobs
 from etendue.contract.ports import CellReport, Keeper, Progress, WrittenChunk
-from etendue.errors import RequestError
+from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import (
     PipelineFile,
     PipelineSource,
@@ -102,6 +102,21 @@ class Outcome:
     moved: dict[str, int] = field(default_factory=dict)  # shards rewritten, bytes copied for them, bytes computed
     restored: int = 0  # cells of earlier runs that were computed again because they were damaged
     answers: Document | None = None  # the errors of the wanted variables (accuracy.answer), if they were measured
+    read: Callable[[CellRef, frozenset[str]], Mapping[str, Array]] | None = None  # variables of a cell in the archive
+
+    def kept(self, ref: CellRef, names: Collection[str]) -> Mapping[str, Array]:
+        """Return those of some variables of a finished cell that the run has kept, read-only."""
+        report = self.reports.get(ref)
+        if report is None or report.status not in ("done", "left_out", "reused"):
+            return {}
+        try:
+            found = self.read(ref, frozenset(names)) if self.read else self.arrays.get(ref, {})
+        except (ArchiveError, OSError):  # damaged since: it can be computed again
+            return {}
+        own = {name: found[name].view() for name in names if name in found}
+        for array in own.values():
+            array.setflags(write=False)
+        return own
 
     def error_of(self, stage: str, variable: str) -> DocumentView | None:
         """Return the error of a wanted variable at the shown point; None if it was not measured."""
@@ -232,6 +247,10 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress, 
         if work.plan is not plan:
             standing = {ref: standing[own] for ref, own in work.cells.items() if own in standing}
         tree, files = keeper.close(run.tables(), sheet, reports.count(FAILED) > 0)
+
+    def read(ref: CellRef, names: frozenset[str]) -> Mapping[str, Array]:
+        return keeper.stored([work.cells[ref]], named=names)[work.cells[ref]]
+
     if work.todo:
         _remember(plan, reports.of(plan, work.cells), archive=keeper.folder is not None)
     reports.reuse(ref for ref in run.earlier if ref in reports)
@@ -254,6 +273,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress, 
         work.mended,
         work.moved,
         run.restored() if options.restore else 0,
+        read=None if keeper.keeps_arrays else read,
     )
 
 

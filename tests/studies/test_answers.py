@@ -2,8 +2,11 @@
 
 import copy
 import dataclasses
+import itertools
 import json
 import math
+import shutil
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from etendue import simulate
-from etendue.accuracy.answers import pilots, recalled
+from etendue.accuracy.answers import pilots, recalled, refinement
 from etendue.accuracy.answers.cached import answer_key
 from etendue.accuracy.answers.error import Part, answers_of, part_between
 from etendue.accuracy.answers.pilots import state_errors
@@ -25,7 +28,7 @@ from etendue.plan.planner import make_plan
 from etendue.plan.shown import answers
 from etendue.plan.variants import with_draw
 from etendue.present.terminal.answer_texts import is_sound, notes, plus_minus
-from etendue.session import collect, load
+from etendue.session import Collected, collect, execute, load
 
 CAMERA = {
     "f_number": 4.0,
@@ -35,6 +38,7 @@ CAMERA = {
     "peak_qe": [0.4, 0.5, 0.4],
     "illuminant": "A",
 }
+EXTENDED = ("slanted_edge", "points", "uniform", "siemens_star")  # charts that have a margin
 WANTED = ["photon_rate", "mean_snr", "lens_numbers.airy_diameter"]
 
 
@@ -101,19 +105,26 @@ def test_stated_error_covers_a_run_with_everything_three_times_as_fine(scene: di
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda one: one.get("use", "slanted_edge"))
-@pytest.mark.parametrize("apart", [True, False], ids=["steps", "ends"])
-def test_cheaper_ways_cover_it_too(scene: dict[str, Any], apart: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The budget counts as small for any pipeline here; with ``ends`` no time is left to measure the steps."""
+@pytest.mark.parametrize(
+    ("splits", "label"),
+    [(3, "spacing"), (1, "bins and spacing"), (0, "bins and margin and omissions and spacing")],
+    ids=["steps", "pairs", "whole"],
+)
+def test_cheaper_ways_cover_it_too(
+    scene: dict[str, Any], splits: int, label: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The budget counts as small for any pipeline here; with ``pairs`` and ``whole`` no time is left for more."""
     monkeypatch.setattr(pilots, "THRIFT", 1e12)
-    if not apart:
-        monkeypatch.setattr(pilots.Together, "split", lambda self: None)
+    split, done = pilots.Together._split, itertools.count()
+    monkeypatch.setattr(pilots.Together, "_split", lambda *given: next(done) < splits and split(*given))
     made = pipeline(**scene)
     finer = copy.deepcopy(made)
     for name in ("spacing", "bin_width"):
         finer["stages"][0][name] /= 3
     own, exact = values(made, False), values(finer, True)
     errors = stated(made, 1e6).errors
-    assert ("bins and spacing" in errors["photon_rate"].parts) is not apart
+    whole = label if scene.get("use", "slanted_edge") in EXTENDED else label.replace("margin and ", "")
+    assert whole in errors["photon_rate"].parts
     for name in own:
         array, declared, stage = own[name]
         true = part_between(array, exact[name][0], declared, stage)
@@ -138,6 +149,36 @@ def test_what_cannot_be_coarser_is_refined_and_not_called_fixed(
     short = stated(pipeline(**scene), 1e6).errors["photon_rate"]
     assert name not in short.fixed
     assert short.parts[name].rms == pytest.approx(own.parts[name].rms)
+
+
+@pytest.mark.parametrize("place", ["memory", "archive"])
+def test_errors_that_start_from_the_results_of_the_run_are_those_of_a_new_computation(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bit by bit; and the light of the run is not computed again, unless it is damaged by then."""
+    document = pipeline(white_luminance=3000.0) | {"sweep": {"f_number": [2.0, 8.0]}, "tolerance": 1e-6}
+    plan = make_plan(load(document), installed_stages())
+    outcome = execute(plan, None if place == "memory" else tmp_path / "run")
+    fresh = state_errors(plan, installed_stages(), None, math.inf).errors
+    computed: list[str] = []
+    monkeypatch.setattr(refinement, "collect", lambda *given: _noting(computed, collect(*given)))
+    kept = state_errors(plan, installed_stages(), None, math.inf, kept=outcome.kept).errors
+    assert {name: one.parts for name, one in kept.items()} == {name: one.parts for name, one in fresh.items()}
+    assert kept["mean_snr"].noise > 0 and 0.1 < kept["mean_snr"].noise / fresh["mean_snr"].noise < 10
+    light = computed.count("pixel")
+    computed.clear()
+    if place == "archive":
+        shutil.rmtree(tmp_path / "run" / "data.zarr")
+    else:
+        outcome.arrays = {}
+    again = state_errors(plan, installed_stages(), None, math.inf, kept=outcome.kept).errors
+    assert again["mean_snr"].parts == fresh["mean_snr"].parts
+    assert computed.count("pixel") == light + 2  # once for each point of the sweep
+
+
+def _noting(computed: list[str], found: Collected) -> Collected:
+    computed += [stage for stage, _ in found.reports]
+    return found
 
 
 SWEPT = {

@@ -2,7 +2,7 @@
 variant takes a fraction of the time of a new plan.
 
 In:  a plan.
-Out: a plan for runs that store nothing: its cells have no keys, or the keys of the whole plan.
+Out: a plan for runs that store nothing: its cells have the keys and stated errors of the whole plan, or none.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def variant(
     graph = Graph(nodes, axes, shared, wanted, None, (), derived=derived, factors=factors)
     pipeline = plan.pipeline
     precision, decided = ("float64", {}) if exact else (plan.precision, plan.cells)
-    choice = Choice(pipeline.tolerance, False, precision, pipeline.norm, plan.expected, decided=decided, keys=False)
+    choice = Choice(pipeline.tolerance, False, precision, pipeline.norm, plan.expected, decided=decided, stored=False)
     cells, chosen, _ = expand(graph, pipeline, choice)
     return replace(
         plan,

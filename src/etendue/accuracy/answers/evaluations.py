@@ -9,9 +9,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
-from etendue.accuracy.answers.refinement import DRAWN, Factors, Point
+from etendue.accuracy.answers.refinement import DRAWN, Factors, Kept, Point, nothing_kept
 from etendue.contract.ports import CellReport, Progress
 from etendue.errors import MachineError
 from etendue.plan.ancestry import ancestry
@@ -104,9 +105,12 @@ class Evaluations:
     rates : measured seconds of the stages, see `Rates`
     until : ``time.process_time()`` at which the budget ends
     shown : returns the progress to show of a plan, or None
+    kept : returns variables that the run has kept, which are not computed again
     """
 
-    def __init__(self, point: Point, rates: Rates, until: float, shown: Shown = None) -> None:
+    def __init__(
+        self, point: Point, rates: Rates, until: float, shown: Shown = None, kept: Kept = nothing_kept
+    ) -> None:
         self.point, self.rates, self.until, self.shown = point, rates, until, shown
         self.planning = PLANNING
         self._plans: dict[tuple[object, ...], Plan | None] = {}
@@ -114,7 +118,9 @@ class Evaluations:
         # By evaluation and asked variables: the costs of its cells; and the evaluations that fit into memory.
         self._costs: dict[tuple[object, ...], Costs] = {}
         self._fit: set[tuple[object, ...]] = set()
-        self._before_noise: Mapping[CellRef, Mapping[str, Array]] = {}
+        self.draw = point.draw_of_run(kept)
+        self._start = point.computed_before(kept)
+        self._before_noise = {ref: own for ref, own in self._start.items() if ref in point.before_noise}
 
     @property
     def left(self) -> float:
@@ -122,8 +128,13 @@ class Evaluations:
 
     @property
     def planned_seconds(self) -> float:
-        """Return the expected seconds of the point as planned."""
-        return self._seconds(PLANNED, self.point.base, None)
+        """Return the expected seconds of the point as planned, if nothing of it were known."""
+        return self.rates.seconds(self._costs_as_planned)
+
+    @cached_property
+    def _costs_as_planned(self) -> Costs:
+        base = self.point.base
+        return costs_of(base, ancestry(base, set(self.point.refs(base).values())))
 
     def plan(self, factors: Factors, how: str = "") -> Plan | None:
         """Return the plan of an evaluation; None if the stages refuse it."""
@@ -200,22 +211,31 @@ class Evaluations:
     def _seconds(self, which: Which, plan: Plan, asked: Collection[StageVariable] | None) -> float:
         key = (*_key(*which), None if asked is None else frozenset(asked))
         if key not in self._costs:
-            known = self.point.before_noise.keys() if which[1] == DRAWN and asked is None else ()
+            known: Mapping[CellRef, object] = self._known_arrays(which)
+            if which[1] == DRAWN and asked is None:  # by then the noise-free path has been computed
+                known = self.point.before_noise
             cells = ancestry(plan, set(self.point.refs(plan, asked).values()), known)
-            self._costs[key] = costs_of(plan, cells - set(known))
+            self._costs[key] = costs_of(plan, cells - known.keys())
         return self.rates.seconds(self._costs[key])
 
+    def _known_arrays(self, which: Which) -> Mapping[CellRef, Mapping[str, Array]]:
+        """Return what is known of an evaluation before it is made."""
+        if which == PLANNED:
+            return self._start
+        return self._before_noise if which[1] == DRAWN else {}
+
     def _evaluated(self, which: Which, plan: Plan, asked: Asked) -> Evaluated:
-        whole = asked is None
+        whole, point = asked is None, self.point
         progress = self.shown(plan) if self.shown and self._seconds(which, plan, asked) > 1 else None
-        known = self._before_noise if which[1] == DRAWN and whole else {}
-        more = self.point.before_noise if which == PLANNED and whole else {}
-        found = self.point.computed(plan, progress, known, more, asked)
+        more: Mapping[CellRef, Collection[str]] = {}
+        if which == PLANNED and whole and point.noisy:
+            more = {ref: names for ref, names in point.before_noise.items() if ref not in self._start}
+        found = point.computed(plan, progress, self._known_arrays(which), more, asked)
         for report in found.reports.values():
             self.rates.learn(plan, report)
         if more:
-            self._before_noise = {ref: found.arrays[ref] for ref in more if ref in found.arrays}
-        made = plan, self.point.values(plan, found)
+            self._before_noise |= {ref: found.arrays[ref] for ref in more if ref in found.arrays}
+        made = plan, point.values(plan, found)
         self._values[_key(*which) if whole else (*_key(*which), asked)] = made
         return made
 

@@ -16,7 +16,7 @@ from etendue.accuracy.answers.comparing import KnownParts, Parts, Texts, Way, at
 from etendue.accuracy.answers.error import AnswerError, AnswerErrors, is_number, scaled, worst
 from etendue.accuracy.answers.evaluations import PLANNED, PLANNING, Evaluations, Rates, Shown, Which
 from etendue.accuracy.answers.one_at_a_time import measure_each, measure_omissions
-from etendue.accuracy.answers.refinement import DRAWN, NOTHING, Point
+from etendue.accuracy.answers.refinement import DRAWN, NOTHING, Kept, Point, nothing_kept
 from etendue.accuracy.answers.together import Together
 from etendue.accuracy.pilot import chosen_places
 from etendue.contract.registry import Registry
@@ -29,7 +29,7 @@ THRIFT = 20.0  # largest cost of measuring one part after the other, in units of
 ELSEWHERE = 2.0  # factor for points of a sweep that were not measured
 PLACES = 4  # points of a sweep that are measured, as far as the budget allows
 UNSEEN = 1e-7  # of full scale; a picture with a smaller error is black, saturated or uniform there
-DRAWS = 4  # number of draws of the noise
+DRAWS = 4  # number of draws of the noise, with that of the run
 INTERVAL = 3.182  # Student's t for 95 % and three degrees of freedom
 
 
@@ -42,6 +42,7 @@ def state_errors(
     shown: Shown = None,
     places: int = PLACES,
     known: KnownParts = NOTHING,
+    kept: Kept = nothing_kept,
 ) -> AnswerErrors:
     """Return the error of every wanted variable and headline metric.
 
@@ -52,6 +53,7 @@ def state_errors(
     shown : returns the progress to show of a plan
     places : largest number of points of a sweep
     known : parts of the errors that are known and need not be measured, as the largest value over the points
+    kept : returns variables of the run that it has kept; they are not computed again
     """
     began, at, wanted = time.process_time(), shown_place(plan), answers(plan)
     rates, dear, longest = Rates(plan, reports), 0.0, 0.0
@@ -60,7 +62,7 @@ def state_errors(
         since = time.process_time()
         if found and (dear or began + budget - since < longest):
             break
-        evaluations = Evaluations(Point(plan, registry, place, wanted), rates, began + budget, shown)
+        evaluations = Evaluations(Point(plan, registry, place, wanted), rates, began + budget, shown, kept)
         own, dear = _at_point(plan, evaluations, known)
         found.append(own)
         longest = max(longest, time.process_time() - since)
@@ -127,12 +129,13 @@ def _noise(evaluations: Evaluations, parts: Parts, missing: Texts) -> tuple[dict
     noisy = evaluations.point.noisy
     if not noisy:
         return {}, 0.0
-    draws: list[Which] = [({"draw": n}, DRAWN) for n in range(DRAWS)]
+    own_draw = evaluations.draw
+    draws: list[Which] = [({"draw": n}, DRAWN) for n in range(DRAWS - bool(own_draw))]
     every, seconds = attempt(evaluations, missing, "noise", noisy, [Way((PLANNED, *draws))])
-    made = every.made if every else []
+    made = [own for _, own in every.made] if every else []
     found = {}
     for one in noisy if made else ():
-        values = [float(np.ravel(own[one])[-1]) for _, own in made if one in own]
+        values = [float(np.ravel(own[one])[-1]) for own in (*made, own_draw) if one in own]
         if len(values) == DRAWS + 1 and all(map(math.isfinite, values)):
             mean, spread = math.fsum(values[1:]) / DRAWS, float(np.std(values[1:], ddof=1))
             found[one] = INTERVAL * spread

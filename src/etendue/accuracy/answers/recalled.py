@@ -16,7 +16,7 @@ from etendue.accuracy.answers.comparing import KnownParts
 from etendue.accuracy.answers.error import AnswerErrors, answers_of
 from etendue.accuracy.answers.evaluations import Shown
 from etendue.accuracy.answers.pilots import state_errors
-from etendue.accuracy.answers.refinement import NOTHING
+from etendue.accuracy.answers.refinement import NOTHING, Kept, nothing_kept
 from etendue.archive.records.remembered import ANSWER, documents, remember
 from etendue.contract.registry import Registry
 from etendue.plan.model import Plan
@@ -39,6 +39,7 @@ def answer_errors(
     folder: Path | None = None,
     shown: Shown = None,
     known_parts: KnownParts = NOTHING,
+    kept: Kept = nothing_kept,
 ) -> AnswerErrors:
     """Return the errors of a run's wanted variables. Errors that an earlier run has measured for the same cells are
     reused. A finished run never fails because of this measurement: if a stage raises an error, the message is stored as
@@ -49,7 +50,7 @@ def answer_errors(
         found = known
     else:
         try:
-            found = state_errors(plan, registry, reports, budget, shown, known=known_parts)
+            found = state_errors(plan, registry, reports, budget, shown, known=known_parts, kept=kept)
         except Exception as error:
             return AnswerErrors({}, {}, {}, why=f"{where(error)}{plain(str(error) or type(error).__name__)}")
         cache.write(KIND, answer_key(plan), json.dumps(finite(found.document())).encode())

@@ -36,6 +36,13 @@ if TYPE_CHECKING:
 
 EXACT, NEARER, DRAWN = "exact", "nearer", "drawn"  # ``how`` of `Point.planned`; '' is as planned
 NOTHING: Mapping[Any, Any] = MappingProxyType({})
+Kept = Callable[[CellRef, Collection[str]], Mapping[str, "Array"]]  # those of the variables of a cell that a run kept
+
+
+def nothing_kept(ref: CellRef, names: Collection[str]) -> Mapping[str, Array]:
+    return {}
+
+
 Factors = Mapping[str, int]  # by discretisation: n times as fine, or -n: n times as coarse
 
 
@@ -57,7 +64,8 @@ class Point:
         self.pipeline = wanting(narrowed(pipeline, plan.axes, [dict(place)]), wanted)
         self.base = at_point(plan, place, wanted)  # plan with everything as in the run, but without noise
         self.at = at = plan.everywhere({axis.dim: axis.values.index(place[axis.dim]) for axis in plan.axes})
-        here = {node.name: plan.cells[node.name, tuple(at[dim] for dim in node.axes)].stage for node in plan.nodes}
+        self.here = {node.name: (node.name, tuple(at[dim] for dim in node.axes)) for node in plan.nodes}
+        here = {name: plan.cells[ref].stage for name, ref in self.here.items()}
         self.stages = {name: stage for name, stage in here.items() if isinstance(stage, Discretised)}
         self.silent = [name for name, one in here.items() if isinstance(one, Source) and name not in self.stages]
 
@@ -192,13 +200,18 @@ class Point:
         return [one for one in self.wanted if one[0] in drawn and is_number(self.base.node(one[0]).writes[one[1]])]
 
     @cached_property
-    def before_noise(self) -> Mapping[CellRef, set[str]]:
-        """The variables that do not depend on the noise, from which every draw starts."""
+    def drawn(self) -> set[str]:
+        """The stages whose outputs differ between a run and the noise-free path."""
         nodes = {node.name: node for node in self.base.nodes}
         averaged = (name for name, one in nodes.items() if any(issubclass(a.kind, Sampled) for a in one.alternatives))
-        drawn = behind(self.base, [*(name for name, one in nodes.items() if one.draws_anew), *averaged])
+        return behind(self.base, [*(name for name, one in nodes.items() if one.draws_anew), *averaged])
+
+    @cached_property
+    def before_noise(self) -> Mapping[CellRef, set[str]]:
+        """The variables that do not depend on the noise, from which every draw and the noise-free path start."""
+        nodes, drawn = {node.name: node for node in self.base.nodes}, self.drawn
         found: dict[CellRef, set[str]] = {}
-        for cell in self.base.cells.values() if self.noisy else ():
+        for cell in self.base.cells.values():
             if cell.node in drawn:
                 what = {port: of for port, of, _ in nodes[cell.node].looks_at if not looks_at_stages(of)}
                 seen = [(ref, what[port]) for port, refs in cell.looks_at if port in what for ref in refs]
@@ -207,6 +220,31 @@ class Point:
                     if ref[0] not in drawn:
                         found.setdefault(ref, set()).add(name)
         return found
+
+    def computed_before(self, kept: Kept) -> dict[CellRef, Mapping[str, Array]]:
+        """Return what a run has kept of the cells that do not depend on the noise: their variables in `before_noise`
+        and their wanted variables. A cell of which one is not kept is omitted.
+        """
+        needed = {ref: set(names) for ref, names in self.before_noise.items()}
+        for (stage, name), ref in self.refs(self.base).items():
+            if stage not in self.drawn:
+                needed.setdefault(ref, set()).add(name)
+        found = {}
+        for ref, names in needed.items():
+            writes = self.base.node(ref[0]).writes
+            if all(writes[name].dtype == "float" for name in names):
+                arrays = kept(self.here[ref[0]], names)
+                if arrays.keys() >= names:
+                    found[ref] = arrays
+        return found
+
+    def draw_of_run(self, kept: Kept) -> dict[StageVariable, Array]:
+        """Return the wanted numbers that differ between draws, as the run has drawn them; nothing if one is not
+        kept.
+        """
+        found = {(stage, name): kept(self.here[stage], {name}).get(name) for stage, name in self.noisy}
+        known = {one: array for one, array in found.items() if array is not None}
+        return known if len(known) == len(found) else {}
 
     def refs(self, plan: Plan, asked: Collection[StageVariable] | None = None) -> dict[StageVariable, CellRef]:
         """Return the cells of the variables to evaluate: the noisy numbers for a draw, otherwise all wanted variables;
@@ -227,7 +265,10 @@ class Point:
         needed = {ref: set(names) for ref, names in more.items()}
         for (_, name), ref in self.refs(plan, asked).items():
             needed.setdefault(ref, set()).add(name)
-        return collect(plan, needed, Options("serial"), progress, known)
+        needed = {ref: names for ref, names in needed.items() if ref not in known}
+        found = collect(plan, needed, Options("serial"), progress, known)
+        found.arrays.update({ref: dict(own) for ref, own in known.items()})
+        return found
 
     def values(self, plan: Plan, found: Collected | None = None) -> dict[StageVariable, Array]:
         """Return the values of an evaluation, without the values of failed cells."""

@@ -2,7 +2,8 @@
 
 In:  evaluations of a point.
 Out: the parts of the errors of the wanted variables: one part for bins and spacing, and one for margin and omissions;
-     each discretisation has its own part if the budget allows one more evaluation.
+     each discretisation has its own part if the budget allows one more evaluation; all together have one part if it
+     allows no second one.
 
 Evaluations form chains; each step of a chain changes one thing. The difference between both ends gives the error of all
 steps; an evaluation in between separates the steps.
@@ -27,7 +28,7 @@ from etendue.accuracy.answers.comparing import (
     not_affected,
 )
 from etendue.accuracy.answers.error import OMISSIONS, Part
-from etendue.accuracy.answers.evaluations import PLANNED, Evaluations, TooDear, Which
+from etendue.accuracy.answers.evaluations import PLANNED, Evaluated, Evaluations, TooDear, Which
 from etendue.accuracy.answers.refinement import NEARER, Factors
 from etendue.plan.model import Plan, StageVariable
 
@@ -45,6 +46,13 @@ class Chain(NamedTuple):
 
     names: tuple[str, ...]  # of these things
     which: tuple[Which, ...]  # one more
+
+    @property
+    def ends(self) -> tuple[Which, Which]:
+        return self.which[0], self.which[-1]
+
+    def steps(self) -> list[Chain]:
+        return [Chain((name,), pair) for name, pair in zip(self.names, itertools.pairwise(self.which), strict=True)]
 
     def label(self, affected: Mapping[str, list[StageVariable]], one: StageVariable) -> str:
         """Return the names of the steps that can change a variable."""
@@ -73,7 +81,7 @@ class Together:
         point = evaluations.point
         self.affected = {name: point.affected(plan, name) for name in point.names()} | {OMISSIONS: [*point.wanted]}
         self.dear = 0.0  # seconds of what was too costly
-        self.measured: list[Chain] = []
+        self.measured: list[tuple[Chain, list[Chain]]] = []  # with its pieces
         self.apart: list[str] = []  # discretisations that can be refined, but not as a step of a chain
 
     def measure(self) -> None:
@@ -85,30 +93,19 @@ class Together:
         except TooDear as error:
             self._lack(names, error)
             return
+        chains = [chain for chain in chains if chain.names]
+        for name in (name for chain in chains for name in chain.names):
+            not_affected(self.parts, self.affected[name], name)
+        if len(chains) == 2 and self._at_once(*chains):
+            return
         for chain in chains:
-            for name in chain.names:
-                not_affected(self.parts, self.affected[name], name)
-            if chain.names:
-                self._ends(chain)
+            self._ends(chain)
 
     def split(self) -> None:
-        """Measure the steps of chains apart, as far as the budget allows."""
-        for chain in self.measured:
-            try:
-                made = self.evaluations.all_of(*chain.which)
-            except TooDear:
-                continue
-            if made is None:
-                continue
-            apart: Parts = {one: {} for one in self.parts}
-            lacking: Texts = {one: {} for one in self.parts}
-            for name, pair in zip(chain.names, itertools.pairwise(made), strict=True):
-                compare(apart, lacking, [*pair], name, self.affected[name], chain.factor(name))
-            for one, own in apart.items():
-                label = chain.label(self.affected, one)
-                if label in self.parts[one] and not lacking[one]:
-                    del self.parts[one][label]
-                    self.parts[one].update(own)
+        """Measure both chains apart, and then their steps, as far as the budget allows."""
+        for chain, pieces in self.measured:
+            if len(pieces) > 1 and not self._split(chain, pieces):
+                return
 
     def _grids(self, names: list[str]) -> Chain:
         """Return the chain from coarser bins and spacing to the bins and spacing of the pipeline."""
@@ -157,21 +154,63 @@ class Together:
             found, steps = [*found, OMISSIONS], [*steps, (chosen, NEARER)]
         return Chain(tuple(found), tuple(steps))
 
+    def _at_once(self, grids: Chain, rest: Chain) -> bool:
+        """Compare the end of both chains with the pipeline, if the chains start from the same evaluation and the budget
+        allows it: one evaluation less than each chain by itself.
+        """
+        if rest.which[0] != grids.which[0]:
+            return False
+        whole = Chain((*grids.names, *rest.names), (rest.which[-1], PLANNED))
+        try:
+            pair = self.evaluations.all_of(*whole.which)
+        except TooDear:
+            return False
+        if pair is None:
+            return False
+        for one in self.parts:
+            self._compare(self.parts, self.missing, pair, whole, one)
+        self.measured += [(whole, [grids, rest]), (grids, grids.steps()), (rest, rest.steps())]
+        return True
+
     def _ends(self, chain: Chain) -> None:
         """Compare the ends of a chain."""
         wanted = [one for one in self.parts if chain.label(self.affected, one)]
         unmet: Texts = {one: {} for one in self.parts}
-        way = Way((chain.which[0], chain.which[-1]))
-        pair, seconds = attempt(self.evaluations, unmet, "", wanted, [way])
+        pair, seconds = attempt(self.evaluations, unmet, "", wanted, [Way(chain.ends)])
         self.dear += seconds
         for one in wanted:
-            label = chain.label(self.affected, one)
             if unmet[one]:
-                self.missing[one][label] = unmet[one][""]
+                self.missing[one][chain.label(self.affected, one)] = unmet[one][""]
             elif pair is not None and pair.made:
-                compare(self.parts, self.missing, pair.made, label, [one], chain.factor(label))
-        if len(chain.names) > 1 and not any(unmet.values()):
-            self.measured.append(chain)
+                self._compare(self.parts, self.missing, pair.made, chain, one)
+        if not any(unmet.values()):
+            self.measured.append((chain, chain.steps()))
+
+    def _split(self, whole: Chain, pieces: list[Chain]) -> bool:
+        """Replace the part of a chain by those of its pieces; return False if the budget does not allow it."""
+        every = [one for piece in pieces for one in piece.ends]
+        which = [one for number, one in enumerate(every) if one not in every[:number]]
+        try:
+            made = self.evaluations.all_of(*which)
+        except TooDear:
+            return False
+        if made is None:
+            return False
+        pairs = [[made[which.index(one)] for one in piece.ends] for piece in pieces]
+        for one, own in self.parts.items():
+            label = whole.label(self.affected, one)
+            apart: Parts = {one: {}}
+            lacking: Texts = {one: {}}
+            for piece, pair in zip(pieces, pairs, strict=True):
+                self._compare(apart, lacking, pair, piece, one)
+            if label in own and not lacking[one]:
+                del own[label]
+                own.update(apart[one])
+        return True
+
+    def _compare(self, parts: Parts, missing: Texts, pair: list[Evaluated], chain: Chain, one: StageVariable) -> None:
+        if label := chain.label(self.affected, one):
+            compare(parts, missing, pair, label, [one], chain.factor(label))
 
     def _lack(self, names: list[str], error: TooDear) -> None:
         """Record that planning alone exceeds the budget."""

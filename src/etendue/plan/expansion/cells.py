@@ -80,7 +80,7 @@ class Expansion:
         self.between: dict[tuple[tuple[str, ...], tuple[str, ...]], list[int]] = {}
         self.forms: dict[Hashable, CellGrids] = {}
         self.grids: dict[Grid, Grid] = {}
-        self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions, choice.keys)
+        self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions, choice.stored)
         self.faults: dict[str, Fault] = {}
         self.looked = 0.0  # seconds spent on scenes whose content was not in the cache
         self.earlier = nearest_of(choice.earlier, graph, pipeline, choice)

@@ -38,6 +38,7 @@ class Decisions(NamedTuple):
     blind: bool  # whether all but the facts is the same whatever the facts of the inputs
 
 
+NOT_ASKED: tuple[float | None, str] = (None, "unknown")
 StageAt = Callable[[Node, int, Mapping[str, int]], Stage]  # the stage of an alternative at a combination of the axes
 
 
@@ -90,8 +91,9 @@ class Decider:
         # Leaving out comes first: it is cheaper than any setting, and a cell left out needs no setting.
         if not left_out and self.knobs.get((node.name, draft.number)):
             stage, approximated = self.approximate(draft, watched)
-        error = self.error(draft, stage, watched)
-        facts = behind(stage, facts_in, form.input_grids, facts)
+        error = self.error(draft, stage, watched) if self.choice.stored else NOT_ASKED
+        if self.choice.stored:
+            facts = behind(stage, facts_in, form.input_grids, facts)
         if left_out:
             # A cell that is left out passes its input on, so the facts of that input hold for its output.
             main = next(iter(node.writes))

@@ -29,7 +29,7 @@ class Choice:
     versions: Mapping[str, str] = field(default_factory=dict)
     computed: frozenset[str] = frozenset()  # stages that are not left out, whatever their bound
     decided: Mapping[CellRef, Cell] = field(default_factory=dict)  # cells whose decisions are copied
-    keys: bool = True  # whether cells have keys; without keys, results cannot be stored or reused
+    stored: bool = True  # whether results may be stored or reused: if not, cells have neither keys nor stated errors
     digits: float = 0.0  # tolerance to which the digits of pictures are rounded; 0: all stay
     earlier: tuple[Plan, ...] = ()  # plans decided alike; cells that cannot differ are taken from one of them
 
