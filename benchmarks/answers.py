@@ -249,10 +249,7 @@ def one(given: tuple[str, int]) -> Drawn:
         began = time.process_time()
         outcome = execute(plan, None, Options("serial", pictures=False))
         run = time.process_time() - began
-        every = [
-            state_errors(plan, registry, outcome.reports, budget, kept=outcome.kept)
-            for budget in (max(0.2, 0.1 * run), math.inf)
-        ]
+        every = [state_errors(plan, registry, outcome, budget) for budget in (max(0.2, 0.1 * run), math.inf)]
         true = true_errors(plan, truth, registry)
     except EtendueError as error:
         return Drawn(kind, seed, str(error).splitlines()[0])

@@ -162,7 +162,7 @@ def test_errors_that_start_from_the_results_of_the_run_are_those_of_a_new_comput
     fresh = state_errors(plan, installed_stages(), None, math.inf).errors
     computed: list[str] = []
     monkeypatch.setattr(refinement, "collect", lambda *given: _noting(computed, collect(*given)))
-    kept = state_errors(plan, installed_stages(), None, math.inf, kept=outcome.kept).errors
+    kept = state_errors(plan, installed_stages(), outcome, math.inf).errors
     assert {name: one.parts for name, one in kept.items()} == {name: one.parts for name, one in fresh.items()}
     assert kept["mean_snr"].noise > 0 and 0.1 < kept["mean_snr"].noise / fresh["mean_snr"].noise < 10
     light = computed.count("pixel")
@@ -171,7 +171,7 @@ def test_errors_that_start_from_the_results_of_the_run_are_those_of_a_new_comput
         shutil.rmtree(tmp_path / "run" / "data.zarr")
     else:
         outcome.arrays = {}
-    again = state_errors(plan, installed_stages(), None, math.inf, kept=outcome.kept).errors
+    again = state_errors(plan, installed_stages(), outcome, math.inf).errors
     assert again["mean_snr"].parts == fresh["mean_snr"].parts
     assert computed.count("pixel") == light + 2  # once for each point of the sweep
 

@@ -93,7 +93,7 @@ def with_errors(outcome: Outcome, errors: bool | float = True) -> None:
     folder = outcome.archive if isinstance(outcome.archive, Path) else None
     if not errors or outcome.failed or (budget < 5 * PLANNING and recalled(outcome.plan, folder) is None):
         return
-    found = answer_errors(outcome.plan, installed_stages(), outcome.reports, budget, folder, kept=outcome.kept)
+    found = answer_errors(outcome, installed_stages(), budget, folder)
     outcome.answers = found.document()
 
 

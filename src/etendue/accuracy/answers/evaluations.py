@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from etendue.accuracy.answers.refinement import DRAWN, Factors, Kept, Point, nothing_kept
+from etendue.accuracy.answers.refinement import DRAWN, Factors, Point
 from etendue.contract.ports import CellReport, Progress
 from etendue.errors import MachineError
 from etendue.plan.ancestry import ancestry
@@ -24,6 +24,7 @@ from etendue.present.terminal.answer_texts import shortened
 from etendue.run.machine import check_machine
 
 if TYPE_CHECKING:
+    from etendue.session import Outcome
     from etendue.types.arrays import Array
 
 Which = tuple[Factors, str]
@@ -105,11 +106,11 @@ class Evaluations:
     rates : measured seconds of the stages, see `Rates`
     until : ``time.process_time()`` at which the budget ends
     shown : returns the progress to show of a plan, or None
-    kept : returns variables that the run has kept, which are not computed again
+    run : what it has kept is not computed again
     """
 
     def __init__(
-        self, point: Point, rates: Rates, until: float, shown: Shown = None, kept: Kept = nothing_kept
+        self, point: Point, rates: Rates, until: float, shown: Shown = None, run: Outcome | None = None
     ) -> None:
         self.point, self.rates, self.until, self.shown = point, rates, until, shown
         self.planning = PLANNING
@@ -118,8 +119,8 @@ class Evaluations:
         # By evaluation and asked variables: the costs of its cells; and the evaluations that fit into memory.
         self._costs: dict[tuple[object, ...], Costs] = {}
         self._fit: set[tuple[object, ...]] = set()
-        self.draw = point.draw_of_run(kept)
-        self._start = point.computed_before(kept)
+        self.draw = point.draw_of_run(run.kept) if run else {}
+        self._start = point.computed_before(run.kept) if run else {}
         self._before_noise = {ref: own for ref, own in self._start.items() if ref in point.before_noise}
 
     @property

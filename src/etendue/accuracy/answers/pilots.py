@@ -16,14 +16,14 @@ from etendue.accuracy.answers.comparing import KnownParts, Parts, Texts, Way, at
 from etendue.accuracy.answers.error import AnswerError, AnswerErrors, is_number, scaled, worst
 from etendue.accuracy.answers.evaluations import PLANNED, PLANNING, Evaluations, Rates, Shown, Which
 from etendue.accuracy.answers.one_at_a_time import measure_each, measure_omissions
-from etendue.accuracy.answers.refinement import DRAWN, NOTHING, Kept, Point, nothing_kept
+from etendue.accuracy.answers.refinement import DRAWN, NOTHING, Point
 from etendue.accuracy.answers.together import Together
 from etendue.accuracy.pilot import chosen_places
 from etendue.contract.registry import Registry
 from etendue.plan.model import Plan, StageVariable
-from etendue.plan.reports import Reports
 from etendue.plan.shown import answers, shown_place
 from etendue.run.memory import SELDOM_COLLECTING
+from etendue.session import Outcome
 
 THRIFT = 20.0  # largest cost of measuring one part after the other, in units of the cost of the point as planned
 ELSEWHERE = 2.0  # factor for points of a sweep that were not measured
@@ -37,32 +37,30 @@ INTERVAL = 3.182  # Student's t for 95 % and three degrees of freedom
 def state_errors(
     plan: Plan,
     registry: Registry,
-    reports: Reports | None,
+    run: Outcome | None,
     budget: float,
     shown: Shown = None,
     places: int = PLACES,
     known: KnownParts = NOTHING,
-    kept: Kept = nothing_kept,
 ) -> AnswerErrors:
     """Return the error of every wanted variable and headline metric.
 
     Parameters
     ----------
-    plan, reports : plan and reports of the run; without reports, the predicted seconds of plans are used
+    plan, run : the plan and its run, whose seconds and results are used; None: predicted seconds
     budget : maximum number of seconds
     shown : returns the progress to show of a plan
     places : largest number of points of a sweep
     known : parts of the errors that are known and need not be measured, as the largest value over the points
-    kept : returns variables of the run that it has kept; they are not computed again
     """
     began, at, wanted = time.process_time(), shown_place(plan), answers(plan)
-    rates, dear, longest = Rates(plan, reports), 0.0, 0.0
+    rates, dear, longest = Rates(plan, run.reports if run else None), 0.0, 0.0
     found: list[dict[str, AnswerError]] = []
     for place in (at, *(place for place in chosen_places(plan.axes, places) if place != at)):
         since = time.process_time()
         if found and (dear or began + budget - since < longest):
             break
-        evaluations = Evaluations(Point(plan, registry, place, wanted), rates, began + budget, shown, kept)
+        evaluations = Evaluations(Point(plan, registry, place, wanted), rates, began + budget, shown, run)
         own, dear = _at_point(plan, evaluations, known)
         found.append(own)
         longest = max(longest, time.process_time() - since)

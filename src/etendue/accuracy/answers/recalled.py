@@ -1,7 +1,7 @@
 """The error of the answer of a run. This error is measured once; later runs of the same cells read it from the archive
 or the user's cache.
 
-In:  the plan and the reports of a run, a budget of seconds, the folder of the archive.
+In:  a run, a budget of seconds, the folder of the archive.
 Out: ``AnswerErrors``.
 """
 
@@ -16,13 +16,13 @@ from etendue.accuracy.answers.comparing import KnownParts
 from etendue.accuracy.answers.error import AnswerErrors, answers_of
 from etendue.accuracy.answers.evaluations import Shown
 from etendue.accuracy.answers.pilots import state_errors
-from etendue.accuracy.answers.refinement import NOTHING, Kept, nothing_kept
+from etendue.accuracy.answers.refinement import NOTHING
 from etendue.archive.records.remembered import ANSWER, documents, remember
 from etendue.contract.registry import Registry
 from etendue.plan.model import Plan
-from etendue.plan.reports import Reports
 from etendue.present.terminal.answer_texts import is_sound
 from etendue.result_files import finite
+from etendue.session import Outcome
 from etendue.telling import plain, where
 from etendue.types.documents import DocumentView
 
@@ -32,25 +32,24 @@ MORE = 1.5  # if the budget has grown by this factor, evaluations that exceeded 
 
 
 def answer_errors(
-    plan: Plan,
+    run: Outcome,
     registry: Registry,
-    reports: Reports | None,
     budget: float,
     folder: Path | None = None,
     shown: Shown = None,
     known_parts: KnownParts = NOTHING,
-    kept: Kept = nothing_kept,
 ) -> AnswerErrors:
     """Return the errors of a run's wanted variables. Errors that an earlier run has measured for the same cells are
     reused. A finished run never fails because of this measurement: if a stage raises an error, the message is stored as
     the reason why nothing was measured.
     """
+    plan = run.plan
     known = recalled(plan, folder)
     if known is not None and (not known.dear or known.budget * MORE > budget):
         found = known
     else:
         try:
-            found = state_errors(plan, registry, reports, budget, shown, known=known_parts, kept=kept)
+            found = state_errors(plan, registry, run, budget, shown, known=known_parts)
         except Exception as error:
             return AnswerErrors({}, {}, {}, why=f"{where(error)}{plain(str(error) or type(error).__name__)}")
         cache.write(KIND, answer_key(plan), json.dumps(finite(found.document())).encode())

@@ -38,11 +38,6 @@ EXACT, NEARER, DRAWN = "exact", "nearer", "drawn"  # ``how`` of `Point.planned`;
 NOTHING: Mapping[Any, Any] = MappingProxyType({})
 Kept = Callable[[CellRef, Collection[str]], Mapping[str, "Array"]]  # those of the variables of a cell that a run kept
 
-
-def nothing_kept(ref: CellRef, names: Collection[str]) -> Mapping[str, Array]:
-    return {}
-
-
 Factors = Mapping[str, int]  # by discretisation: n times as fine, or -n: n times as coarse
 
 

@@ -99,8 +99,7 @@ def _answers(
     budget = max(most, SHARE * outcome.seconds)
     try:
         parts = held.chosen.parts if held and held.chosen else {}
-        made, reports, kept = outcome.plan, outcome.reports, outcome.kept
-        return answer_errors(made, installed(), reports, budget, folder, watched, parts, kept).document()
+        return answer_errors(outcome, installed(), budget, folder, watched, parts).document()
     except KeyboardInterrupt:  # the run is complete; only the measurement of its error failed
         return AnswerErrors({}, {}, {}, why="interrupted").document()
 
