@@ -278,9 +278,10 @@ def test_equal_cells_are_measured_once(tmp_path: Any, monkeypatch: pytest.Monkey
     monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "cache"))
     registry = installed_stages()
     plan = make_plan(load(pipeline()), registry)
-    first = recalled.answer_errors(plan, registry, None, math.inf)
+    outcome = execute(plan)
+    first = recalled.answer_errors(outcome, registry, math.inf)
     monkeypatch.setattr(recalled, "state_errors", lambda *given: pytest.fail("measured again"))
-    second = recalled.answer_errors(plan, registry, None, math.inf, tmp_path)
+    second = recalled.answer_errors(outcome, registry, math.inf, tmp_path)
     assert second.errors == first.errors
     monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "other"))
     assert recalled.recalled(plan, tmp_path) is not None  # from the archive
@@ -291,12 +292,12 @@ def test_equal_cells_are_measured_once(tmp_path: Any, monkeypatch: pytest.Monkey
 def test_a_small_budget_never_replaces_what_a_larger_one_found(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "cache"))
     registry = installed_stages()
-    plan = make_plan(load(pipeline()), registry)
-    poor = recalled.answer_errors(plan, registry, None, 0.0, tmp_path)
-    rich = recalled.answer_errors(plan, registry, None, math.inf, tmp_path)
+    outcome = execute(make_plan(load(pipeline()), registry))
+    poor = recalled.answer_errors(outcome, registry, 0.0, tmp_path)
+    rich = recalled.answer_errors(outcome, registry, math.inf, tmp_path)
     assert poor.dear > 0
     assert rich.dear == 0
-    assert recalled.answer_errors(plan, registry, None, 0.0, tmp_path).errors == rich.errors
+    assert recalled.answer_errors(outcome, registry, 0.0, tmp_path).errors == rich.errors
 
 
 def test_a_sweep_states_the_larger_of_its_measured_points_with_a_factor() -> None:
@@ -478,8 +479,9 @@ def test_a_stage_that_fails_when_refined_does_not_fail_the_run(monkeypatch: pyte
 
     monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "cache"))
     registry = installed_stages()
+    outcome = execute(make_plan(load(pipeline()), registry))
     monkeypatch.setattr(registry.load("slanted_edge"), "refined", broken)
-    found = recalled.answer_errors(make_plan(load(pipeline()), registry), registry, None, math.inf, tmp_path)
+    found = recalled.answer_errors(outcome, registry, math.inf, tmp_path)
     assert found.errors == {}
     assert "not today" in " ".join(notes(found.document()))
 
