@@ -107,13 +107,13 @@ def test_stated_error_covers_a_run_with_everything_three_times_as_fine(scene: di
 @pytest.mark.parametrize("scene", SCENES, ids=lambda one: one.get("use", "slanted_edge"))
 @pytest.mark.parametrize(
     ("splits", "label"),
-    [(3, "spacing"), (1, "bins and spacing"), (0, "bins and margin and omissions and spacing")],
-    ids=["steps", "pairs", "whole"],
+    [(3, "spacing"), (1, "margin and omissions and spacing"), (0, "bins and margin and omissions and spacing")],
+    ids=["steps", "bins", "whole"],
 )
 def test_cheaper_ways_cover_it_too(
     scene: dict[str, Any], splits: int, label: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The budget counts as small for any pipeline here; with ``pairs`` and ``whole`` no time is left for more."""
+    """The budget counts as small for any pipeline here; with ``bins`` and ``whole`` no time is left for more."""
     monkeypatch.setattr(pilots, "THRIFT", 1e12)
     split, done = pilots.Together._split, itertools.count()
     monkeypatch.setattr(pilots.Together, "_split", lambda *given: next(done) < splits and split(*given))

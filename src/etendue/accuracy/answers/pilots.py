@@ -102,6 +102,8 @@ def _at_point(plan: Plan, evaluations: Evaluations, known: KnownParts) -> tuple[
     else:
         dear = measure_each(plan, evaluations, point.names(), parts, missing, fixed, known)
         dear += measure_omissions(evaluations, parts, missing)
+    if together:
+        together.split(once=True)
     noise, more = _noise(evaluations, parts, missing)
     if together:
         together.split()

@@ -101,10 +101,14 @@ class Together:
         for chain in chains:
             self._ends(chain)
 
-    def split(self) -> None:
-        """Measure both chains apart, and then their steps, as far as the budget allows."""
-        for chain, pieces in self.measured:
-            if len(pieces) > 1 and not self._split(chain, pieces):
+    def split(self, once: bool = False) -> None:
+        """Measure the pieces of chains apart, as far as the budget allows; ``once``: of the first chain only."""
+        while self.measured:
+            chain, pieces = self.measured[0]
+            if not self._split(chain, pieces):
+                return
+            del self.measured[0]
+            if once:
                 return
 
     def _grids(self, names: list[str]) -> Chain:
@@ -169,8 +173,18 @@ class Together:
             return False
         for one in self.parts:
             self._compare(self.parts, self.missing, pair, whole, one)
-        self.measured += [(whole, [grids, rest]), (grids, grids.steps()), (rest, rest.steps())]
+        *others, nearest = grids.steps()
+        if others:  # the error of bins has the smallest factor and is often the largest part
+            remaining = Chain((*others[0].names, *rest.names), (rest.which[-1], nearest.which[0]))
+            self.measured += [(whole, [nearest, remaining]), (remaining, [*others, rest])]
+        else:
+            self.measured.append((whole, [grids, rest]))
+        self._to_split(rest)
         return True
+
+    def _to_split(self, chain: Chain) -> None:
+        if len(chain.names) > 1:
+            self.measured.append((chain, chain.steps()))
 
     def _ends(self, chain: Chain) -> None:
         """Compare the ends of a chain."""
@@ -184,7 +198,7 @@ class Together:
             elif pair is not None and pair.made:
                 self._compare(self.parts, self.missing, pair.made, chain, one)
         if not any(unmet.values()):
-            self.measured.append((chain, chain.steps()))
+            self._to_split(chain)
 
     def _split(self, whole: Chain, pieces: list[Chain]) -> bool:
         """Replace the part of a chain by those of its pieces; return False if the budget does not allow it."""
