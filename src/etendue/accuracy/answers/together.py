@@ -37,6 +37,7 @@ GRIDS = ("spacing", "bins")
 # the change by a coarsening; bins converge with second order, edges and points in the scene less regularly.
 STEPS: Mapping[str, float] = {"bins": 1.0, "spacing": 2.5}
 OTHER_STEPS = 3.0
+WHOLE = 2.0  # for all at once: the change by coarser bins, of second order, is three times their error already
 SMALL = 0.1  # seconds of the point as planned below which making tables costs more than computing light
 BASES: tuple[Factors, ...] = ({**FEW_BANDS, **COARSE}, FEW_BANDS, COARSE, {})
 
@@ -60,7 +61,10 @@ class Chain(NamedTuple):
 
     def factor(self, label: str) -> float:
         """Return the factor by which the change of all steps of a label is multiplied to give their error."""
-        return max(STEPS.get(name, OTHER_STEPS) for name in label.split(" and "))
+        names = label.split(" and ")
+        if "bins" in names and not {*names} <= {*GRIDS}:
+            return WHOLE
+        return max(STEPS.get(name, OTHER_STEPS) for name in names)
 
 
 class Together:
