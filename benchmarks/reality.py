@@ -127,8 +127,9 @@ def _summary(found: dict[str, Any], named: dict[str, Any]) -> list[str]:
             )
     whites, falls, tables = named["whites"], named["falls"], named["lensfun"]
     long, wide = falls["normal_and_long"], falls["wide"]
+    whose = f"compared with that of makers' DNG matrices, {len(whites['bodies'])} bodies"
     rows += [
-        ("whites", f"D65 by measured sensitivities, compared with makers' DNG matrices, {len(whites['bodies'])} bodies",
+        ("whites", f"white balance under D65 from measured sensitivities, {whose}",
          f"{whites['rms']:.3f} stop rms, {whites['largest']:.2f} at most"),
         ("fall-off", f"corner at f/11, cos4 law compared with {long['lenses']} long lenses",
          f"{long['rms']:.2f} stop rms"),

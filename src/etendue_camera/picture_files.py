@@ -142,7 +142,8 @@ def _check_parts(path: str) -> None:
 
 
 def check_segments(path: str | Path, page: Any) -> None:
-    """Reject a TIFF page with strips or tiles that are, or decompress to, far more than their part of the picture.
+    """Reject a TIFF page in which a strip or tile has far more bytes, as stored or decompressed, than its part of the
+    picture needs.
 
     Raises
     ------

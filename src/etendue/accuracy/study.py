@@ -73,9 +73,9 @@ def accuracy(
     ----------
     pipeline : pipeline as read
     registry : registry of installed stages
-    asked : by knob (``stage.knob``, also knobs that the file sets, or ``precision``), settings from the cheapest to the
-        reference; () for the declared settings. If ``asked`` is empty, all knobs that the file does not set and all
-        discretisations are tried
+    asked : settings to try for each knob, from the cheapest to the reference; () tries the settings that the stage
+        declares. A knob is named ``stage.knob`` or ``precision``; the file may set it. If ``asked`` is empty, all knobs
+        that the file does not set and all discretisations are tried
     cells : number of points of the sweep
     repeat : number of cold and warm runs of each trial
     most : largest number of combinations

@@ -42,7 +42,7 @@ def plot() -> None:
     """Plot the content of an archive: maps and curves of metrics, Pareto fronts, pictures, budgets.
 
     \b
-    etendue plot sweep                                    the plot that fits best
+    etendue plot sweep                                    the archive "sweep", in a kind of plot that suits it
     etendue plot sweep --list                             list metrics and axes
     etendue plot sweep map METRIC -o map.svg              a metric over two axes, a third as panels
     etendue plot sweep pareto METRIC METRIC               Pareto front of two metrics, labelled

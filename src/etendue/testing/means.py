@@ -38,11 +38,12 @@ def events(values: Array) -> bool:
 
 
 def missed(values: Array, p: float) -> float:
-    """Return the possible deviation of the mean over many places, at a probability ``p``, because events are rare.
+    """Return by how much a mean over all pixels may differ from its expected value because rare events, such as dead
+    pixels, happen not to occur; 0 if the values show no rare events.
 
-    With the probability ``p``, an event that is expected ln(1/p) times does not occur at all, and it may occur less
-    often than its standard error suggests. Each event contributes at most the value of a place, or the change that the
-    largest event causes.
+    With the probability ``p``, an event that is expected ln(1/p) times does not occur at all. The bound is that number
+    of events, divided by the number of pixels, times the effect of one event: the larger of the median's magnitude and
+    the largest distance from the median.
     """
     if not events(values):
         return 0.0

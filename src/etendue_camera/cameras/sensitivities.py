@@ -92,5 +92,5 @@ def _number(value: Any) -> float:
         raise ValueError(f"expected a number, got {value}")
     number = float(value)
     if not math.isfinite(number) or abs(number) > 1e9:
-        raise ValueError(f"expected a finite number, got {str(value)[:40]}")
+        raise ValueError(f"expected a number between -1e9 and 1e9, got {str(value)[:40]}")
     return number

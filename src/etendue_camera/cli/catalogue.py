@@ -34,7 +34,7 @@ def sensors() -> None:
 @JSON
 @later("etendue_camera.cli.cameras:cameras_command")
 def cameras() -> None:
-    """List bodies and lenses for [camera] body = "NAME" and lens = "NAME" in a pipeline.
+    """List the camera bodies and lenses that a pipeline can name: body = "NAME" and lens = "NAME" under [camera].
 
     If a name is given, its values are listed with their sources. NAME may also be a file: a DNG, a camconst.json, a
     tuning of libcamera, a sensitivity of rawtoaces-data.

@@ -166,9 +166,11 @@ def _hermite(y: Sequence[float | None], t: float) -> float:
 def weighted(
     points: Sequence[Point], range_mm: tuple[float, float], focal: float, aperture: float, distance_m: float
 ) -> tuple[float, ...] | None:
-    """Return the terms of fall-off, averaged over the calibrations with the weights distance^-3.5; None if all
-    calibrations are farther away than 1. The coordinates between which the distance is taken are the focal length over
-    its range, 4/aperture and 0.1 m/focus distance.
+    """Return the terms of fall-off, averaged over the calibrations.
+
+    The distance to a calibration is Euclidean and has no unit. Its coordinates are the focal length divided by the zoom
+    range, 4/f-number, and 0.1 m/focus distance. Each calibration has the weight distance^-3.5. Return None if the
+    nearest has a distance above 1.
     """
     total, sums, nearest = 0.0, [0.0, 0.0, 0.0], math.inf
     span = range_mm[1] - range_mm[0]

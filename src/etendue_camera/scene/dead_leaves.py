@@ -156,10 +156,10 @@ def dead_leaves(
 def _weights(
     position: FloatArray, softness: float, cell: float, fine: float, step: float
 ) -> tuple[npt.NDArray[np.float32], float]:
-    """Return the weights of drawn cells for the values at positions, (positions, cells), and the start of the first
-    cell.
+    """Return a matrix (positions, cells) and the coordinate at which the first cell begins. Row i holds the weights,
+    with a sum of 1, with which the fine painted cells add up to the value at position i.
 
-    Cells begin on the borders between positions, so that means over whole cells are sums.
+    The borders between positions are borders of cells, so that a mean between two borders is a sum over whole cells.
     """
     reach = 0.5 * max(cell, step) + TAIL * softness
     origin = float(position[0]) - 0.5 * step

@@ -20,8 +20,8 @@ from etendue_camera.spectra.names import EYE
 
 
 def whole_axis(edges: tuple[float, ...]) -> tuple[float, ...]:
-    """Extend bin edges over the visible range with bins as wide as those at the ends. A window of wavelengths then has
-    the colours of the whole spectrum.
+    """Extend bin edges over the visible range with bins as wide as those at the ends. A scene of a part of the
+    spectrum then has the same basis spectra and matrices as one of all of it.
     """
     first, last = edges[1] - edges[0], edges[-1] - edges[-2]
     below = min(math.ceil(max(0.0, edges[0] - EYE[0]) / first - 1e-9), math.ceil(edges[0] / first - 1e-9) - 1)

@@ -56,8 +56,9 @@ class ResponseFit:
         return np.asarray(1 - self.bend * (self.order + 1) * (np.maximum(s, 0) / self.full) ** self.order)
 
     def variance_at(self, signal: Array, dark: Array, charge: Array | float = 0.0) -> Array:
-        """Return the expected temporal variance at a measured mean (DN above the dark). ``charge``: the part of the
-        dark charge (DN) whose shot noise is not included in ``dark``.
+        """Return the expected temporal variance, DN^2. ``signal``: measured mean, DN above the dark level; ``dark``:
+        temporal variance of the dark frames, DN^2; ``charge``: the part of the dark signal, DN, whose shot noise
+        ``dark`` does not include.
         """
         signal = signal + charge
         s = signal

@@ -86,9 +86,9 @@ def losses() -> None:
     Shares are Shapley values. Starting from the ideal camera, each ideal stage is replaced by the real one; the share
     of a stage is the loss that its replacement adds, averaged over all orders of replacement. The shares sum to the
     total loss. A stage that reduces the loss, such as sharpening, has a negative share. Contrast (mean up to Nyquist)
-    and SNR of a grey card are given in decibels, in which blurs and gains add up; colour is given as the mean squared
-    CIEDE2000 to the ideal camera of `quality`. The joint loss of two stages is predicted from their shares and their
-    interaction, and compared with the loss that disappears if both are ideal.
+    and SNR of a grey card are in decibels, in which the effects of blurs and gains add up. Colour is the mean squared
+    CIEDE2000 difference from the ideal camera, as defined by `etendue quality`. For pairs of stages, the decrease of
+    the loss if both are ideal is predicted from the shares, computed, and both are printed.
 
     For numerical error by stage, see `etendue accuracy`.
     """

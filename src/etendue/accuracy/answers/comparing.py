@@ -75,7 +75,8 @@ def attempt(
     evaluations of as many variables as possible (wanted and cheap variables first) and the seconds that all variables
     would take, and record the other variables in ``missing``.
 
-    The result is None if the stages refuse every way, and contains no evaluations if none fits.
+    Return None and 0 if the stages refuse every way. If not even one variable fits into the budget, the list of
+    evaluations is empty.
     """
     dear: list[tuple[Way, TooDear]] = []
     for way in ways:

@@ -95,7 +95,8 @@ class AnswerErrors:
     """The errors of all wanted variables.
 
     ``errors``: the errors over the whole sweep, by name of the variable (``stage.name`` if two stages write it).
-    ``shown``: the errors at the point of the pictures and headline metrics, whose axis values are ``at``.
+    ``shown``: the errors at the one point of the sweep that the contact sheet and the headline metrics show; ``at``:
+    the axis values of this point.
     """
 
     errors: Mapping[str, AnswerError]

@@ -20,10 +20,11 @@ SHARED = "shared"
 class Table:
     """A table of shared quantities.
 
-    ``preset``: the key, and axis, that names a set of values, '' for none; ``presets``: the hook that provides such
-    sets; ``listed``: the command that lists them. ``find``: "module:function" instead of a hook, for names that are
-    looked up: the function takes the text that names a preset and returns the path of its file, or raises RequestError.
-    ``further``: more keys like ``preset`` in the same table, each with its own ``presets`` or ``find``, and ``listed``.
+    ``preset``: the key that selects a named set of values, which may also be an axis; '' if the table has none.
+    ``presets``: the hook that provides these sets; ``listed``: the command that lists them. ``find``: "module:function"
+    instead of a hook, for names that are looked up: the function takes the text that names a preset and returns the
+    path of its file, or raises RequestError. ``further``: more keys like ``preset`` in the same table, each with its
+    own ``presets`` or ``find``, and ``listed``.
     """
 
     preset: str = ""

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 
 def preset_axes(request: Request, declared: Mapping[str, Declared]) -> dict[str, Axis]:
-    """Return the axes of presets by the key that names presets. Presets with a fault are left out and reported.
+    """Return the axes whose values are presets, by the key of the preset. Presets with a fault are left out and
+    reported.
 
     A value's own table overrides the pipeline's shared quantities, which override the named preset. A quantity with its
     own axis is set by that axis. The axis of presets covers every quantity that any installed preset gives, even if the

@@ -322,8 +322,8 @@ class Distortion(Profiled, Banded, Bounded):
         return lost, f"light moves by at most {most:.2g} um, and the scene has little detail of this size"
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Keep the facts of a uniform plane. For any other plane keep the range of its samples, widened because a
-        spline overshoots between them.
+        """Return what the plan knows about the output. Uniform light stays as it is. Of other light only the lowest and
+        the highest value are known, with room for the overshoot of the spline between samples.
         """
         own = facts["irradiance"]
         low, high = own.content.range_of_light() if own.content is not None else (None, None)
