@@ -39,6 +39,7 @@ STEPS: Mapping[str, float] = {"bins": 1.0, "spacing": 2.5}
 OTHER_STEPS = 3.0
 WHOLE = 2.0  # for all at once: the change by coarser bins, of second order, is three times their error already
 SMALL = 0.1  # seconds of the point as planned below which making tables costs more than computing light
+SCARCE = 3.0  # budget, in units of the cost of the point as planned, below which both chains start alike
 BASES: tuple[Factors, ...] = ({**FEW_BANDS, **COARSE}, FEW_BANDS, COARSE, {})
 
 
@@ -103,7 +104,8 @@ class Together:
         if len(chains) == 2 and self._at_once(*chains):
             return
         for chain in chains:
-            self._ends(chain)
+            if self._ends(chain):
+                self._to_split(chain)
 
     def split(self, once: bool = False) -> None:
         """Measure the pieces of chains apart, as far as the budget allows; ``once``: of the first chain only."""
@@ -137,10 +139,12 @@ class Together:
 
     def _rest(self, names: list[str], grids: Chain) -> Chain:
         """Return the chain to a wider margin, knobs one step finer and no omissions. It starts from few bands or, if
-        light is cheap to compute, from the coarser grids, which are evaluated anyway.
+        light is cheap to compute or the budget too small for both chains, from the coarser grids of the first chain.
         """
         evaluations = self.evaluations
-        coarse = [grids.which[0][0]] if grids.which and evaluations.planned_seconds < SMALL else []
+        planned = evaluations.planned_seconds
+        cheap = planned < SMALL or evaluations.left < SCARCE * planned
+        coarse = [grids.which[0][0]] if grids.which and cheap else []
         bases = (one for one in (*coarse, *BASES) if not one.keys() & {*self.fixed, *self.apart})
         base = next(one for one in bases if evaluations.plan(one) is not None)
         found, chosen = list[str](), base
@@ -163,20 +167,14 @@ class Together:
         return Chain(tuple(found), tuple(steps))
 
     def _at_once(self, grids: Chain, rest: Chain) -> bool:
-        """Compare the end of both chains with the pipeline, if the chains start from the same evaluation and the budget
-        allows it: one evaluation less than each chain by itself.
+        """Compare the end of both chains with the pipeline, if the chains start from the same evaluation: one less than
+        each chain by itself. A variable that does not fit into the budget has no part at all.
         """
         if rest.which[0] != grids.which[0]:
             return False
         whole = Chain((*grids.names, *rest.names), (rest.which[-1], PLANNED))
-        try:
-            pair = self.evaluations.all_of(*whole.which)
-        except TooDear:
-            return False
-        if pair is None:
-            return False
-        for one in self.parts:
-            self._compare(self.parts, self.missing, pair, whole, one)
+        if not self._ends(whole):
+            return True
         *others, nearest = grids.steps()
         if others:  # the error of bins has the smallest factor and is often the largest part
             remaining = Chain((*others[0].names, *rest.names), (rest.which[-1], nearest.which[0]))
@@ -190,8 +188,8 @@ class Together:
         if len(chain.names) > 1:
             self.measured.append((chain, chain.steps()))
 
-    def _ends(self, chain: Chain) -> None:
-        """Compare the ends of a chain."""
+    def _ends(self, chain: Chain) -> bool:
+        """Compare the ends of a chain; return whether this was affordable for all variables."""
         wanted = [one for one in self.parts if chain.label(self.affected, one)]
         unmet: Texts = {one: {} for one in self.parts}
         pair, seconds = attempt(self.evaluations, unmet, "", wanted, [Way(chain.ends)])
@@ -201,8 +199,7 @@ class Together:
                 self.missing[one][chain.label(self.affected, one)] = unmet[one][""]
             elif pair is not None and pair.made:
                 self._compare(self.parts, self.missing, pair.made, chain, one)
-        if not any(unmet.values()):
-            self._to_split(chain)
+        return not any(unmet.values())
 
     def _split(self, whole: Chain, pieces: list[Chain]) -> bool:
         """Replace the part of a chain by those of its pieces; return False if the budget does not allow it."""
