@@ -104,6 +104,10 @@ class Outcome:
     answers: Document | None = None  # the errors of the wanted variables (accuracy.answer), if they were measured
     read: Callable[[CellRef, frozenset[str]], Mapping[str, Array]] | None = None  # variables of a cell in the archive
 
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out what reads the archive, which another process has not opened: what was kept is computed again."""
+        return {**self.__dict__, "read": None}
+
     def kept(self, ref: CellRef, names: Collection[str]) -> Mapping[str, Array]:
         """Return those of some variables of a finished cell that the run has kept, read-only."""
         report = self.reports.get(ref)
