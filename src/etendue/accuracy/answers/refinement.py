@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 EXACT, NEARER, DRAWN = "exact", "nearer", "drawn"  # ``how`` of `Point.planned`; '' is as planned
 NOTHING: Mapping[Any, Any] = MappingProxyType({})
 Kept = Callable[[CellRef, Collection[str]], Mapping[str, "Array"]]  # those of the variables of a cell that a run kept
-
 Factors = Mapping[str, int]  # by discretisation: n times as fine, or -n: n times as coarse
 
 
