@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
-from etendue.accuracy.answers.error import Part, part_between
+import numpy as np
+
+from etendue.accuracy.answers.error import OMISSIONS, Part, is_number, part_between
 from etendue.accuracy.answers.evaluations import Evaluated, Evaluations, TooDear, Which
 from etendue.accuracy.answers.regridding import on_grid
+from etendue.contract.arrays.variables import Declaration
 from etendue.plan.model import Plan, StageVariable
 
 if TYPE_CHECKING:
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
 # twice the change. For a margin, less remains.
 FIRST_ORDER = 2.0
 SAFETY: Mapping[str, float] = {"spacing": FIRST_ORDER, "bins": FIRST_ORDER, "margin": 1.5}
+UNRESOLVED = 0.4  # a number that one step changes by this fraction does not converge on these grids
 COARSENED = 1.5  # factor on the change in cheaper ways, where 1 is expected
 FEW_BANDS, COARSE = {"bins": -8}, {"spacing": -2}
 
@@ -132,5 +136,15 @@ def compare(
         found = part_between(values[one], finer, declared, cell.stage)
         if isinstance(found, str):
             missing[one][name] = found
+        elif name != OMISSIONS and _is_unresolved(found, values[one], finer, declared):
+            missing[one][name] = "the value changes too much to converge: the grids do not resolve it"
         else:
             parts[one][name] = found * (SAFETY.get(name, FIRST_ORDER) if factor is None else factor)
+
+
+def _is_unresolved(found: Part, value: Array, other: Array, declared: Declaration) -> bool:
+    """Return whether a number changes by so much that nothing can be said of its error; the MTF50 of an ideal edge
+    grows without limit on finer grids, for example.
+    """
+    largest = max((abs(x) for one in (value, other) for x in np.ravel(one) if np.isfinite(x)), default=0.0)
+    return is_number(declared) and found.rms > UNRESOLVED * largest

@@ -37,7 +37,9 @@ PLANNING = 0.01  # assumed seconds of a plan of one point, until one has been ti
 ENGINE = 2e-4  # overhead of the engine per cell, seconds
 FIXED = 0.015  # seconds; largest excess over the prediction that counts as independent of the size of a cell
 ONCE = 1.0  # seconds that imports and tables of one stage may take in a run, at most
-LEAST = 0.3  # smallest factor on predictions that is believed; a fast cell may have used tables that existed already
+LEAST = 0.1  # smallest factor on predictions that is believed; a fast cell may have used tables that existed already
+EXCESS = 0.2  # of the seconds of evaluations, for those that are compared with them
+CHOSEN = 0.9  # share of the remaining budget for chosen variables; choosing and checking them takes time as well
 
 
 class TooDear(Exception):
@@ -155,9 +157,10 @@ class Evaluations:
         Raises
         ------
         TooDear
-            Before the first evaluation that exceeds the remaining budget, as estimated at that time.
+            Before the first evaluation that exceeds the remaining budget, as estimated at that time. Evaluations may
+            exceed it by a fraction of the seconds that those before them took, which would be wasted otherwise.
         """
-        plans = []
+        began, plans = time.process_time(), []
         for one in which:
             plan = self.plan(*one)
             if plan is None:
@@ -167,7 +170,7 @@ class Evaluations:
         for number, (one, plan) in enumerate(plans):
             known = self._known(one, asked)
             if known is None:
-                self._refuse(plans[number:], asked)
+                self._refuse(plans[number:], asked, EXCESS * (time.process_time() - began) if found else 0.0)
                 known = self._evaluated(one, plan, asked)
             found.append(known)
         return found
@@ -187,15 +190,17 @@ class Evaluations:
             return sum(self._seconds(one, plan, own) for one, plan in made)
 
         for own in sorted(every.values(), key=lambda own: (not self.point.asked.intersection(own), seconds(own))):
-            if seconds([*chosen, *own]) <= self.left:
+            if seconds([*chosen, *own]) <= CHOSEN * self.left:
                 chosen += own
         return frozenset(chosen)
 
     def _known(self, which: Which, asked: Asked) -> Evaluated | None:
         return self._values.get(_key(*which)) or (self._values.get((*_key(*which), asked)) if asked else None)
 
-    def _refuse(self, ahead: list[tuple[Which, Plan]], asked: Asked) -> None:
-        """Raise ``TooDear`` if an evaluation exceeds the memory, or all of them together the remaining budget."""
+    def _refuse(self, ahead: list[tuple[Which, Plan]], asked: Asked, excess: float) -> None:
+        """Raise ``TooDear`` if an evaluation exceeds the memory, or all of them together the remaining budget by more
+        than ``excess`` seconds.
+        """
         seconds = 0.0
         for one, plan in ahead:
             if self._known(one, asked) is None:
@@ -206,7 +211,7 @@ class Evaluations:
                     except MachineError as error:
                         raise TooDear(seconds, f"needs more memory: {shortened(str(error))}") from None
                     self._fit.add((*_key(*one), asked))
-        if seconds > self.left:
+        if seconds > self.left + excess:
             raise TooDear(seconds)
 
     def _seconds(self, which: Which, plan: Plan, asked: Collection[StageVariable] | None) -> float:

@@ -107,6 +107,7 @@ def _at_point(plan: Plan, evaluations: Evaluations, known: KnownParts) -> tuple[
     noise, more = _noise(evaluations, parts, missing)
     if together:
         together.split()
+        together.refine()
     names = [name for _, name in point.wanted]
     errors = {}
     for stage, name in point.wanted:

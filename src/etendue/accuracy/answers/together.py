@@ -29,6 +29,7 @@ from etendue.accuracy.answers.comparing import (
 )
 from etendue.accuracy.answers.error import OMISSIONS, Part
 from etendue.accuracy.answers.evaluations import PLANNED, Evaluated, Evaluations, TooDear, Which
+from etendue.accuracy.answers.one_at_a_time import refined_pair
 from etendue.accuracy.answers.refinement import NEARER, Factors
 from etendue.plan.model import Plan, StageVariable
 
@@ -116,6 +117,33 @@ class Together:
             del self.measured[0]
             if once:
                 return
+
+    def refine(self) -> None:
+        """Replace the parts of spacing and bins by the change of one refinement, the larger part first, as far as the
+        budget allows. A coarsening overstates the error of what converges with a higher order, and says little about
+        detail that is too fine for it.
+        """
+        shares = {
+            name: [
+                own[name].rms / sum(part.rms for part in own.values())
+                for own in self.parts.values()
+                if name in own and own[name].rms
+            ]
+            for name in GRIDS
+        }
+        for name in sorted((name for name in GRIDS if shares[name]), key=lambda name: -sum(shares[name])):
+            try:
+                pair = refined_pair(self.evaluations, name)
+            except TooDear:
+                continue
+            if pair is None:
+                continue
+            finer: Parts = {one: {} for one in self.parts}
+            texts: Texts = {one: {} for one in self.parts}
+            compare(finer, texts, pair, name, self.affected[name])
+            for one, own in self.parts.items():
+                if name in own:
+                    own.update(finer[one])
 
     def _grids(self, names: list[str]) -> Chain:
         """Return the chain from coarser bins and spacing to the bins and spacing of the pipeline."""
