@@ -14,7 +14,7 @@ import numpy as np
 from etendue.accuracy.answers.error import OMISSIONS, Part, is_number, part_between
 from etendue.accuracy.answers.evaluations import Evaluated, Evaluations, TooDear, Which
 from etendue.accuracy.answers.regridding import on_grid
-from etendue.contract.arrays.variables import Declaration
+from etendue.contract.arrays.variables import Declaration, variable
 from etendue.plan.model import Plan, StageVariable
 
 if TYPE_CHECKING:
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 # twice the change. For a margin, less remains.
 FIRST_ORDER = 2.0
 SAFETY: Mapping[str, float] = {"spacing": FIRST_ORDER, "bins": FIRST_ORDER, "margin": 1.5}
-UNRESOLVED = 0.4  # a number that one step changes by this fraction does not converge on these grids
+# A number that one step changes by a larger fraction does not converge; the MTF50 of an ideal edge grows without limit.
+UNRESOLVED = 0.4
 COARSENED = 1.5  # factor on the change in cheaper ways, where 1 is expected
 FEW_BANDS, COARSE = {"bins": -8}, {"spacing": -2}
 
@@ -118,33 +119,33 @@ def compare(
     refinement), to ``parts``.
     """
     (plan, values), (other, reference) = pair
-    for stage, variable in wanted:
-        one = stage, variable
+    for one in wanted:
+        stage, written = one
         if name in missing[one]:
             continue
         if one not in values or one not in reference:
             missing[one][name] = f"{stage} fails without noise, or when refined"
             continue
         cell = other.of(stage)[0]
-        declared, grid = other.node(stage).writes[variable], plan.of(stage)[0].grids[variable]
+        declared, grid = other.node(stage).writes[written], plan.of(stage)[0].grids[written]
         finer: Array | None = reference[one]
-        if grid != cell.grids[variable]:
-            finer = on_grid(reference[one], declared.dims, cell.grids[variable], grid)
+        if grid != cell.grids[written]:
+            finer = on_grid(reference[one], declared.dims, cell.grids[written], grid)
         if finer is None:
             missing[one][name] = "the variable is on the grid that is refined"
             continue
         found = part_between(values[one], finer, declared, cell.stage)
         if isinstance(found, str):
             missing[one][name] = found
-        elif name != OMISSIONS and _is_unresolved(found, values[one], finer, declared):
-            missing[one][name] = "the value changes too much to converge: the grids do not resolve it"
+        elif name != OMISSIONS and (share := _share(found, values[one], finer, declared)) > UNRESOLVED:
+            missing[one][name] = f"one step changes it by {share:.0%}, so it does not converge on these grids"
         else:
             parts[one][name] = found * (SAFETY.get(name, FIRST_ORDER) if factor is None else factor)
 
 
-def _is_unresolved(found: Part, value: Array, other: Array, declared: Declaration) -> bool:
-    """Return whether a number changes by so much that nothing can be said of its error; the MTF50 of an ideal edge
-    grows without limit on finer grids, for example.
-    """
+def _share(found: Part, value: Array, other: Array, declared: Declaration) -> float:
+    """Return the change of a number relative to the larger of its values; 0 for pictures and for shares of a whole."""
+    if not is_number(declared) or variable(declared.variable).full is not None:
+        return 0.0
     largest = max((abs(x) for one in (value, other) for x in np.ravel(one) if np.isfinite(x)), default=0.0)
-    return is_number(declared) and found.rms > UNRESOLVED * largest
+    return found.rms / largest if largest else 0.0

@@ -119,30 +119,25 @@ class Together:
                 return
 
     def refine(self) -> None:
-        """Replace the parts of spacing and bins by the change of one refinement, the larger part first, as far as the
-        budget allows. A coarsening overstates the error of what converges with a higher order, and says little about
-        detail that is too fine for it.
+        """Replace the parts of spacing and bins by the change of one refinement, the largest part first, as far as the
+        budget allows. A coarsening overstates the error of what converges with higher order.
         """
-        shares = {
-            name: [
-                own[name].rms / sum(part.rms for part in own.values())
-                for own in self.parts.values()
-                if name in own and own[name].rms
-            ]
-            for name in GRIDS
-        }
-        for name in sorted((name for name in GRIDS if shares[name]), key=lambda name: -sum(shares[name])):
+        shares = dict.fromkeys(GRIDS, 0.0)
+        for own in self.parts.values():
+            total = sum(part.rms for part in own.values()) or 1.0
+            for name in shares.keys() & own:
+                shares[name] += own[name].rms / total
+        for name in sorted(GRIDS, key=lambda name: -shares[name]):
             try:
-                pair = refined_pair(self.evaluations, name)
+                pair = refined_pair(self.evaluations, name) if shares[name] else None
             except TooDear:
                 continue
-            if pair is None:
-                continue
-            finer: Parts = {one: {} for one in self.parts}
-            texts: Texts = {one: {} for one in self.parts}
-            compare(finer, texts, pair, name, self.affected[name])
-            for one, own in self.parts.items():
-                if name in own:
+            if pair is not None:
+                finer: Parts = {one: {} for one in self.parts}
+                compare(
+                    finer, self.missing, pair, name, [one for one in self.affected[name] if name in self.parts[one]]
+                )
+                for one, own in self.parts.items():
                     own.update(finer[one])
 
     def _grids(self, names: list[str]) -> Chain:
