@@ -49,7 +49,7 @@ def run(tmp_path, monkeypatch):
     )
 
 
-SENTENCE = "white_estimate has channels of the white raised to the floor: in 1 of 2 cells, at most 1 in a cell"
+SENTENCE = "white_estimate has channels of the white raised to the floor: in 1 of 2 cells, at most 1 of them in a cell"
 
 
 def test_a_channel_that_was_lifted_is_said_in_words_also_when_the_cells_are_reused(run):
@@ -69,7 +69,7 @@ def test_nothing_is_said_where_nothing_was_lifted(run):
 def test_a_white_that_no_pixel_can_reach_is_said_in_words(run):
     told = (
         "overexposed: white has channels in which a white diffuser exceeds saturation: in 1 of 2 cells, at most "
-        "3 in a cell"
+        "3 of them in a cell"
     )
     for _ in range(2):  # also when the cells are reused
         result = run("--sweep", "integration_time=0.0008,80")

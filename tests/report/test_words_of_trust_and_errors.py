@@ -107,7 +107,7 @@ def test_where_errors_were_measured_is_said_unless_it_was_everywhere(points, fac
     found = {"errors": {"v": error({"bins": part(0.1)}, scaled=factor)}, "points": points, "remembered": False}
     first, *_ = notes(found | {"seconds": 1.0, "dear": None})
     assert said in first
-    assert (f"errors of the whole sweep are {factor:g} times these errors" in first) == (factor > 1)
+    assert (f"for all points, {factor:g} times the measured errors are stated" in first) == (factor > 1)
 
 
 @pytest.mark.parametrize(("norm", "times"), [("rms", "3 times"), ("max", "5 times")])

@@ -158,7 +158,7 @@ def notes(document: DocumentView, remedied: bool = False) -> list[str]:
     errors, points = document["errors"].values(), document["points"]
     factor = max((number(one["scaled"]) for one in errors), default=1.0)
     where = "" if points == 1 and factor == 1 else f" at {points} point{'s' if points > 1 else ''} of the sweep"
-    spread = f"; errors of the whole sweep are {factor:g} times these errors" if factor > 1 else ""
+    spread = f"; for all points, {factor:g} times the measured errors are stated" if factor > 1 else ""
     when = "by an earlier run" if document["remembered"] else f"in {human_seconds(number(document['seconds']))}"
     said = [f"measured{where} without noise, {when}{spread}"] if any(says_enough(one) for one in errors) else []
     fixed = {f"{name}: {why}" for one in errors for name, why in one["fixed"].items()}
@@ -179,7 +179,7 @@ def _missing(document: DocumentView) -> list[str]:
             else:
                 others.setdefault((name, why), []).append(one["variable"])
     seconds = human_seconds(number(document["dear"]))
-    of = f", of {_few(list(whose))}" if len(whose) < len(document["errors"]) else ""
+    of = f" for {_few(list(whose))}" if len(whose) < len(document["errors"]) else ""
     said = [f"not measured: {', '.join(costly)}{of}; --measure does, in about {seconds}"] if costly else []
     return said + [f"not measured for {_few(names)} ({part}): {why}" for (part, why), names in others.items()]
 

@@ -37,7 +37,7 @@ def print_answers(document: DocumentView | None, headlines: Container[str] = ())
         over = "" if max(number(one["scaled"]) for _, one in errors) == 1 else ", at any point of the sweep"
         out.print(
             _table(
-                f"error of the answer: possible error of each result{over}",
+                f"error of the answer: estimated error of each result{over}",
                 ("variable", "left", "name"),
                 ("error", "right", _error),
                 ("largest", "right", _largest),

@@ -220,6 +220,6 @@ def _print_figures(console: Console, outcome: Any) -> None:
         if own.without:
             without.setdefault(", ".join(own.without), []).append(own.name)
     for stages, names in without.items():
-        console.print(escape(f"not included in {', '.join(names)}: {stages}"))
+        console.print(escape(f"without the effect of {stages}: {', '.join(names)}"))
     for text in remedies(outcome.answers or {}, f"etendue run {shlex.quote(outcome.plan.pipeline.file)}"):
         console.print(escape(text), soft_wrap=True)

@@ -194,7 +194,7 @@ def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]
             what = " and ".join(variable(v).long_name for v in node.writes if variable(v).counted == counted)
             texts.append(
                 f"{node.name} has {what}: in {len(counts)} of {len(plan.of(node.name))} cells, at most {max(counts):g} "
-                f"in a cell"
+                f"of them in a cell"
             )
     return texts
 

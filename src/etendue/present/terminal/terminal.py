@@ -220,6 +220,7 @@ def _saving(seconds: float | None) -> str:
 def _at_most(at_stage: float, at_wanted: float) -> str:
     """Return the text of a bound: at the stage and, if later stages increase it, in the wanted results."""
     grown = f", {at_wanted:.2g} in the results" if f"{at_wanted:.2g}" != f"{at_stage:.2g}" else ""
+    grown = grown if at_wanted < 1 else ", not bounded below full scale in the results"
     return f"at most {at_stage:.2g} of full scale at this stage{grown}"
 
 
