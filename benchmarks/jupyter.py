@@ -214,7 +214,7 @@ def looked_at(rows: Rows, url: str, token: str, archive: Path, chromium: str, ou
         row, column, told = pointed_at(page, frame)
         stored = values_at(archive, {axis: axes[axis][place] for axis, place in places.items()})[:, row, column]
         same = told == stored.astype(float).tolist()
-        rows.say("a pixel is the store's", same, f"row {row}, column {column}: {', '.join(f'{v:.4f}' for v in told)}")
+        rows.say("a pixel equals the store", same, f"row {row}, column {column}: {', '.join(f'{v:.4f}' for v in told)}")
         outside = [
             one
             for one in asked

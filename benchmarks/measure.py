@@ -102,7 +102,7 @@ def squares(side: float, shape: tuple[int, int] = (240, 300)) -> np.ndarray:
 def found_edges(seeds: int) -> None:
     truth = FIFTY / SIGMA
     print(
-        "edges found by themselves, 240 x 300 pixels, squares turned by 5 degrees: found, truth held, mean error and "
+        "edges found automatically, 240 x 300 pixels, squares turned by 5 degrees: found, truth held, mean error and "
         "spread of MTF50"
     )
     for side in (60, 90, 150):
@@ -139,7 +139,7 @@ def stars(seeds: int) -> None:
 
 
 def noise(seeds: int) -> None:
-    print("noise of an even patch that slopes by 10 %: intervals of sigma and of SNR that hold the truth")
+    print("noise of a patch with a slope of 10 %: intervals of sigma and of SNR that hold the truth")
     for side in (32, 64, 128):
         slope = 1 + 0.1 * np.linspace(-0.5, 0.5, side)
         for kind in ("white", "over 3 x 3"):
@@ -156,8 +156,8 @@ def noise(seeds: int) -> None:
 
 def rounded_noise(seeds: int) -> None:
     print(
-        "noise of an even patch of any level, 8 bits, 64 x 64: intervals that hold the truth, patches that are said to "
-        "be hidden"
+        "noise of a uniform patch of any level, 8 bits, 64 x 64: intervals that hold the truth, patches whose noise "
+        "is reported as hidden"
     )
     with tempfile.TemporaryDirectory() as folder:
         for sigma in (0.001, 0.003, 0.006):

@@ -112,7 +112,8 @@ def main() -> int:
         f"conservative: "
         f"{whole - len(shares)}"
     )
-    print(f"beyond what so many draws leave open: {bad}; mean {100 * sum(shares) / max(len(shares), 1):.1f} %")
+    mean = 100 * sum(shares) / max(len(shares), 1)
+    print(f"outside the range that this number of draws allows: {bad}; mean {mean:.1f} %")
     print(f"{time.process_time() - began:.0f} s", file=sys.stderr)
     return int(bad > 0)
 

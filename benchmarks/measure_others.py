@@ -253,7 +253,7 @@ def main() -> int:
                         print(f"  {what}: {name}: in a region: {said[0] or 'measured'}; found: {said[1] or 'measured'}")
             count = len(pictures) * asked.draws
             print(
-                f"{what}: as they should be in a region {right[0]} of {count}, found by themselves {right[1]} of "
+                f"{what}: as expected in a given region {right[0]} of {count}, in the automatic search {right[1]} of "
                 f"{count}"
             )
             bad += right[0] < 0.95 * count

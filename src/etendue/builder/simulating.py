@@ -46,7 +46,7 @@ def simulate(
     archive : folder or s3://bucket/prefix/name that keeps the results and from which a run resumes; None: in memory
     want : variable or variables to compute, instead of the file's ``wanted``
     scheduler, workers : as for ``--scheduler`` (``etendue run --help``); number of threads or processes
-    leave_out : whether stages may be left out if they have no effect on the scene
+    leave_out : whether stages may be left out if they have no effect on the results
     errors : whether to measure the errors of the wanted variables, in at most 10 % of the run's time; a number is the
         maximum time in seconds, ``math.inf``: no limit. The errors are stored as the attributes ``error`` (in the
         variable's unit, or relative to full scale) and ``error_parts``

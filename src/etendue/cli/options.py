@@ -104,7 +104,9 @@ ROUND = click.option(
     help="Digits of stored pictures: exact (all), or stated (only those that are significant at the tolerance).",
 )
 NOTHING_LEFT_OUT = click.option(
-    "--nothing-left-out", is_flag=True, help="Run every stage, even if it has no effect on the scene."
+    "--nothing-left-out",
+    is_flag=True,
+    help="Compute the reference: run every stage, in 64 bits, with every knob not set by the file at its finest.",
 )
 NO_STAND_INS = click.option(
     "--no-stand-ins",

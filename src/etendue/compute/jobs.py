@@ -382,7 +382,7 @@ def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], 
 
 
 def _found_of(cells: tuple[Cell, ...]) -> tuple[Found, ...]:
-    """Return the values that each of some cells waits for; () if no cell waits."""
+    """Return, for each of the cells, the values that it waits for; () if no cell waits."""
     every = tuple(cell.found for cell in cells)
     return every if any(every) else ()
 

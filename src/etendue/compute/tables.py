@@ -183,8 +183,8 @@ class PatternRandom:
         return self._normals("normal", pattern, self.pixels)
 
     def spread(self, pattern: str, rms: float) -> FloatArray:
-        """Return (y, x) factors about 1 with this relative standard deviation, never negative: 1 + rms times the normal
-        numbers of this name. Cached.
+        """Return (y, x) factors about 1 with relative standard deviation ``rms``: 1 + rms times the numbers of
+        ``normal`` for this pattern, clipped at 0. Cached.
         """
 
         def make() -> FloatArray:

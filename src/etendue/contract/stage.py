@@ -244,8 +244,8 @@ def _patterns_among(kind: type[Stage], names: tuple[str, ...]) -> dict[str, str]
 
 @per_kind
 def patterns_of(kind: type[Stage]) -> Mapping[str, str]:
-    """Return the pattern generators among the arguments of ``run``, each with the quantity that identifies
-    the owner.
+    """Return the pattern generators among the arguments of ``run``, each with the quantity that identifies the owner of
+    its patterns.
     """
     return _patterns_among(kind, arguments_of(kind))
 

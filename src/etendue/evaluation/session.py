@@ -51,7 +51,7 @@ class Session:
     ----------
     pipeline : as read or written; a file that changes later is not read again
     bytes : bound on the kept results, bytes; the least recently used results are dropped first
-    leave_out : whether stages may be left out if they have no effect on the scene
+    leave_out : whether stages may be left out if they have no effect on the results
     archive : folder of an archive whose results are reused if their keys match; nothing is written to it
 
     Examples

@@ -97,7 +97,7 @@ def axes_of(document: DocumentView, faults: list[Fault]) -> Document:
 def apply_overrides(document: Document, overrides: DocumentView, file: str = "") -> list[str]:
     """Set ``TABLE.x``, ``sweep.axis``, ``<stage>.<parameter>`` or a top-level key in the document.
 
-    Return the places whose value now differs from the file's.
+    Return the places that have been set.
     """
     faults: list[Fault] = []
     places = []

@@ -90,7 +90,7 @@ def distinct(values: Sequence[Any]) -> tuple[list[Any], tuple[int, ...]]:
 
 
 def put_together(sweep: DocumentView, zipped: Mapping[str, Zip]) -> Document:
-    """Return the sweep as a file writes it, without the factors of a design."""
+    """Return the sweep in the form that a pipeline file uses, without the factors of a design."""
     found: Document = {}
     for key, value in sweep.items():
         one = zipped.get(key)

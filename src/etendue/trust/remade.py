@@ -166,7 +166,7 @@ def array_of(data: bytes | None, dtype: str, shape: tuple[int, ...]) -> Any:
         return decode(data, dtype, shape) if data else np.empty(shape, dtype)
     texts = texts_of(data) if data else []
     if len(texts) != prod(shape):
-        raise ArchiveError(f"it has {len(texts)} texts, not {prod(shape)}")
+        raise ArchiveError(f"the array has {len(texts)} strings, not {prod(shape)}")
     return np.array([*texts, None], dtype=object)[:-1].reshape(shape)
 
 

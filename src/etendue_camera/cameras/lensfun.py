@@ -115,7 +115,7 @@ def _tree(data: bytes, name: str) -> ElementTree.Element:
     parser = expat.ParserCreate()
 
     def refuse(*_: object) -> int:
-        raise ValueError(f"{name} declares entities; a database has none")
+        raise ValueError(f"{name} declares XML entities, which a Lensfun database does not contain")
 
     def start(tag: str, attributes: Mapping[str, str]) -> None:
         nonlocal depth

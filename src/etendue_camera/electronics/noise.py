@@ -101,7 +101,7 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
     Returns
     -------
     (...) array, electrons, dtype of mean (integers become float64)
-        The smallest k with u < F(k; mean), F from scipy's `pdtr` (1e-15).
+        The smallest k with u < F(k; mean), F from scipy's `pdtr` (1e-15); from exact_below on, approximately.
 
     Raises
     ------
@@ -112,9 +112,9 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
     -----
     Source: inversion. Below 64 electrons, `poisson_table.quantiles` is used; above, the search starts at a
     Cornish-Fisher quantile and corrects it one step at a time. From exact_below on, the result is `cornish_fisher` of
-    the normal quantile, limited to 8.3 sigma. At the transition the exact count is kept until the normal form has
-    passed it, so that the count does not decrease there. Intended for sweeps with the same noise in all cells
-    ("common"): with a rejection sampler, equal generator states decorrelate for changes of the mean of 1e-4.
+    the normal quantile, limited to 8.3 sigma. Just above the transition the count is at least the exact count at
+    exact_below, so that it does not decrease there. Intended for sweeps with the same noise in all cells
+    ("common"): with a rejection sampler, counts from equal generator states decorrelate if the mean changes by 1e-4.
     """
     mean, uniform = np.broadcast_arrays(_means(mean), np.asarray(uniform, np.float64))
     if not np.all((uniform >= 0) & (uniform < 1)):

@@ -279,7 +279,7 @@ def _by_slope(mosaic: NDArray, other: NDArray, axis: int, level: NDArray) -> NDA
 
 
 def _difference(mosaic: NDArray, other: NDArray, sign: NDArray) -> NDArray:
-    """Return green minus the other colour; ``other`` is the estimate of the colour that a sample lacks."""
+    """Return green minus red or blue; ``other``: estimate of the colour of the two that a sample lacks."""
     mosaic, other, sign = meet(mosaic, other, sign)
     difference = mosaic - other
     difference *= sign

@@ -72,7 +72,8 @@ def shares(
     whole = photodiode.collection_per_absorption(0.0, absorption, depletion, depth, length, back)
     if whole == math.inf:
         raise ValueError(
-            "all charge comes from infinitely far: make absorption, diffusion_depth or diffusion_length finite"
+            "all charge is generated infinitely deep: make absorption positive, or diffusion_depth or "
+            "diffusion_length finite"
         )
     depleted = photodiode.collection_per_absorption(math.inf, absorption, depletion, depth, length, back)
     if depth == 0.0 or depletion == math.inf:

@@ -43,7 +43,7 @@ from etendue.cli.saying import command, later
 @options.JSON
 @later("etendue_lab.calibrate.terminal:calibrate_command")
 def calibrate() -> None:
-    """Calibrate a sensor from real frames: flat fields and dark frames, at least two of each at every exposure.
+    """Calibrate a sensor from real frames: flat fields, at least two at every exposure, and dark frames, at least two.
 
     FRAMES: a folder of PNG, TIFF or DNG files, a .npz file, a CSV table (file, time_s, photons or relative_light,
     kind), or the descriptor of an EMVA reference set. The sensor file contains every value with its 95 % interval and

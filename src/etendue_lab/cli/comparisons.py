@@ -39,8 +39,8 @@ def compare() -> None:
 
     --axis demosaic.use compares all installed stages that can replace the file's stage `demosaic`: stages that write
     the same variables, read no other variables, and declare no other role. demosaic.use=a,b compares these two stages;
-    '{ use = "mine", iterations = 5 }' is a stage with parameters. The axis can be any stage or any parameter. Light,
-    mosaic and noise are computed once and shared by all alternatives after them.
+    '{ use = "mine", iterations = 5 }' is a stage with parameters. The axis can be any stage or any parameter. All
+    stages before the compared one (light, mosaic, noise) are computed once and shared by the alternatives.
 
     The reference is the picture of a camera whose pixels measure all channels without noise, followed by the same later
     stages. PSNR is measured on linear values: on the picture that the compared stage writes or, if the mosaic comes

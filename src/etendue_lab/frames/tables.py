@@ -115,7 +115,7 @@ def _named(path: Path, name: str | None, number: int) -> list[Path]:
     else:
         return [file]
     if not found:
-        raise RequestError(f"{path}, line {number}: no file is named {str(name).strip()[:60]!r}")
+        raise RequestError(f"{path}, line {number}: no file matches, or lies in, {str(name).strip()[:60]!r}")
     return sorted(found)
 
 

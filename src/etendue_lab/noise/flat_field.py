@@ -1,5 +1,5 @@
-"""A camera viewing a grey card: the values of its mosaic, their noise by its own parameters, and the response of later
-stages to a pixel.
+"""A camera viewing a grey card: the values of its mosaic, their noise as predicted from the parameters of the stages,
+and the response of later stages to a pixel.
 
 In:  a pipeline; a plan of it with a flat scene, and the arrays of a run.
 Out: the mean of the mosaic and the predicted variance of its pixels by channel; the response of every later picture to

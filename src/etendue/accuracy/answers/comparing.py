@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 # twice the change. For a margin, less remains.
 FIRST_ORDER = 2.0
 SAFETY: Mapping[str, float] = {"spacing": FIRST_ORDER, "bins": FIRST_ORDER, "margin": 1.5}
-# A number that one step changes by a larger fraction does not converge; the MTF50 of an ideal edge grows without limit.
-UNRESOLVED = 0.4
+UNRESOLVED = 0.4  # a number that one step changes by a larger fraction does not converge
 COARSENED = 1.5  # factor on the change in cheaper ways, where 1 is expected
 FEW_BANDS, COARSE = {"bins": -8}, {"spacing": -2}
 

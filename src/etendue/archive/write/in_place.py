@@ -69,7 +69,8 @@ def _exchanged(folder: Path) -> Compacted:
             free = shutil.disk_usage(folder).free
             if needed > free:
                 raise MachineError(
-                    f"{folder}: compacting needs {needed / 1e9:.2g} GB beside it, but only {free / 1e9:.2g} GB are free"
+                    f"{folder}: compacting needs {needed / 1e9:.2g} GB on the same disk, but only {free / 1e9:.2g} GB "
+                    "are free"
                 )
             done = anew.write()
             # the lock moves with the folder: a run that starts right after the exchange finds it in use

@@ -2,7 +2,7 @@
 
 In:  ``[sweep] PRESET = ["NAME", { PRESET = "NAME", label = "TEXT", QUANTITY = "4 um" }]``, the shared quantities of the
      stages.
-Out: the axis, with the values that each of its presets gives to every quantity that presets cover.
+Out: the axis: for each of its presets, a value of every quantity that any installed preset gives.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ class LinearPicture(Sequence[FloatArray]):
         return float(low), float(high)
 
     def mixed(self, weights: FloatArray, first: int, out: FloatArray) -> None:
-        """Write the sum of weight times light, from a row on, into a plane."""
+        """Write the weighted sum of the light of the three colours, starting at row ``first``, into ``out``."""
         some = self.values[:, first : first + len(out)]
         planes = np.broadcast_to(some, (3, *out.shape))
         rows = max(BLOCK // out.shape[1], 1)

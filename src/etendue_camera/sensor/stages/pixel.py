@@ -301,7 +301,7 @@ class Pixel(Collecting, Summed):
         ]
 
     def _beyond_the_light(self, edges: tuple[float, ...]) -> list[str]:
-        """Warn about sensitivity outside the wavelengths of the scene; narrow-band light needs no more bands."""
+        """Warn about sensitivity outside the wavelengths of the scene, unless these span less than 200 nm."""
         # Tables of colour-science end where their filters block the light.
         known = self.sensitivity == FLAT or spectra.spectrum(self.sensitivity)
         if edges[-1] - edges[0] < 200 or not known:
