@@ -117,7 +117,7 @@ class Evaluations:
         self.point, self.rates, self.until, self.shown = point, rates, until, shown
         self.planning = PLANNING
         self._plans: dict[tuple[object, ...], Plan | None] = {}
-        self._values: dict[tuple[object, ...], Evaluated] = {}
+        self._values: dict[tuple[object, ...], dict[Asked, Evaluated]] = {}
         # By evaluation and asked variables: the costs of its cells; and the evaluations that fit into memory.
         self._costs: dict[tuple[object, ...], Costs] = {}
         self._fit: set[tuple[object, ...]] = set()
@@ -175,11 +175,24 @@ class Evaluations:
             found.append(known)
         return found
 
+    def most_of(self, *which: Which) -> list[Evaluated] | None:
+        """Return some evaluations of as many variables as fit into the remaining budget; None if not even one fits, or
+        if the stages refuse one of the evaluations.
+        """
+        try:
+            try:
+                return self.all_of(*which)
+            except TooDear:
+                some = self.affordable(*which)
+                return self.all_of(*which, asked=some) if some else None
+        except TooDear:
+            return None
+
     def affordable(self, *which: Which) -> frozenset[StageVariable]:
         """Return the variables whose evaluations fit into the remaining budget. Variables in the pipeline's ``wanted``
         are chosen first, and cheaper variables before more expensive ones.
         """
-        plans = [(one, self.plan(*one)) for one in which if self._known(one, None) is None]
+        plans = [(one, self.plan(*one)) for one in which]
         made = [(one, plan) for one, plan in plans if plan is not None]
         every: dict[str, list[StageVariable]] = {one[0]: [] for one in self.point.wanted}
         for variable in self.point.wanted:
@@ -187,7 +200,8 @@ class Evaluations:
         chosen: list[StageVariable] = []
 
         def seconds(own: list[StageVariable]) -> float:
-            return sum(self._seconds(one, plan, own) for one, plan in made)
+            asked = frozenset(own)
+            return sum(self._seconds(one, plan, asked) for one, plan in made if self._known(one, asked) is None)
 
         for own in sorted(every.values(), key=lambda own: (not self.point.asked.intersection(own), seconds(own))):
             if seconds([*chosen, *own]) <= CHOSEN * self.left:
@@ -195,7 +209,11 @@ class Evaluations:
         return frozenset(chosen)
 
     def _known(self, which: Which, asked: Asked) -> Evaluated | None:
-        return self._values.get(_key(*which)) or (self._values.get((*_key(*which), asked)) if asked else None)
+        """Return an evaluation of at least the asked variables."""
+        for own, found in self._values.get(_key(*which), {}).items():
+            if own is None or (asked is not None and asked <= own):
+                return found
+        return None
 
     def _refuse(self, ahead: list[tuple[Which, Plan]], asked: Asked, excess: float) -> None:
         """Raise ``TooDear`` if an evaluation exceeds the memory, or all of them together the remaining budget by more
@@ -242,7 +260,7 @@ class Evaluations:
         if more:
             self._before_noise |= {ref: found.arrays[ref] for ref in more if ref in found.arrays}
         made = plan, point.values(plan, found)
-        self._values[_key(*which) if whole else (*_key(*which), asked)] = made
+        self._values.setdefault(_key(*which), {})[asked] = made
         return made
 
 

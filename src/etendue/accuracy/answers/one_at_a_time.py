@@ -27,7 +27,7 @@ from etendue.accuracy.answers.comparing import (
     not_affected,
 )
 from etendue.accuracy.answers.error import OMISSIONS
-from etendue.accuracy.answers.evaluations import PLANNED, Evaluated, Evaluations, TooDear
+from etendue.accuracy.answers.evaluations import PLANNED, Evaluated, Evaluations, TooDear, Which
 from etendue.accuracy.answers.refinement import EXACT, NEARER, Factors
 from etendue.plan.model import Plan, StageVariable
 
@@ -93,10 +93,12 @@ def _take(parts: Parts, missing: Texts, one: StageVariable, name: str, known: Kn
 
 def refined_pair(evaluations: Evaluations, name: str) -> list[Evaluated] | None:
     """Return two evaluations of all variables that differ by one refinement."""
-    for base in _bases(name):
-        if pair := evaluations.all_of((base, ""), ({**base, name: 2}, "")):
-            return pair
-    return None
+    return next(filter(None, (evaluations.all_of(*which) for which in refinements(name))), None)
+
+
+def refinements(name: str) -> list[tuple[Which, Which]]:
+    """Return pairs of evaluations that differ by one refinement; each is tried if the stages refuse those before it."""
+    return [((base, ""), ({**base, name: 2}, "")) for base in _bases(name)]
 
 
 def _bases(name: str) -> tuple[Factors, Factors]:

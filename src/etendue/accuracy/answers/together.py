@@ -29,7 +29,7 @@ from etendue.accuracy.answers.comparing import (
 )
 from etendue.accuracy.answers.error import OMISSIONS, Part
 from etendue.accuracy.answers.evaluations import PLANNED, Evaluated, Evaluations, TooDear, Which
-from etendue.accuracy.answers.one_at_a_time import refined_pair
+from etendue.accuracy.answers.one_at_a_time import refinements
 from etendue.accuracy.answers.refinement import NEARER, Factors
 from etendue.plan.model import Plan, StageVariable
 
@@ -128,15 +128,12 @@ class Together:
             for name in shares.keys() & own:
                 shares[name] += own[name].rms / total
         for name in sorted(GRIDS, key=lambda name: -shares[name]):
-            try:
-                pair = refined_pair(self.evaluations, name) if shares[name] else None
-            except TooDear:
-                continue
+            which = refinements(name) if shares[name] else ()
+            pair = next(filter(None, (self.evaluations.most_of(*one) for one in which)), None)
+            finer: Parts = {one: {} for one in self.parts}
             if pair is not None:
-                finer: Parts = {one: {} for one in self.parts}
-                compare(
-                    finer, self.missing, pair, name, [one for one in self.affected[name] if name in self.parts[one]]
-                )
+                known = [one for one in self.affected[name] if name in self.parts[one] and one in pair[0][1]]
+                compare(finer, self.missing, pair, name, known)
                 for one, own in self.parts.items():
                     own.update(finer[one])
 
@@ -212,7 +209,7 @@ class Together:
             self.measured.append((chain, chain.steps()))
 
     def _ends(self, chain: Chain) -> bool:
-        """Compare the ends of a chain; return whether this was affordable for all variables."""
+        """Compare the ends of a chain; return whether this was affordable for any variable."""
         wanted = [one for one in self.parts if chain.label(self.affected, one)]
         unmet: Texts = {one: {} for one in self.parts}
         pair, seconds = attempt(self.evaluations, unmet, "", wanted, [Way(chain.ends)])
@@ -222,16 +219,13 @@ class Together:
                 self.missing[one][chain.label(self.affected, one)] = unmet[one][""]
             elif pair is not None and pair.made:
                 self._compare(self.parts, self.missing, pair.made, chain, one)
-        return not any(unmet.values())
+        return pair is not None and bool(pair.made)
 
     def _split(self, whole: Chain, pieces: list[Chain]) -> bool:
         """Replace the part of a chain by those of its pieces; return False if the budget does not allow it."""
         every = [one for piece in pieces for one in piece.ends]
         which = [one for number, one in enumerate(every) if one not in every[:number]]
-        try:
-            made = self.evaluations.all_of(*which)
-        except TooDear:
-            return False
+        made = self.evaluations.most_of(*which)
         if made is None:
             return False
         pairs = [[made[which.index(one)] for one in piece.ends] for piece in pieces]
