@@ -49,7 +49,7 @@ def test_the_mixture_of_gaussians_is_the_diffusion_transfer_function(diode, f):
 
 
 def test_charge_from_infinitely_far_has_no_kernel():
-    with pytest.raises(ValueError, match="infinitely far"):
+    with pytest.raises(ValueError, match="infinitely deep"):
         crosstalk.shares(crosstalk.times(np.inf, np.inf), 0.0, 1.8, np.inf, np.inf)
 
 

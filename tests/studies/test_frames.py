@@ -222,7 +222,7 @@ def test_a_line_of_a_table_may_stand_for_all_frames_of_an_exposure(arrays, npz, 
     expected |= dict.fromkeys(((time, 0.0) for time in arrays["dark_time_s"]), 2)
     assert found == expected
     (inner / "frames.csv").write_text("file,time_s,photons\nnone*.npy,1,2\n")
-    with pytest.raises(RequestError, match="no file is named"):
+    with pytest.raises(RequestError, match="no file matches"):
         open_frames(tmp_path)
 
 
