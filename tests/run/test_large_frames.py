@@ -130,10 +130,11 @@ def test_light_made_some_rows_at_a_time_has_the_bits_of_whole_bands(size, depth,
 
 @pytest.mark.parametrize("seen", ["440,1\n600,1\n", "300,1\n800,1\n"], ids=["dark bands", "every band"])
 @pytest.mark.parametrize("gathered", [1, 1 << 13])
+@pytest.mark.parametrize("pixel", [{}, {"wavelength_terms": 4}, {"wavelength_terms": 4, "kept_frequencies": 0.5}])
 def test_bands_gathered_some_rows_at_a_time_have_the_bits_of_whole_bands(
-    seen, gathered, tmp_path, monkeypatch, in_strips
+    seen, gathered, pixel, tmp_path, monkeypatch, in_strips
 ):
-    """Eleven or four bands of sixteen on three planes; ranges of samples end within rows."""
+    """Eleven or four bands of sixteen on three or four planes; ranges of samples end within rows."""
     values = np.random.default_rng(3).integers(0, 255, (150, 200), np.uint8, endpoint=True)
     values[:70] = 0  # the first samples are dark in every band
     file, table = str(tmp_path / "picture.png"), tmp_path / "filter.csv"
@@ -141,7 +142,7 @@ def test_bands_gathered_some_rows_at_a_time_have_the_bits_of_whole_bands(
     table.write_text(f"wavelength_nm,transmission\n{seen}")
     document = pipeline(file, bin_width=20)
     document["stages"][2] = {"use": "optical_filter", "table": str(table)}
-    document["stages"][-1] = {"use": "pixel", "wavelength_terms": 3}
+    document["stages"][-1] = {"use": "pixel", "wavelength_terms": 3, **pixel}
     monkeypatch.setattr(cost, "LARGEST_WHOLE", 0)
     monkeypatch.setattr(expansion, "BLOCK", 1 << 10)
     monkeypatch.setattr(segment_bands, "GATHERED", gathered)
@@ -160,6 +161,27 @@ def test_bands_gathered_some_rows_at_a_time_have_the_bits_of_whole_bands(
         assert any(bands.stop - bands.start > 1 for bands in asked) is large
     assert found[0].any()
     assert_same_bits(*found)
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize(("rows", "columns"), [(1, 1), (2, 3), (12, 7), (13, 8), (700, 301)])
+def test_transforms_combined_in_place_have_the_bits_of_sums(rows, columns, precision):
+    rng = np.random.default_rng(8)
+    frequencies = np.fft.fftfreq(rows), np.arange(columns) / (2 * columns)
+    plane = expansion.RadialPlane(*frequencies, precision)
+    tables = rng.random((2, 3, plane.nodes.size))
+    transforms = [
+        (rng.random((rows, columns)) + 1j * rng.random((rows, columns))).astype(np.result_type(precision, "complex64"))
+        for _ in range(3)
+    ]
+    sums = [np.zeros_like(transforms[0]) for _ in tables]
+    for own, table in zip(sums, tables, strict=True):
+        for transform, factor in zip(transforms, table, strict=True):
+            plane.add_product(own, transform, factor)
+    plane.combine(transforms, tables)
+    assert len(transforms) == 2
+    for one, other in zip(transforms, sums, strict=True):
+        assert_same_bits(one, other)
 
 
 def test_a_frame_without_light_gives_none(tmp_path, monkeypatch, in_strips):

@@ -69,13 +69,18 @@ def _by_band(run: Any, job: Job, grid: Grid) -> float:
         # one transform, and behind it the table of the pixel and a plane of the result
         return float(transforms + max(ahead + 1.5 * padded, 1.5 * padded + run.plane(job)))
     run.transforms += [size for size in (terms * padded, transforms) if size <= LARGEST_SHARED]
-    if made and large and in_rows(run, run.jobs[ref]):
+    strips = made and large and in_rows(run, run.jobs[ref])
+    if strips:
         ahead = AHEAD * gathered_samples(grid.bands().size) * run.size  # by one stage, and by the next
     else:
         ahead += (TOGETHER - 1) * run.plane(job)
-    if terms * padded > LARGEST_SHARED:  # one plane after the other, and the result after the last
-        result = sum(run.bytes(job, name) for name in job.writes)
-        gathered = terms * run.plane(job) + max(ahead, padded + transforms)
+    if terms * padded > LARGEST_SHARED:
+        result = sum(run.bytes(job, name) for name in job.writes)  # after the last transform
+        if strips:  # no plane is held; sums of radial transfer functions are made in place
+            in_place = job.segment is not None and all(stage.radial for stage in job.segment.joined or ())
+            gathered = ahead + terms * padded + (0 if in_place else transforms)
+        else:  # one plane after the other
+            gathered = terms * run.plane(job) + max(ahead, padded + transforms)
         return float(max(gathered - result, transforms + 2 * padded))
     gathered = terms * run.plane(job) + max(ahead, terms * padded)
     return float(max(gathered, terms * padded + 2 * transforms, 3 * transforms))

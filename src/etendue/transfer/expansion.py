@@ -178,6 +178,36 @@ class RadialPlane:
                     )
                     sums[own] += half_transform[own] * part
 
+    def combine(self, half_transforms: list[ComplexArray], tables: FloatArray) -> None:
+        """Replace half transforms by sums of their products, the first one by sum_k tables[0, k] * half_transforms[k],
+        with the same bits as ``add_product``.
+
+        Parameters
+        ----------
+        half_transforms : list of k (rows, columns) arrays
+        tables : (channel, k, node) array
+            At most k channels. The transforms after those of the channels are removed from the list.
+        """
+        tables = tables.astype(self.kind)
+        steps = np.diff(tables, append=tables[..., -1:])
+        for rows in _blocks(*self.below.shape):
+            # rows of opposite frequency, in the order of the transform
+            first, stop = max(rows.start, 1), min(rows.stop, self.rows - self.half)
+            opposite = slice(self.rows - stop + 1, self.rows - first + 1) if stop > first else slice(0, 0)
+            found = [
+                [np.zeros_like(half_transforms[0][own]) for own in (rows, opposite)] for _ in range(tables.shape[0])
+            ]
+            for number, transform in enumerate(half_transforms):
+                for channel, (upper, lower) in enumerate(found):
+                    factor = np.take(steps[channel, number], self.below[rows], mode="clip")
+                    factor *= self.beyond[rows]
+                    factor += np.take(tables[channel, number], self.below[rows], mode="clip")
+                    upper += transform[rows] * factor
+                    lower += transform[opposite] * factor[first - rows.start : stop - rows.start][::-1]
+            for transform, (upper, lower) in zip(half_transforms, found, strict=False):
+                transform[rows], transform[opposite] = upper, lower
+        del half_transforms[tables.shape[0] :]
+
     def multiply(self, half_transform: ComplexArray, table: FloatArray) -> None:
         """Multiply a half transform (rows, columns) by a table in place."""
         factor = self.upper(table)

@@ -52,21 +52,25 @@ def _gap(plane: FloatArray, total: int, axis: int) -> FloatArray:
     """Return the samples between the end of an axis and its periodic start: two mirrored ends, cross-faded."""
     size = plane.shape[axis]
     gap = total - size
-    t = np.arange(gap)
-    weight = 0.5 - 0.5 * np.cos(np.pi * (t + 0.5) / max(gap, 1))
     shape = [1] * plane.ndim
     shape[axis] = -1
-    weight = weight.reshape(shape).astype(plane.dtype)
+    weight = _fading(gap).reshape(shape).astype(plane.dtype)
     if gap <= size:  # slices take a tenth of the time of ``take`` along x
         ends = np.moveaxis(plane, axis, 0)
         after, before = (np.moveaxis(end[::-1], 0, axis) for end in (ends[size - gap :], ends[:gap]))
     else:
+        t = np.arange(gap)
         after_end = np.abs((size - 1 - t) % (2 * size))
         after_end = np.where(after_end >= size, 2 * size - 1 - after_end, after_end)
         before_start = (gap - 1 - t) % (2 * size)
         before_start = np.where(before_start >= size, 2 * size - 1 - before_start, before_start)
         after, before = np.take(plane, after_end, axis), np.take(plane, before_start, axis)
     return (1 - weight) * after + weight * before
+
+
+def _fading(gap: int) -> FloatArray:
+    """Return the weight of the mirrored start of an axis in the samples between its end and its periodic start."""
+    return 0.5 - 0.5 * np.cos(np.pi * (np.arange(gap) + 0.5) / max(gap, 1))
 
 
 def pad(planes: FloatArray) -> FloatArray:
@@ -115,20 +119,32 @@ def transform(planes: FloatArray, columns: int | None = None) -> ComplexArray:
 def transform_of_rows(
     rows_of: Callable[[slice], FloatArray], ny: int, nx: int, dtype: np.dtype[np.generic], columns: int
 ) -> ComplexArray | None:
-    """Return the transform of a large plane, with the same bits as ``rfft2``: some rows at a time are made, padded and
-    transformed, then the columns are transformed in place. No other array of the plane's size is held. Return None for
-    a plane of few rows.
+    """Return the transform of a large plane, see ``transforms_of_rows``; None for a plane of few rows."""
+    found = transforms_of_rows(lambda rows: rows_of(rows)[None], 1, ny, nx, dtype, columns)
+    return None if found is None else found[0]
+
+
+def transforms_of_rows(
+    rows_of: Callable[[slice], FloatArray], count: int, ny: int, nx: int, dtype: np.dtype[np.generic], columns: int
+) -> list[ComplexArray] | None:
+    """Return the transforms of large planes, with the same bits as ``rfft2``: some rows of all planes at a time are
+    made, padded and transformed, then the columns are transformed in place. No other array of a plane's size is held.
+    Return None for planes of few rows.
+
+    ``rows_of`` returns (count, rows, nx) for successive slices of rows.
     """
     total_y, total_x = padded_size(ny), padded_size(nx)
     gap = total_y - ny
     if ny < 2 * gap:
         return None
-    half = np.empty((total_y, columns), dtype=np.result_type(dtype, np.complex64))
-    ends = np.empty((2 * gap, nx), dtype)  # the first rows, the last rows
+    halves = [np.empty((total_y, columns), dtype=np.result_type(dtype, np.complex64)) for _ in range(count)]
+    weight = _fading(gap)[:, None].astype(dtype)
+    # the first rows, mirrored, wait for the last ones where the transform of both will be
+    kept = [half[ny:].view(dtype)[:, :nx] if 2 * columns >= nx else np.empty((gap, nx), dtype) for half in halves]
     each = max(1, TOGETHER // total_x)
     padded = np.empty((each, total_x), dtype)
 
-    def put(rows: FloatArray, first: int) -> None:
+    def put(half: ComplexArray, rows: FloatArray, first: int) -> None:
         for start in range(0, len(rows), each):
             own = rows[start : start + each]
             some = padded[: len(own)]
@@ -136,18 +152,22 @@ def transform_of_rows(
             some[:, nx:] = _gap(own, total_x, 1)
             half[first + start : first + start + len(own)] = scipy.fft.rfft(some, workers=1)[:, :columns]
 
-    for first in range(0, ny, STRIP * each):
-        last = min(first + STRIP * each, ny)
+    step = max(1, STRIP * each // count)
+    for first in range(0, ny, step):
+        last = min(first + step, ny)
         rows = rows_of(slice(first, last))
-        put(rows, first)
-        if first < gap:
-            ends[first : min(last, gap)] = rows[: gap - first]
-        if last > ny - gap:
-            begin = max(first, ny - gap)
-            ends[begin - ny : last - ny or None] = rows[begin - first :]
-    put(_gap(ends, 3 * gap, 0), ny)
-    found: ComplexArray = scipy.fft.fft(half, axis=0, overwrite_x=True, workers=1)
-    return found
+        for half, own, start in zip(halves, rows, kept, strict=True):
+            put(half, own, first)
+            if first < gap:
+                begun = own[: gap - first][::-1]
+                start[gap - first - len(begun) : gap - first] = begun
+            if last > ny - gap:
+                ended = own[max(ny - gap - first, 0) :][::-1]
+                between = slice(ny - last, ny - last + len(ended))
+                put(half, (1 - weight[between]) * ended + weight[between] * start[between], ny + between.start)
+    for number, half in enumerate(halves):
+        halves[number] = scipy.fft.fft(half, axis=0, overwrite_x=True, workers=1)
+    return halves
 
 
 def groups(shape: tuple[int, ...]) -> Iterator[slice]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from etendue.compute.bands import BandArray, in_order, is_dark
 from etendue.compute.job import Job
 from etendue.compute.ownership import frozen
-from etendue.compute.tables import TABLES, Made, prepared_of, prepared_on
+from etendue.compute.tables import TABLES, prepared_of, prepared_on
 from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Summed, Transfer
 from etendue.contract.stage import state_of
@@ -94,11 +94,18 @@ class GridTransfer:
                 np.result_type(half_transform.real if own.dtype.kind == "f" else half_transform), copy=False
             )
 
-    def gathered(self, weights: Array, basis: Array, half_transforms: Iterable[Array]) -> Any:
-        """Return (channel, Ny, Nh): sum_k u_ck(f) S_k over the transforms of the projected planes."""
+    def gathered(self, weights: Array, basis: Array, half_transforms: Iterable[Array]) -> list[ComplexArray]:
+        """Return by channel sum_k u_ck(f) S_k, (Ny, Nh), over the transforms of the projected planes. The transforms of
+        a list are overwritten.
+        """
         one_by_one = expansion.coefficients(weights, basis, np.eye(weights.shape[1]))
-        sums: Any = None
         tables = None if self.plane is None or not self.stages else expansion.coefficients(weights, basis, self.table)
+        if isinstance(half_transforms, list):
+            if tables is not None:
+                self.plane.combine(half_transforms, tables)
+                return half_transforms
+            half_transforms = emptied(half_transforms)
+        sums: Any = None
         number = 0
         for transform in half_transforms:
             if sums is None:
@@ -110,7 +117,7 @@ class GridTransfer:
                     own += transform * self._mixed(one_by_one[channel, number]).astype(transform.dtype)
             del transform  # before the next is made
             number += 1
-        return sums
+        return list(sums)
 
     def _mixed(self, factors: Array) -> Array:
         """Return sum_l factors[l] T_l(f) on the frequencies of the transform."""
@@ -168,15 +175,14 @@ def from_bands(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array |
     kept = stage.kept()
     joined = GridTransfer(before, grid, job.precision, kept)
     few = 0 < stage.terms() < light.shape[0]
-    own: list[ComplexArray] = []
-    if few or kept < 1:
-        sums = weights.sum(axis=1)
-        shares = np.divide(weights, sums[:, None], out=np.zeros_like(weights), where=sums[:, None] != 0).round(DIGITS)
-        cached = _shared(job, light, joined, shares, stage.terms() if few else 0)
-        kind = cached[0].dtype
+    sums = weights.sum(axis=1) if few or kept < 1 else None
+    channels: Sequence[ComplexArray]
+    if sums is None:
+        channels = _exact(light, joined, weights)
     else:
-        own = _exact(light, joined, weights)
-        kind = own[0].dtype
+        shares = np.divide(weights, sums[:, None], out=np.zeros_like(weights), where=sums[:, None] != 0).round(DIGITS)
+        channels = _shared(job, light, joined, shares, stage.terms() if few else 0)
+    kind = channels[0].dtype
     y, x = grid.line("y"), grid.line("x")
     fy = sampling.frequencies(y.size, y.step, half=False, share=kept)[:, None]
     fx = sampling.frequencies(x.size, x.step, half=True, share=kept)[None, :]
@@ -190,11 +196,12 @@ def from_bands(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array |
     where = places(grid, job.grids[name])
     planes = np.empty((len(weights), where[0][2], where[1][2]), dtype=job.precision)
     for channel in range(len(planes)):
-        if own:
-            half = own.pop(0)  # it ends here
+        if isinstance(channels, list):
+            half = channels.pop(0)  # it ends here
             half *= last
         else:  # cached transforms must not be changed in place
-            half = cached[channel] * last
+            half = channels[channel] * last
+        if sums is not None:
             half *= sums[channel].astype(real)
         found = sampling.sample(half, y.size, x.size, where[0], where[1], own=True)
         del half  # before memory of the result is touched
@@ -206,8 +213,8 @@ def from_bands(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array |
 def _shared(
     job: Job, light: Array | BandArray, joined: GridTransfer, shares: Array, terms: int
 ) -> Sequence[ComplexArray]:
-    """Return half transforms of the channels before their pixels: they are equal for pixels of any size, and
-    cached for the next pixel size.
+    """Return half transforms of the channels before their pixels. They are equal for pixels of any size: a tuple is
+    cached for the next pixel size. Large ones are not, and are returned as a list.
     """
     assert job.segment is not None
     own = (
@@ -223,12 +230,13 @@ def _shared(
         size = planes * 2 * np.dtype(job.precision).itemsize * light.shape[1] * light.shape[2]
         return bool(own[1]) and size <= LARGEST_SHARED
 
-    def remembered(made: Callable[[], Made], planes: int, *more: float) -> Made:
-        return TABLES.get((*own, *more), made, True) if shared(planes) else made()
+    def remembered(made: Callable[[], Iterable[ComplexArray]], *more: float) -> tuple[ComplexArray, ...]:
+        return TABLES.get((*own, *more), lambda: tuple(map(frozen, made())), True)
 
     if not terms:
-        return remembered(lambda: tuple(map(frozen, _exact(light, joined, shares))), shares.shape[0], joined.kept)
-    live = shares.any(axis=1)
+        exact = partial(_exact, light, joined, shares)
+        return remembered(exact, joined.kept) if shared(len(shares)) else exact()
+    live = np.any(shares, axis=1).reshape(-1)
 
     def fitted() -> Array:
         highest = 0.5 * math.hypot(1 / joined.grid.line("y").step, 1 / joined.grid.line("x").step)
@@ -237,18 +245,20 @@ def _shared(
             shares[live], terms, joined.product.along(frequency).real, expansion.importance(frequency)
         )
 
-    def channels() -> Sequence[ComplexArray]:
+    def channels() -> list[ComplexArray]:
         basis = fitted()
-        made = map(lambda plane: frozen(sampling.transform(plane)), _gathered(light, basis))  # one at a time
-        transforms = remembered(lambda: tuple(made), terms) if shared(terms) else made
-        lit = joined.gathered(shares[live], basis, map(lambda one: sampling.low_terms(one, joined.shape), transforms))
-        if live.all():
-            return tuple(frozen(lit))
-        found = np.zeros((live.size, *joined.shape), dtype=lit.dtype)
-        found[live] = lit
-        return tuple(frozen(found))
+        transforms: Iterable[ComplexArray]
+        if _is_large_in_rows(light) and not shared(terms):
+            transforms = _gathered_transforms(light, basis, joined.shape)
+        else:  # one at a time, unless they are cached
+            made = map(sampling.transform, _gathered(light, basis))
+            whole = remembered(lambda: made) if shared(terms) else made
+            transforms = map(lambda one: sampling.low_terms(one, joined.shape), whole)
+        lit = joined.gathered(shares[live], basis, transforms)
+        kind = lit[0].dtype
+        return [lit.pop(0) if one else np.zeros(joined.shape, kind) for one in live.tolist()]
 
-    return remembered(channels, shares.shape[0], joined.kept)
+    return remembered(channels, joined.kept) if shared(len(shares)) else channels()
 
 
 def _exact(light: Array | BandArray, joined: GridTransfer, weights: Array) -> list[ComplexArray]:
@@ -301,25 +311,50 @@ def _transforms(light: Array | BandArray, seen: Sequence[bool], columns: int) ->
 def _gathered(light: Array | BandArray, basis: Array) -> Iterator[Array]:
     """Yield a few planes, each a sum over bands, of which every channel is a linear combination; no plane is kept."""
     planes = [np.zeros(light.shape[1:], dtype=light.dtype) for _ in basis]
-    if _is_large_in_rows(light):
-        _gather_in_rows(light, basis, planes)
-    else:
-        group: dict[int, Array] = {}
-        for band, plane in enumerate(in_order(light)):
-            if not is_dark(plane):
-                group[band] = np.asarray(plane)
-            if group and (len(group) == TOGETHER or band + 1 == light.shape[0]):
-                expansion.add_projected(planes, basis[:, list(group)], list(group.values()))
-                group = {}
-    while planes:
-        yield planes.pop(0)
+    group: dict[int, Array] = {}
+    for band, plane in enumerate(in_order(light)):
+        if not is_dark(plane):
+            group[band] = np.asarray(plane)
+        if group and (len(group) == TOGETHER or band + 1 == light.shape[0]):
+            expansion.add_projected(planes, basis[:, list(group)], list(group.values()))
+            group = {}
+    yield from emptied(planes)
 
 
-def _gather_in_rows(light: BandArray, basis: Array, planes: list[Array]) -> None:
-    """Add the bands to planes with the same bits as from whole bands, without holding any."""
+def emptied(arrays: list[Array]) -> Iterator[Array]:
+    """Yield the arrays of a list and remove them from it, so that each can be freed before the next is used."""
+    while arrays:
+        yield arrays.pop(0)
+
+
+def _gathered_transforms(light: BandArray, basis: Array, shape: tuple[int, int]) -> list[ComplexArray]:
+    """Return the terms of shape ``shape`` of the transforms of large gathered planes, with the same bits as from whole
+    planes, without holding any.
+    """
+    blocks, (ny, nx) = _gathered_blocks(light, basis), light.shape[1:]
+    rest = np.empty((len(basis), 0), light.dtype)
+
+    def rows_of(rows: slice) -> Array:
+        nonlocal rest
+        size, own = (rows.stop - rows.start) * nx, [rest]
+        while sum(one.shape[1] for one in own) < size:
+            own.append(next(blocks))
+        found = np.concatenate(own, axis=1)
+        rest = found[:, size:].copy()
+        return found[:, :size].reshape(len(basis), -1, nx)
+
+    made = sampling.transforms_of_rows(rows_of, len(basis), ny, nx, light.dtype, shape[1])
+    if made is None:  # of few rows
+        made = [sampling.transform(plane, shape[1]) for plane in rows_of(slice(0, ny))]
+    for number in range(len(made)):
+        made[number] = sampling.low_terms(made[number], shape)
+    return made
+
+
+def _gathered_blocks(light: BandArray, basis: Array) -> Iterator[Array]:
+    """Yield successive samples of the gathered planes, (plane, sample)."""
     count, rows, columns = light.shape
     whole, size = rows * columns, gathered_samples(count) // count
-    flat = [plane.reshape(-1) for plane in planes]
 
     def some(bands: slice, start: int) -> Array:
         """Return a range of samples of some bands, which may begin and end within a row."""
@@ -330,12 +365,13 @@ def _gather_in_rows(light: BandArray, basis: Array, planes: list[Array]) -> None
     starts = range(0, whole, size)
     # most bands are recognised by their first samples; dark bands take no place in a product, as with whole bands
     lit = [band for band in range(count) if any(some(slice(band, band + 1), start).any() for start in starts)]
-    for start in starts if lit else ():
-        found = some(slice(lit[0], lit[-1] + 1), start)
-        own = [plane[start : start + size] for plane in flat]
+    for start in starts:
+        sums = np.zeros((len(basis), min(size, whole - start)), light.dtype)
+        found = some(slice(lit[0], lit[-1] + 1), start) if lit else sums[:0]
         for first in range(0, len(lit), TOGETHER):
             group = lit[first : first + TOGETHER]
-            expansion.add_projected(own, basis[:, group], [found[band - lit[0]] for band in group])
+            expansion.add_projected(list(sums), basis[:, group], [found[band - lit[0]] for band in group])
+        yield sums
 
 
 def gathered_samples(bands: int) -> int:
