@@ -70,20 +70,34 @@ def _by_band(run: Any, job: Job, grid: Grid) -> float:
         return float(transforms + max(ahead + 1.5 * padded, 1.5 * padded + run.plane(job)))
     run.transforms += [size for size in (terms * padded, transforms) if size <= LARGEST_SHARED]
     strips = made and large and in_rows(run, run.jobs[ref])
+    return _gathered(run, job, grid, transforms, planes + AHEAD - 1, strips)
+
+
+def _gathered(run: Any, job: Job, grid: Grid, transforms: float, ahead: float, strips: bool) -> float:
+    """Return the working memory of bands that are projected onto a few planes.
+
+    Parameters
+    ----------
+    transforms : bytes of the transforms of all channels
+    ahead : bands that are held while they are projected
+    strips : whether only some rows of the bands are held
+    """
+    assert isinstance(job.stage, Summed) and job.segment is not None
+    terms, padded = job.stage.terms(), run.padded(job)
     if strips:
-        ahead = AHEAD * gathered_samples(grid.bands().size) * run.size  # by one stage, and by the next
+        held = AHEAD * gathered_samples(grid.bands().size) * run.size  # by one stage, and by the next
     else:
-        ahead += (TOGETHER - 1) * run.plane(job)
-    if terms * padded > LARGEST_SHARED:
-        result = sum(run.bytes(job, name) for name in job.writes)  # after the last transform
-        if strips:  # no plane is held; sums of radial transfer functions are made in place
-            in_place = job.segment is not None and all(stage.radial for stage in job.segment.joined or ())
-            gathered = ahead + terms * padded + (0 if in_place else transforms)
-        else:  # one plane after the other
-            gathered = terms * run.plane(job) + max(ahead, padded + transforms)
-        return float(max(gathered - result, transforms + 2 * padded))
-    gathered = terms * run.plane(job) + max(ahead, terms * padded)
-    return float(max(gathered, terms * padded + 2 * transforms, 3 * transforms))
+        held = (ahead + TOGETHER - 1) * run.plane(job)
+    if terms * padded <= LARGEST_SHARED:
+        own = terms * run.plane(job) + max(held, terms * padded)
+        return float(max(own, terms * padded + 2 * transforms, 3 * transforms))
+    result = sum(run.bytes(job, name) for name in job.writes)  # after the last transform
+    if strips:  # no plane is held; sums of radial transfer functions are made in place
+        in_place = all(stage.radial for stage in job.segment.joined or ())
+        own = held + terms * padded + (0 if in_place else transforms)
+    else:  # one plane after the other
+        own = terms * run.plane(job) + max(held, padded + transforms)
+    return float(max(own - result, transforms + 2 * padded))
 
 
 def in_rows(run: Any, job: Job) -> bool:
