@@ -8,7 +8,7 @@ import sys
 from etendue import interrupts
 
 # New objects before the youngest generation is collected, until cells are computed. The modules and the plan of a
-# command stay to its end: to look through them at every 700 new objects takes a tenth of a short command.
+# command stay to its end; scanning them after every 700 new objects takes a tenth of the time of a short command.
 AT_ONCE = 200_000
 
 

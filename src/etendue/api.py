@@ -78,7 +78,9 @@ __all__ = [
 
 
 def _imported() -> dict[str, Any]:
-    """Return all names. Import statements, because ``plan.identity.code`` finds definitions by reading this file."""
+    """Return all names. They are in import statements so that ``plan.identity.code`` finds their definitions in this
+    file.
+    """
     from etendue.contract.arrays.facts import UNKNOWN, Facts
     from etendue.contract.arrays.grid import RGB, XYZ, Bands, Grid, Labels, Line
     from etendue.contract.capabilities import (

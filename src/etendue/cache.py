@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 def folder() -> Path:
-    """Return ``ETENDUE_CACHE``, else ``etendue`` in the user's cache folder."""
+    """Return the folder in ``ETENDUE_CACHE``; if it is not set, ``etendue`` in the user's cache folder."""
     own = os.environ.get("ETENDUE_CACHE")
     if own:
         return Path(own)

@@ -78,7 +78,7 @@ def _argument(found: re.Match[str]) -> str:
 
 
 def _said(error: RequestError | ArchiveError | MachineError) -> Exception:
-    """Return the same error with its texts rewritten, its place and notes kept."""
+    """Rewrite the texts of an error and return the same error; its line numbers and notes stay."""
     if isinstance(error, RequestError):
         faults = [Fault(in_arguments(one.place), in_arguments(one.message), one.line) for one in error.faults]
         error.faults = faults

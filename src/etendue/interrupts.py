@@ -30,7 +30,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _SignalState:
-    """The state of signals in this process."""
+    """How this process handles signals, and which signal has arrived."""
 
     owner = 0  # pid if this process is ours and handles all signals here; 0 if etendue is a library in another program
     answered: tuple[int, ...] = ()

@@ -64,7 +64,7 @@ def refuse_unfolding(size: int, stored: int, what: str) -> None:
     Raises
     ------
     ValueError
-        If the arrays do.
+        If the arrays decompress to that much.
     """
     if size > UNFOLDED and size > 200 * max(stored, 1):
         raise ValueError(
@@ -116,12 +116,12 @@ def size_unfolded(path: str | Path) -> tuple[int | None, int]:
 
 
 def check_entries(path: str | Path) -> None:
-    """Refuse a zip file (of arrays) whose entries together decompress to far more memory than they take in it.
+    """Refuse a zip file (of arrays) whose entries together take far more bytes in memory than in the file.
 
     Raises
     ------
     ValueError, zipfile.BadZipFile
-        If the entries do, or if the file is not a zip file.
+        If the entries take that much memory, or if the file is not a zip file.
     """
     with zipfile.ZipFile(path) as whole:
         parts = whole.infolist()

@@ -54,7 +54,7 @@ class Running:
         """Compute all remaining cells, in batches. If interrupted, finished results remain in the store."""
         work, keeper = self.work, self.keeper
         show = frozenset(ref for ref in self.shown.values() if ref in self.looks and ref in work.todo)
-        jobs: Mapping[CellRef, Job] = {}  # making them goes through all cells, also if none is left to compute
+        jobs: Mapping[CellRef, Job] = {}  # made only if needed, because this visits all cells of the plan
         if work.todo:
             jobs = make_jobs(
                 self.plan,

@@ -105,11 +105,13 @@ class Outcome:
     read: Callable[[CellRef, frozenset[str]], Mapping[str, Array]] | None = None  # variables of a cell in the archive
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out what reads the archive, which another process has not opened: what was kept is computed again."""
+        """Leave out ``read``, because another process has not opened the archive; kept results are computed again
+        there.
+        """
         return {**self.__dict__, "read": None}
 
     def kept(self, ref: CellRef, names: Collection[str]) -> Mapping[str, Array]:
-        """Return those of some variables of a finished cell that the run has kept, read-only."""
+        """Return the arrays, read-only, of those requested variables of a finished cell that the run has kept."""
         report = self.reports.get(ref)
         if report is None or report.status not in ("done", "left_out", "reused"):
             return {}

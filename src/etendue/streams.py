@@ -23,7 +23,7 @@ class _StreamState:
 
 @contextmanager
 def plugins_on_stderr() -> Iterator[None]:
-    """Redirect stdout to stderr inside, for Python and for C code; show warnings in one line each."""
+    """Redirect stdout to stderr inside the block, for Python and for C code; show warnings in one line each."""
     if _StreamState.stream is not None:
         yield
         return
@@ -47,7 +47,7 @@ def plugins_on_stderr() -> Iterator[None]:
 
 @contextmanager
 def results() -> Iterator[None]:
-    """Restore stdout inside."""
+    """Restore stdout inside the block."""
     stream = _StreamState.stream
     if stream is None:
         yield

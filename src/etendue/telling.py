@@ -106,7 +106,7 @@ def said(error: BaseException) -> str:
 
 
 def told(error: BaseException) -> str:
-    """Return the innermost places of an exception, file and line, followed by its type and text."""
+    """Return file and line of the innermost frames of an exception's traceback, followed by its type and text."""
     lines = []
     trace = error.__traceback__
     frames = []
@@ -160,7 +160,7 @@ def where(error: BaseException) -> str:
 
 def human_seconds(seconds: float) -> str:
     """Return a duration in a readable unit, such as 1.5 s."""
-    if seconds >= 59.995:  # what rounds to a minute
+    if seconds >= 59.995:  # rounds to a minute or more
         minutes, rest = divmod(round(seconds), 60)
         return f"{minutes} min {rest} s"
     return f"{seconds:.2f} s" if seconds >= 0.99995 else f"{1e3 * seconds:.1f} ms"

@@ -42,7 +42,7 @@ def is_named(note: str, space: str, encoding: str) -> bool:
 
 
 def colour_note(info: Any) -> str:
-    """Return a note on an embedded profile, a gamma or primaries."""
+    """Return a note on an embedded profile, gamma or primaries that differ from sRGB; '' otherwise."""
     profile = info.get("icc_profile")
     if profile:
         text = profile.decode("latin-1")
@@ -59,7 +59,7 @@ def colour_note(info: Any) -> str:
 
 
 def exif_note(exif: Image.Exif, info: Any) -> str:
-    """Return a note on Adobe RGB without a profile, as cameras write it."""
+    """Return a note if a file declares Adobe RGB in its EXIF data, without a profile, as cameras do; '' otherwise."""
     if info.get("icc_profile"):
         return ""
     own = exif.get_ifd(EXIF_IFD)
@@ -74,7 +74,7 @@ def exif_note(exif: Image.Exif, info: Any) -> str:
 
 
 def png_note(path: str) -> str | None:
-    """Return a note on cICP code points, which override a profile; None if the file has no code points."""
+    """Return a note on cICP code points, which override a profile; '' for sRGB, None if the file has no code points."""
     with open(path, "rb") as file:
         file.seek(8)
         while len(head := file.read(8)) == 8:

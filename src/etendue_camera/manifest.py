@@ -75,7 +75,7 @@ def etendue_vocabularies() -> Document:
     return {
         # a TOML file as in data/sensors, or the same as a mapping: [camera] sensor = "NAME"
         "sensors": {"word": "sensor"},
-        # accepted wherever the path of a table is
+        # these names are accepted wherever a path of a table is
         "spectra": {"word": "spectrum", "endings": (".csv", ".spdx"), "library": LIBRARY},
         "lens_profiles": {"word": "lens profile", "endings": (".lens",)},
     }

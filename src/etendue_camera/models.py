@@ -16,7 +16,7 @@ OWN = "etendue"  # the distribution of the package
 
 
 def _places() -> dict[str, str]:
-    """Return ``module:Class`` by class name."""
+    """Return ``module:Class`` of each built-in stage, by class name."""
     found = discovery.installed()
     brought = (found.all("stages", name)[0] for name in found.names("stages"))
     return {

@@ -25,10 +25,10 @@ from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.colour_notes import colour_note, exif_note, png_note
 
 MOST_DIRECTORIES = 10_000  # in a TIFF file
-MOST_PIXELS = 50_000_000  # takes 1 GB while it is read
-MOST_PARTS = 2000  # chunks of a PNG besides its image data
-UNCHECKED = 32 << 20  # bytes that any file may decompress to
-FOLD = 4000  # largest ratio of a larger picture to its file
+MOST_PIXELS = 50_000_000  # a picture of this size takes 1 GB while it is read
+MOST_PARTS = 2000  # maximum number of PNG chunks besides image data
+UNCHECKED = 32 << 20  # size to which every file may decompress, bytes
+FOLD = 4000  # maximum ratio of decompressed size to file size, for larger pictures
 _UNFOLDS, _LZMA = (8, 32946, 34925), 34925  # TIFF compression codes: deflate (two), LZMA
 ALLOWED = "PNG, JPEG or TIFF, grey or RGB"
 DNG = 50706  # tag of its version
@@ -88,7 +88,7 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> FilePicture:
             _check_parts(path)
         if start[4:8] == b"ftyp" and start[8:] in _ELSE:
             raise ValueError(f"{path} is {_ELSE[start[8:]]}; convert it to {ALLOWED}")
-        with unwarned():  # for large pictures: the limit here is lower; for damaged EXIF: the rest is read
+        with unwarned():  # of large pictures: the limit here is lower; of damaged EXIF: the rest is read
             with Image.open(path) as picture:
                 kind, size = picture.format, picture.size
             require.that(kind in ("PNG", "JPEG", "MPO"), f"{path} is {kind}; convert it to {ALLOWED}")
@@ -128,7 +128,7 @@ def _check_size(path: str, pixels: int, most: int) -> None:
 
 
 def _check_parts(path: str) -> None:
-    """Raise ValueError for a PNG with very many chunks that are not image data."""
+    """Raise ValueError for a PNG with more than `MOST_PARTS` chunks that are not image data."""
     with open(path, "rb") as file:
         file.seek(8)
         found = 0
@@ -166,7 +166,9 @@ def check_segments(path: str | Path, page: Any) -> None:
 
 
 def _unfolded(path: str | Path, offset: int, count: int, page: Any, most: int) -> int:
-    """Return the bytes that a strip decompresses to, counted up to a limit; 0 where it is too small to exceed it."""
+    """Return the size of a decompressed strip, bytes. Counting stops above ``most``; strips that are too small to
+    exceed it give 0.
+    """
     if count * 8 * FOLD < UNCHECKED:
         return 0
     reader: Any = lzma.LZMADecompressor() if int(page.compression) == _LZMA else zlib.decompressobj()
@@ -184,7 +186,7 @@ def _unfolded(path: str | Path, offset: int, count: int, page: Any, most: int) -
 
 
 def _plain(path: str) -> FilePicture:
-    """Read PNG and JPEG."""
+    """Read a PNG or JPEG file."""
     from PIL import Image
 
     with Image.open(path) as picture:
@@ -222,7 +224,9 @@ def _plain(path: str) -> FilePicture:
 
 
 def _steps(tables: Any, turn: int) -> FloatArray | None:
-    """Return the first quantisation table of a JPEG, oriented as the upright picture."""
+    """Return the first quantisation table (8, 8) of a JPEG, transposed if the picture is turned by 90 degrees; None
+    without a table.
+    """
     if not tables or len(tables.get(0, ())) != 64:
         return None
     table = np.asarray(tables[0], float).reshape(8, 8)
@@ -242,8 +246,8 @@ def _transparent(picture: Any) -> int:
 
 
 def _deep_png(path: str, mode: str) -> Array:
-    """Return all 16 bits of a colour PNG. Pillow returns only the upper eight; decoded as little-endian, the same file
-    gives the lower eight.
+    """Return all 16 bits of a colour PNG. Pillow returns only the upper eight bits. If the samples are decoded as
+    little-endian, Pillow returns the lower eight.
     """
     from PIL import Image
 
@@ -326,7 +330,7 @@ def _tiff(path: str, most: int) -> FilePicture:
 
 
 def _only_page(path: str, file: Any) -> Any:
-    """Return the only picture of a TIFF file, apart from smaller copies of it."""
+    """Return the picture of a TIFF file, which may contain smaller copies of it but no other picture."""
     pages = [page for page in file.pages if not getattr(page.aspage(), "is_reduced", False)]
     if file.pages[0].aspage().tags.valueof(DNG) is not None:
         raise ValueError(f"{path} is a raw file (DNG); convert it to {ALLOWED}")
@@ -335,7 +339,7 @@ def _only_page(path: str, file: Any) -> Any:
 
 
 def _check_kind(path: str, page: Any, colours: str) -> None:
-    """Reject sample formats and colours that a picture cannot have."""
+    """Reject sample formats and colour types that are not supported."""
     kind, bits = page.dtype, page.bitspersample
     known = kind is not None and (bits == 1 or (kind.kind in "uf" and bits in (8, 16, 32, 64)))
     require.that(known, f"{path} has {kind or bits} samples; they must be unsigned integers, or floats from 0 to 1")
@@ -359,7 +363,7 @@ def _opaque(path: str, values: Array, full: float) -> Array:
 
 
 def _by_pillow(path: str) -> Array:
-    """Return 8-bit values of a TIFF file whose compression only Pillow supports; Pillow turns them upright itself."""
+    """Return 8-bit values of a TIFF file whose compression only Pillow supports. Pillow also turns it upright."""
     from PIL import Image
 
     with Image.open(path) as picture:

@@ -12,14 +12,14 @@ from collections.abc import Mapping
 from etendue.contract.stage import Stage
 from etendue_camera.arrays import FloatArray
 
-LENS = ("lens", "distortion", "glare", "low-pass filter")  # spreads or moves light before the sensor
+LENS = ("lens", "distortion", "glare", "low-pass filter")  # roles that spread or move light before the sensor
 DISTORTION = "distortion"
-RESTORING = ("", "sharpening", "denoising", "defect correction")  # improves a picture; "": no role
+RESTORING = ("", "sharpening", "denoising", "defect correction")  # roles that improve a picture; "": no role
 SHADING = "shading correction"
-BALANCE = "white balance"  # after it, white is equal in all channels
+BALANCE = "white balance"  # after this stage, white is equal in all channels
 CROSSTALK = "crosstalk"
 READ_NOISE = "read noise"
-PROCESSING = ("demosaicing", "denoising", "sharpening")  # changes detail and noise after the read-out
+PROCESSING = ("demosaicing", "denoising", "sharpening")  # roles that change detail and noise after the read-out
 DEFECTIVE = ("sensor defects", "stuck pixels")
 FULL_WELL = "full well"
 REFERENCE = "reference"  # stages that only studies insert: never an alternative to others
@@ -30,11 +30,11 @@ class Scaled(Stage):
 
     @abstractmethod
     def electrons(self) -> float:
-        """Return the charge of a pixel that reads 1."""
+        """Return the charge (electron) of a pixel whose linear mosaic value is 1."""
 
 
-# Datasheet entries by name, with units. Over several stages, noises and patterns add in squares, and the smallest full
-# well applies.
+# Datasheet entries by name, with units. Noises and patterns of several stages add in squares, dark currents add, gains
+# multiply, and the smallest full well applies.
 FIGURES: Mapping[str, str] = {
     "gain": "DN/electron",
     "read_noise": "electron",
@@ -43,11 +43,13 @@ FIGURES: Mapping[str, str] = {
     "prnu": "1",
     "dark_current": "electron/s",
     "dark_spread": "electron/s",
-}  # the last two: mean over pixels, and rms between them
+}  # dark current: mean over pixels; dark spread: rms difference between pixels
 
 
 class InSilicon(Stage):
-    """A stage on the light that belongs to the sensor, not to the lens: an ideal lens leaves it unchanged."""
+    """A stage that changes the light but belongs to the sensor, not to the lens. Studies keep it when they replace the
+    lens by an ideal lens.
+    """
 
 
 class FlatScene(Stage):
@@ -65,4 +67,4 @@ class Displaying(Stage):
 
     @abstractmethod
     def to_xyz(self) -> FloatArray:
-        """Return the matrix (3, 3) from linear RGB to XYZ, Y = 1 for the display's white."""
+        """Return the matrix (3, 3) from linear RGB to XYZ, with Y = 1 for the white of the display."""

@@ -1,5 +1,5 @@
-"""Rendering of camera arrays for viewing: light through the CIE 1931 observer, channels by name, a mosaic through its
-own filters.
+"""Rendering of camera arrays for viewing: light as the CIE 1931 observer sees it, channels by name, a mosaic in the
+colours of its filters.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ TO_RGB = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB)
 
 
 def of_wavelength(drawn: Drawn, edges: NDArray[np.float64], names: Sequence[str]) -> FloatArray:
-    """Return weights (3, wavelength) that show wavelength bands, with edges in nm, as an eye sees them. For a variable
-    that is not light, the weights give the mean over the bands."""
+    """Return weights (3, wavelength) that show wavelength bands as an eye sees them; ``edges`` in nm. For a variable
+    that is not light, the weights give the mean over the bands.
+    """
     return (
         TO_RGB @ (spectra.colour_matching(edges) * np.diff(edges)[:, None]).T if drawn.linear else _mean(len(edges) - 1)
     )
 
 
 def of_channel(drawn: Drawn, edges: Array | None, names: Sequence[str]) -> FloatArray | None:
-    """Return weights (3, channel): tristimulus values as seen by a viewer adapted to their white; red, green and blue
-    unchanged.
+    """Return weights (3, channel) that show channels as linear RGB. XYZ is shown as a viewer adapted to its white sees
+    it. Other channels are averaged; None if the channels are R, G, B.
     """
     names = list(names)
     if names[:3] == ["R", "G", "B"]:
@@ -42,7 +43,7 @@ def of_channel(drawn: Drawn, edges: Array | None, names: Sequence[str]) -> Float
         return _mean(len(names))
     if not drawn.viewer:
         return TO_RGB
-    white = np.asarray(drawn.viewer, float)  # as its viewer sees it, not relative to the white of the display
+    white = np.asarray(drawn.viewer, float)  # the viewer's white, not the white of the display
     return TO_RGB @ matrices.von_kries_matrix(
         white, matrices.xyz_from_xy(matrices.D65_XY), matrices.TRANSFORMS["bradford"]
     )

@@ -47,8 +47,8 @@ def blamed(
 def _of_decisions(
     measurement: Measurement, plan: Plan, found: MeasuredErrors, far: list[str], norm: str
 ) -> dict[str, float]:
-    """Return the reduction of the largest error by stage; if no single stage reduces it, the reduction by all stages
-    together.
+    """Return, by stage, by how much the largest error falls if the stage's decisions are undone; if no single stage
+    reduces it enough, one entry for all stages together.
     """
     worst = max(_error(found.errors[name], norm) for name in far)
     shares: dict[str, float] = {}

@@ -5,8 +5,8 @@ Out: ``Difference``; its relative values are the rms over the picture and the la
 
 Full scale is 1 for pictures without a unit, white - black for codes with a black level (``Variable.black``), and else
 the largest value of the reference. For values without a position, errors of a metric per stage are relative to the
-metric, and errors of vectors and matrices to their largest element. ``Variable.full`` overrides this: a share of pixels
-is a share of the frame.
+metric, and errors of vectors and matrices to their largest element. ``Variable.full`` overrides this; for example, a
+share of pixels is relative to the whole frame.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ def difference(found: Array, reference: Array, declaration: Declaration, stage: 
     """Return the difference of two arrays of one variable that ``stage`` has written.
 
     Values that are undefined in both runs are ignored; if a value is undefined in only one run, the arrays cannot be
-    compared. For codes without a unit (flags, maps, positions in a list) the rms is the root of the share that differs.
+    compared. For codes without a unit (flags, maps, positions in a list) the rms is the square root of the fraction of
+    values that differ.
     """
     found, reference = np.asarray(found, np.float64), np.asarray(reference, np.float64)
     if found.shape != reference.shape:

@@ -206,7 +206,7 @@ class Refinement:
         return found
 
     def _scale(self, evaluated: tuple[Plan, Mapping[StageVariable, Any]]) -> None:
-        """Store the full scale of every variable, and whether it is a number."""
+        """Store the full scale of every variable, and whether the variable is a number."""
         plan, values = evaluated
         for stage, name in self.names:
             if (stage, name) not in values:

@@ -212,7 +212,7 @@ class Measurement:
 
     @cached_property
     def coarser(self) -> tuple[Plan, Collected] | None:
-        """The reference at one refinement less, if the finest setting of one of its knobs is not exact."""
+        """The plan and results of the reference with one refinement less; None if every finest setting is exact."""
         if self.reference.coarser is None:
             return None
         plan = self.plan(self.reference.coarser)
@@ -295,7 +295,7 @@ class Measurement:
         return MeasuredErrors(errors, len(self.places), self.seconds - before)
 
     def unknown(self, plan: Plan, why: str) -> MeasuredErrors:
-        """Return the errors of a plan that is not measured."""
+        """Return the errors of a plan that is not measured: all unknown, with the reason."""
         unknown = GlobalError(None, None, None, "unknown", why=why, below=float("inf"))
         return MeasuredErrors(dict.fromkeys(shown_names(plan).values(), unknown), len(self.places), 0.0)
 
@@ -330,8 +330,8 @@ class Measurement:
         )
 
     def own_error_behind(self, stage: str) -> float:
-        """Return the error stated by earlier stages that no reference setting reduces: the possible error of the
-        reference itself.
+        """Return the largest error that earlier stages state in the reference because their finer settings are
+        ``dear``: the possible error of the reference itself.
         """
         plan, found = self.exact, 0.0
         for node in plan.nodes:
@@ -371,7 +371,7 @@ def shown_names(plan: Plan) -> dict[StageVariable, str]:
 
 
 def in_front(plan: Plan, ref: CellRef, name: str) -> tuple[CellRef, str] | None:
-    """Return the variable that the stage of an encoded variable encodes; None if it is not encoded."""
+    """Return the cell and the variable from which an encoded variable is made; None if the variable is not encoded."""
     cell = plan.cells[ref]
     if known(name).shown != "encoded" or not cell.inputs or known(cell.inputs[0][2]).shown == "encoded":
         return None

@@ -100,8 +100,8 @@ def _falling(settings: Sequence[Value], errors: Sequence[float | None], least: f
 
 
 def _beside_a_finite_reference(local: FloatArray, step: FloatArray, error: FloatArray, last: float) -> FloatArray:
-    """Correct local orders for a finite reference: find p with h^p - r^p falling as measured; unchanged if none
-    does.
+    """Correct local orders for a finite reference: find the p for which h^p - r^p falls as measured; an order without
+    such a p is unchanged.
     """
     found = []
     for i, plain in enumerate(local):
@@ -119,7 +119,7 @@ def _beside_a_finite_reference(local: FloatArray, step: FloatArray, error: Float
 
 
 def law_of(settings: Sequence[Value], errors: Sequence[float | None], finite: bool) -> Convergence:
-    """Return the law of errors that are differences from the last setting, which is either ``finite`` or exact."""
+    """Return the law by which errors relative to the last setting fall; ``finite``: the last setting is not exact."""
     numbers = [float(s) for s in settings if not isinstance(s, bool | str)]
     last = numbers[-1] if finite and numbers and numbers[-1] > 0 else None
     power = last is not None and last < numbers[0]  # a width: the law itself accounts for the finite reference

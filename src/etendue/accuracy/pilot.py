@@ -29,7 +29,7 @@ _BASES = (2, 3, 5, 7, 11, 13, 17, 19)
 
 def places(sizes: Sequence[int], categorical: Sequence[bool] = (), most: int = MOST) -> tuple[tuple[int, ...], ...]:
     """Return positions on axes of these sizes: all positions if there are few, else both ends, the middle, further
-    corners, and places inside. A single position is the middle.
+    corners, and places inside. If only one position is allowed, it is the middle.
 
     Every value of a ``categorical`` axis (a swapped stage, a word) is included for any ``most``, because results at one
     value say nothing about another value.

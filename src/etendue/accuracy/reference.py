@@ -46,7 +46,7 @@ class PipelineKnob(Knob):
 
     @property
     def before_reference(self) -> Value:
-        """The setting one refinement below the reference if the reference is finite; else the reference."""
+        """The setting one refinement coarser than the reference if the reference is finite; else the reference."""
         return self.settings[-2] if len(self.settings) > 1 and not self.closed_form else self.reference
 
     def finer_than(self, setting: Value) -> Value:
@@ -57,8 +57,8 @@ class PipelineKnob(Knob):
 
 @dataclass(frozen=True)
 class ReferencePipeline:
-    """``pipeline`` with the knobs written in; ``coarser``: the same pipeline one refinement below; None if every
-    reference is a closed form.
+    """``pipeline`` with the knobs written in; ``coarser``: the same pipeline with settings one refinement coarser; None
+    if every reference is a closed form.
     """
 
     pipeline: PipelineFile
@@ -96,7 +96,7 @@ def knobs_of(pipeline: PipelineFile, registry: Registry) -> tuple[PipelineKnob, 
 
 def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
     """Return settings from the cheapest to the reference. If none are declared, counts are doubled and other numbers
-    halved in steps.
+    halved in steps, from two below to two above the default.
     """
     if parameter.settings or isinstance(default, str | bool) or not isinstance(default, int | float):
         return parameter.settings
@@ -109,8 +109,8 @@ def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
 
 
 def within(knob: PipelineKnob, takes: Callable[[Value], bool]) -> PipelineKnob:
-    """Return a knob with the settings up to the best setting that its stage accepts; if settings are lost, its
-    reference is finite.
+    """Return a knob with the settings up to the best setting that its stage accepts. If this removes settings, the
+    reference counts as finite.
     """
     for count in range(len(knob.settings), 0, -1):
         if takes(knob.settings[count - 1]):

@@ -23,7 +23,7 @@ DECISIONS = "left out and coarser"
 
 
 def split(trial: SettingTrial, curves: Sequence[SettingCurve], sampled: Sampled) -> SettingTrial:
-    """Return a trial with the parts of the error of its worst variable, whose sum is this error.
+    """Return a trial with the error of its worst variable split into parts, which add up to this error.
 
     The error of knobs that leave the grid unchanged is split in proportion to the error of each knob alone; errors of
     the grid are added.

@@ -102,7 +102,7 @@ def accuracy(
     planned = study.planned(pipeline)
 
     def of(trial: SettingTrial) -> tuple[float, float]:
-        """Errors below the possible error of the reference count as equal."""
+        """Return error and seconds of a trial; errors below the possible error of the reference count as equal."""
         error, seconds = error_and_cost(trial)
         return max(error, max(study.floor, ROUNDING)), seconds
 

@@ -41,7 +41,7 @@ class Timing:
         return {name: min(own) for name, own in (self.cold if self.by == COLD else self.warm).items()}
 
     def and_(self, other: Timing) -> Timing:
-        """Return a timing with the samples of both."""
+        """Return a timing with the samples of both timings."""
         cold, warm = (
             {name: (*own.get(name, ()), *more.get(name, ())) for name in {**own, **more}}
             for own, more in ((self.cold, other.cold), (self.warm, other.warm))

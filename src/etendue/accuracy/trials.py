@@ -71,7 +71,7 @@ class SettingCurve:
     changes: Mapping[Value, Mapping[str, float]]
 
     def error(self, trial: SettingTrial) -> tuple[float | None, str]:
-        """Return the error of the wanted variable that is worst, and its name."""
+        """Return the largest error of the wanted variables at this trial's setting, and the name of the variable."""
         own = self.changes.get(trial.setting(self.knob), {})
         name = max((n for n in own if n in trial.computed), key=lambda n: own[n], default="")
         return own.get(name), name
@@ -127,7 +127,7 @@ class Trials:
         self.floor = 0.0
 
     def _reference_beside(self, base: Measurement) -> ReferencePipeline:
-        """Return the reference with the knobs that are tried. Its uncertainty comes from the other knobs whose
+        """Return the reference, including the knobs that are tried. Its uncertainty comes only from other knobs whose
         reference setting is finite.
         """
         tried = {one.key for one in self.knobs}
@@ -137,7 +137,7 @@ class Trials:
         return replace(found, coarser=with_settings(found.pipeline, finite) if finite else None)
 
     def on(self, moved: Settings) -> Measurement:
-        """Return the measurement on the grid that a combination has."""
+        """Return the measurement on the grid of a combination of settings."""
         own = {k.key: moved[k.key] for k in self.knobs if k.discretisation and k.key in moved}
         name = tuple(sorted(own.items()))
         if name not in self.grids:
@@ -222,7 +222,7 @@ class Trials:
         return found, Timing(samples_of(runs[COLD]), samples_of(runs[WARM]), repeat, self.effort.by)
 
     def keep(self, settings: Settings, timing: Timing) -> None:
-        """Store seconds by the work for which they were measured."""
+        """Add the measured seconds of each stage to the samples of the same work."""
         for how, samples in ((COLD, timing.cold), (WARM, timing.warm)):
             for stage, own in samples.items():
                 pool = self.samples.setdefault(self.work(settings, stage), {COLD: [], WARM: []})

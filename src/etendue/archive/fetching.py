@@ -38,7 +38,7 @@ from etendue.contract.ports import WrittenChunk
 from etendue.types.documents import Document, DocumentView
 
 TABLE = "objects.json"  # the objects of an archive, with the tag that each had when it was put
-PACK = "documents.zip"  # one object with the content of all small ones, so that a reader needs one request for them
+PACK = "documents.zip"  # one object that holds all small objects, so that a reader needs one request for them
 SMALL, SMALL_SHARD = 64 << 10, 4 << 10  # bytes; the largest document and the largest shard in the pack
 AT_ONCE = 16  # concurrent requests
 T = TypeVar("T")
@@ -203,7 +203,7 @@ def at_once(do: Callable[[str], T], paths: Iterable[str], threads: int = AT_ONCE
 
 
 def _vouched(objects: Objects) -> dict[str, str]:
-    """Return the tags of the objects at the time they were put."""
+    """Return, by path, the tag that each object had when it was put; empty if the table of objects cannot be read."""
     try:
         known = json.loads(objects.get(TABLE)[0])["objects"]
         return {str(path): str(tag) for path, tag in known.items()}

@@ -46,7 +46,7 @@ LOOK = 1.0
 
 
 def work_place() -> Path:
-    """Return the folder for working folders: ``ETENDUE_WORK``, else the user's cache folder."""
+    """Return the folder that holds all working folders: ``ETENDUE_WORK``, else the user's cache folder."""
     own = os.environ.get("ETENDUE_WORK")
     return (Path(own) if own else cache.folder() / "objects").resolve()
 

@@ -47,8 +47,9 @@ def is_url(place: object) -> bool:
 def reading(place: str | Path, exact: bool = False, inputs: bool = True) -> Iterator[Path]:
     """Yield a folder from which an archive can be read.
 
-    From an object store, small objects are fetched now and the rest on reading; nothing is written. ``exact``: read
-    from the store instead of the journal wherever possible; ``inputs``: also fetch the input files of pipelines.
+    For an archive on an object store, small objects are fetched now, all others when they are read; nothing is written
+    to the store. ``exact``: fetch the indexes of shards instead of deriving them from the journal; ``inputs``: also
+    fetch the input files of pipelines.
 
     Raises
     ------
@@ -120,7 +121,7 @@ def writing(place: str | Path, far: str = "", exact: bool = False) -> Iterator[P
     Raises
     ------
     ArchiveError, ArchiveInUse, StoreLost
-        The store cannot be reached; another run is writing there.
+        The store cannot be reached, or another run is writing there.
     RequestError
         The workers of a cluster would not see the folder.
     """

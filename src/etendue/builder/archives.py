@@ -108,8 +108,8 @@ class Archive(Extended):
         return found
 
     def diff(self, other: Archive | str | Path) -> Document:
-        """Compare with another archive: differing cells, size and cause of the differences; return the document that
-        ``etendue diff --json`` prints.
+        """Compare with another archive: find the differing cells, and the size and cause of each difference. Return the
+        document that ``etendue diff --json`` prints.
         """
         place = other.place if isinstance(other, Archive) else other
         with places.reading(self.place, inputs=False) as a, places.reading(place, inputs=False) as b:

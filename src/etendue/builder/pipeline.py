@@ -154,10 +154,10 @@ class Pipeline(Extended, PipelineSource):
         return replaced(self, (*self.stages[:at], self.stages[at].with_values(**values), *self.stages[at + 1 :]))
 
     def shared(self, **quantities: Any) -> Pipeline:
-        """Return the pipeline with these shared quantities and preset: numbers in the declared unit, or text with a
-        unit.
+        """Return the pipeline with these values of shared quantities or of a preset: numbers in the declared unit, or
+        texts with a unit.
 
-        Each installed table also has a method of its own name, which does the same for the quantities of that table.
+        For each installed table, a method with the name of the table does the same for the quantities in it.
         """
         given = {_bare(name): plain(value) for name, value in quantities.items()}
         return self._with(quantities={**self.quantities, **given})
@@ -180,9 +180,9 @@ class Pipeline(Extended, PipelineSource):
         return self._with(axes={**self.axes, **found})
 
     def design(self, method: str = "sobol", points: int = 256, seed: int = 0, **factors: Any) -> Pipeline:
-        """Return the pipeline with a design over factors: ``QUANTITY={"from": 1, "to": 8, "levels": 16}``,
-        ``STAGE__PARAMETER={"normal": [3, 0.3]}``, a list of choices. ``file`` and ``correlation`` are as in a pipeline
-        file.
+        """Return the pipeline with a design, that is, samples of these factors: ``QUANTITY={"from": 1, "to": 8,
+        "levels": 16}``, ``STAGE__PARAMETER={"normal": [3, 0.3]}``, a list of choices. ``file`` and ``correlation`` are
+        as in a pipeline file.
 
         Examples
         --------
@@ -228,7 +228,7 @@ class Pipeline(Extended, PipelineSource):
         )
 
     def about(self, **words: Any) -> Pipeline:
-        """Return the pipeline with its authors and licence: the table ``[about]``."""
+        """Return the pipeline with these authors and this licence in the table ``[about]``."""
         return self._with(told={**self.told, **plain(words)})
 
     def _position(self, name: str) -> int:
@@ -260,7 +260,7 @@ class Pipeline(Extended, PipelineSource):
         return text
 
     def written(self) -> Written:
-        """Return the pipeline as if read from a file, in the form that studies accept."""
+        """Return the pipeline in the form in which it would be read from a file, which studies accept."""
         return parse_pipeline(self.to_toml(), folder=self.folder)
 
     def plan(self, leave_out: bool = True) -> Planned:
@@ -285,7 +285,7 @@ class Pipeline(Extended, PipelineSource):
         durable: bool = False,
         errors: bool | float = True,
     ) -> Outcome:
-        """Compute the unfinished cells, with a progress bar in terminals and notebooks.
+        """Run the pipeline: compute the unfinished cells, with a progress bar in terminals and notebooks.
 
         Parameters
         ----------
@@ -357,14 +357,16 @@ def _placed(table: DocumentView) -> Placed:
 
 
 def _choice(one: Any) -> Any:
-    """Return a stage as a value of an axis ``STAGE__use``."""
+    """Return a value of an axis ``STAGE__use`` in the form of a pipeline file; a stage becomes its name, or a table of
+    its name and parameters.
+    """
     if isinstance(one, Placed):
         return {"use": one.use, **one.values} if one.values else one.use
     return getattr(one, "__name__", one) if callable(one) else one
 
 
 def _bare(word: str) -> str:
-    """Return a quantity's own name, even if written ``TABLE__NAME``."""
+    """Return the name of a quantity without its table: ``NAME`` for ``TABLE__NAME``."""
     head, mark, name = word.partition("__")
     return name if mark and head in tables() else word
 

@@ -80,14 +80,16 @@ def simulate(
 
 
 def at_choices_of(pipeline: PipelineFile, archive: str | Path | None) -> PipelineFile:
-    """Return the pipeline with the values of open parameters that an earlier run into a local archive has chosen."""
+    """Return the pipeline with its open parameters at the values that an earlier run into this local archive has
+    chosen.
+    """
     folder = None if archive is None or places.is_url(archive) else Path(archive)
     return with_kept_choices(pipeline, installed_stages(), folder)[0]
 
 
 def with_errors(outcome: Outcome, errors: bool | float = True) -> None:
-    """Measure the errors of a run's wanted variables, as far as the time allows. ``errors``: True for at most 10 % of
-    the run's time, or the maximum time in seconds.
+    """Measure the errors of a run's wanted variables and add them to the outcome. ``errors``: the maximum time in
+    seconds; True for 10 % of the run's time; False for no measurement.
     """
     budget = SHARE * outcome.seconds if isinstance(errors, bool) else errors
     folder = outcome.archive if isinstance(outcome.archive, Path) else None
@@ -98,7 +100,9 @@ def with_errors(outcome: Outcome, errors: bool | float = True) -> None:
 
 
 def opened(outcome: Outcome, archive: str | Path | None) -> Any:
-    """Return the tree of a run, from memory or lazily from its archive, with the accessor ``tree.etendue``."""
+    """Return the tree of a run, from memory or loaded lazily from its archive, and register the accessor
+    ``tree.etendue``.
+    """
     from etendue.present.plots import accessor  # noqa: F401  # tree.etendue.plot
 
     if archive is None:

@@ -34,7 +34,7 @@ class Placed:
     reads_from: Mapping[str, str]
 
     def table(self) -> Document:
-        """Return its ``[[stages]]`` table of a pipeline file."""
+        """Return the stage as a ``[[stages]]`` table of a pipeline file."""
         own: Document = {"use": self.use}
         if self.name != self.use:
             own["name"] = self.name
@@ -57,7 +57,7 @@ class Placed:
 
 @called_methods
 class Maker:
-    """A stage by its name; calling it with parameters returns a ``Placed``."""
+    """A function that stands for one stage: called with parameters, it returns the ``Placed`` stage."""
 
     def __init__(self, use: str) -> None:
         self.__name__ = self.__qualname__ = use
@@ -172,7 +172,7 @@ def maker(use: str) -> Maker:
 
 
 def plain(value: Any) -> Any:
-    """Return a value as in a document: tuples and arrays as lists, numpy scalars as numbers, paths as text."""
+    """Convert a value for a document: tuples and arrays to lists, numpy scalars to numbers, paths to text."""
     if hasattr(value, "tolist"):
         return value.tolist()
     if isinstance(value, list | tuple):

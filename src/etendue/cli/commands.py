@@ -64,7 +64,7 @@ def offered() -> dict[str, Command]:
 
 
 def _discovery() -> ModuleType:
-    """Return the discovery module, imported only for commands of other distributions: the engine's own need none."""
+    """Return the discovery module. It is imported only for commands of other distributions."""
     from etendue.plugins import discovery
 
     return discovery
@@ -123,7 +123,5 @@ def _typed(name: str, command: Command) -> str:
 
 
 def missed(name: str) -> str:
-    """Return '; ...' with the reason why no distribution provides a command, if a distribution that may provide it is
-    broken.
-    """
+    """Return the end of a message, '; ...', if a broken distribution may be why a command is missing; else ''."""
     return str(_discovery().installed().missed("commands", name))

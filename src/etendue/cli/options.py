@@ -36,7 +36,7 @@ class _Place(click.ParamType):  # type: ignore[type-arg]  # a generic to mypy; b
 
 
 class _Held(click.ParamType):  # type: ignore[type-arg]
-    """``E`` for all variables, or ``METRIC=E``: the name of the metric, '' for all, and the error."""
+    """``E`` for all variables, or ``METRIC=E``; parsed to (metric, error limit), '' for all."""
 
     name = "error"
 
@@ -135,7 +135,7 @@ WORKERS = click.option(
 
 
 def from_here(here: Path, place: Path | str) -> Path | str:
-    """Resolve a place against ``here``, an earlier working directory: a plugin may change the current directory."""
+    """Resolve a place against ``here``, the working directory at the start, because a plugin may change it."""
     return here / place if isinstance(place, Path) else place
 
 
@@ -260,7 +260,7 @@ def number(text: str) -> Any:
 
 
 def knob_settings(words: tuple[str, ...]) -> dict[str, tuple[Any, ...]]:
-    """Parse ``STAGE.KNOB`` or ``STAGE.KNOB=V,V,..`` into settings by knob; () if no settings are given.
+    """Parse ``STAGE.KNOB`` or ``STAGE.KNOB=V,V,..`` into the settings of each knob; () for a knob without settings.
 
     Raises
     ------

@@ -89,7 +89,7 @@ class _Main(click.Group):
         except Exception as error:
             if os.environ.get("ETENDUE_TRACEBACK"):
                 raise
-            if interrupts.noted():  # what a library raises when it is stopped in the middle is no fault of its own
+            if interrupts.noted():  # an interrupted library may raise anything; that is no internal error
                 interrupts.leave()
             text = (
                 f"internal error in etendue: {where(error)}{said(error)}; please report it with the output of "

@@ -15,7 +15,7 @@ from etendue.telling import printable
 
 
 class _Command(click.Command):
-    """A command with only its results on stdout: output of plugins goes to stderr."""
+    """A command that writes only its own results to stdout; anything that plugins print goes to stderr."""
 
     def invoke(self, ctx: click.Context) -> Any:
         with streams.plugins_on_stderr():

@@ -33,7 +33,7 @@ from etendue.types.arrays import Array, CellArrays, FloatArray
 
 SMALL_BAND = 1 << 14  # pixels that are computed sooner than a thread is started: 0.2 ms
 EVERY = slice(None)
-LARGE_BAND = 64 << 20  # bytes of which two would be too much
+LARGE_BAND = 64 << 20  # bytes; two bands of this size would take too much memory
 
 
 class BandArray(ABC):
@@ -273,7 +273,7 @@ class Timed:
 
 
 class _Elsewhere(threading.local):
-    """Thread time that a cell spends in threads other than its own."""
+    """Thread time (s) that a cell spends in other threads."""
 
     seconds = 0.0
 
@@ -282,9 +282,9 @@ elsewhere = _Elsewhere()
 
 
 def in_order(light: Array | BandArray) -> Iterator[Array]:
-    """Yield every band. The next band is computed in a thread while this one is used, if computing takes long enough
-    and needs little memory. No reference to a band is kept once it was yielded, so its memory is freed as soon as the
-    reader drops it.
+    """Yield every band. The next band is computed in another thread while the present one is used, if the computation
+    takes long enough and needs little memory. No reference to a band is kept once it was yielded, so its memory is
+    freed as soon as the reader drops it.
     """
     pixels = math.prod(light.shape[1:])
     if isinstance(light, np.ndarray) or pixels <= SMALL_BAND or pixels * light.dtype.itemsize > LARGE_BAND:

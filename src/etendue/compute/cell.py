@@ -114,8 +114,8 @@ def compute(
 ) -> tuple[Result, CellReport]:
     """Compute or load one cell. Exceptions of stages become a failed report.
 
-    ``began`` is the thread time at the end of the previous cell, because reading the clock costs 5 us. ``groups``: the
-    common properties of the cells of each stage, in a batch that runs ``undisturbed`` as a whole.
+    ``began`` is the thread time at the end of the previous cell, which is reused because reading the clock costs 5 us.
+    ``groups``: the common properties of the cells of each stage, in a batch that runs ``undisturbed`` as a whole.
     """
     began = time.thread_time() if began is None else began
     for ref in job.needs:
@@ -176,8 +176,8 @@ def kept(
 
 
 def _looked_at(job: Job, arrays: CellArrays) -> tuple[CellArrays, float]:
-    """Return the caller's reduction of light that it only looks at, and the seconds of its bands; otherwise the arrays.
-    An error in one band is an error of the cell.
+    """If the caller only looks at the light, return its reduction by the caller and the seconds spent on the bands;
+    otherwise return the arrays and 0. An error in one band is an error of the cell.
     """
     if job.segment is None or not job.segment.seen or job.look is None:
         return arrays, 0.0

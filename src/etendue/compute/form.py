@@ -107,7 +107,7 @@ class StageForm:
         return key
 
     def lasts(self, stage: Stage) -> bool:
-        """Return whether a stage is the stage requested last and reads no files, so that its tables are the same."""
+        """Return whether the prepared tables of a stage can be reused: ``run`` takes none, or their key is cached."""
         known = self._prepared
         return "prepared" not in self.special or (known is not None and known[0] is stage)
 

@@ -96,7 +96,7 @@ def _made_again(stage: Stage, found: Found, results: Mapping[CellRef, Result], j
 
 
 def _value(results: Mapping[CellRef, Result], ref: CellRef, variable: str, job: Job, at: tuple[int, ...]) -> Any:
-    """Return the value that a cell has found: a number (the value of the slice), or all values if slices end there."""
+    """Return what a cell has found, at this slice if it differs between slices: a number, or a tuple of numbers."""
     array = results[ref].arrays[variable]
     if at and job.mapped:
         array = array[tuple(at[i] for i in job.mapped.leading[ref[0], variable])]

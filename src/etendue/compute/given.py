@@ -204,8 +204,8 @@ class Alike:
         self.beside: CellArrays = {}
 
     def holds(self, job: Job) -> bool:
-        """Return whether a cell has this form; the objects of the cells of a run are the same, so that most comparisons
-        end at once.
+        """Return whether a cell has this form. Most comparisons are fast, because the cells of a run share their
+        objects.
         """
         if job.form is None:
             if not self.form.fits(job):
@@ -214,7 +214,7 @@ class Alike:
         return job.form is self.form
 
     def made(self, job: Job, results: Mapping[CellRef, Result], clipped: Clipped, check: Check) -> CellArrays:
-        """Return the arrays of one cell, as ``check`` gives them."""
+        """Return the arrays of one cell; ``check`` is called only if they are not exactly as declared."""
         given: CellArrays = {}
         clips = job.stage.negative == "clip"
         for port, ref, variable in job.inputs:
@@ -239,7 +239,7 @@ class Alike:
         return {variable: taken(held, variable) for variable, _, _ in self.outputs}
 
     def _beside(self, job: Job, results: Mapping[CellRef, Result]) -> CellArrays:
-        """Return the arguments that are not arrays of ports; if the previous cell has the same stage, its arguments."""
+        """Return the arguments that are not arrays of ports. They are reused while the stage stays the same."""
         if self.stage is not job.stage or self.owner != job.pattern_of:
             self.beside = beside(job, results)
             self.beside.pop("rng", None)

@@ -38,9 +38,9 @@ class Segment:
     previous: CellRef | None = None
     joined: tuple[Transfer, ...] | None = None  # set if it reads the segment's input itself
     found: tuple[Found, ...] = ()  # values found during the run, for each of these; () if there are none
-    transform: bool = False  # others continue from its transform
+    transform: bool = False  # whether other cells continue from its transform
     source: str = ""  # key of the segment's input, if that is read itself
-    seen: bool = False  # its large array is only reduced by the caller, band by band
+    seen: bool = False  # whether the caller only reduces its large array, band by band
 
 
 @dataclass(eq=False)
@@ -62,8 +62,8 @@ class Looking:
         bool, ...
     ] = ()  # for each of ``transfers``: whether nothing else has moved light before it; (): True for all
     rendered: tuple[float, float] | None = None  # softness and cell with which the scene was rendered
-    light: tuple[float, ...] | None = None  # of white, by band, in front of the pixel
-    grids: Mapping[str, tuple[Grid, ...]] = field(default_factory=dict)  # by port, of what is looked at
+    light: tuple[float, ...] | None = None  # light of a white surface, by band, in front of the pixel
+    grids: Mapping[str, tuple[Grid, ...]] = field(default_factory=dict)  # by port: the grids of the variables looked at
 
 
 @dataclass(eq=False)
@@ -143,7 +143,7 @@ class Job:
     expected: bool = False  # means instead of draws and rounding
     walk: Walk | None = None
     look: CellObserver | None = None  # the caller's reduction of its arrays, applied where they are computed
-    steps: Mapping[str, float] = field(default_factory=dict)  # by variable: what its floats are multiples of
+    steps: Mapping[str, float] = field(default_factory=dict)  # by variable: the step of which its floats are multiples
     # the caller's arrays for some of ``give``, where it has them; in the caller's process only
     places: Mapping[str, Any] = field(default_factory=dict)
     passes: tuple[str, ...] = ()  # for a left-out cell: its variables that are arrays of its input
@@ -152,7 +152,7 @@ class Job:
 
     @property
     def averages(self) -> bool:
-        """Whether the stage's mean replaces its draw."""
+        """Whether the stage returns its mean instead of a random draw."""
         return self.expected and isinstance(self.stage, Sampled)
 
     @property

@@ -56,7 +56,7 @@ def make_jobs(
     return with_walks(dict(jobs), lambda ref: walker(plan, jobs.nodes[ref[0]], plan.cells[ref]), place)
 
 
-BANDS, WHOLE = 1, 2  # how others continue from the transform of a cell: a few bands at a time, or with all of it
+BANDS, WHOLE = 1, 2  # how other cells continue from the transform of a cell: a few bands at a time, or with all bands
 
 
 class Jobs(Mapping[CellRef, Job]):
@@ -95,8 +95,8 @@ class Jobs(Mapping[CellRef, Job]):
         for ref, cell in plan.cells.items():
             if self.nodes[cell.node].segment and (found := direct_input(plan, self.nodes, cell)) is not None:
                 self.direct[ref] = found
-        # In reverse order, all readers of a cell are visited before the cell itself, so that the set of its variables
-        # that are read is complete when it is visited.
+        # In reverse order, all readers of a cell are visited before the cell itself, so that all its variables that are
+        # read are known by then.
         for ref in reversed(list(plan.cells)):
             self._include(ref, plan.cells[ref])
 
@@ -290,8 +290,8 @@ class Jobs(Mapping[CellRef, Job]):
         return replace(job, inputs=inputs, looking=None, waiting=None)
 
     def _passing(self, cell: Cell, inputs: Found, passes: tuple[str, ...], computed: bool, begins: bool) -> Found:
-        """Return the inputs of the job of a left-out cell: the arrays that it passes on or, if there are none, the
-        input cell, whose failure it must know. ``begins``: others need the transform of the segment's input.
+        """Return the inputs of the job of a left-out cell: the arrays that it passes on, and its other input cells,
+        because it fails if they fail. ``begins``: other cells need the transform of the segment's input.
         """
         first = [one for one in inputs if source_of(cell, one[2]) == one[1] and one[2] in cell.grids]
         light = first[:1] if begins else []
@@ -313,7 +313,7 @@ class Jobs(Mapping[CellRef, Job]):
         return tuple(dict.fromkeys([source for _, source, _ in cell.inputs]))
 
     def read_of(self, ref: CellRef, source: CellRef) -> frozenset[str] | None:
-        """Return the variables of a cell that a job reads; None if that cell has no large array among several."""
+        """Return the variables of a cell that a job reads; None if the cell has a single variable or no large one."""
         if len(self.nodes[source[0]].writes) < 2 or not self._is_large(self.plan.cells[source]):
             return None
         return frozenset(variable for other, variable in self._made(ref, None).reads if other == source)
@@ -327,7 +327,7 @@ class Jobs(Mapping[CellRef, Job]):
 
     @cached_property
     def places(self) -> array[int] | None:
-        """Positions by number of a cell; None if every cell has a job."""
+        """The position of the job of each cell, by cell number; None if every cell has a job."""
         return None if all(self.included) else array("i", (count - 1 for count in accumulate(self.included)))
 
     def seconds(self, ref: CellRef) -> float:
@@ -356,7 +356,7 @@ class Jobs(Mapping[CellRef, Job]):
         return known[1]
 
     def _cost(self, node: Node, cell: Cell) -> tuple[float, tuple[str, ...]]:
-        """Return seconds, and the variables computed by band; cached by stage class and grids."""
+        """Return the expected seconds of a cell and its variables computed by band; cached by stage class and grids."""
         precision = self.plan.precision
         return self.costs(
             (cell.grids, cell.input_grids),
@@ -368,7 +368,7 @@ class Jobs(Mapping[CellRef, Job]):
 
 
 def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], tuple[int, ...]]:
-    """Return, for each variable that a cell depends on, which of the mapped dims lead it, as positions."""
+    """Return, for each variable that a cell depends on, the positions of those mapped dims that lead its array."""
     dims = [dim for dim, _ in cell.mapped]
     ports, found = reads_of(type(cell.stage)), {}
     for port, ref, variable in cell.inputs:

@@ -81,7 +81,7 @@ def _put(arrays: dict[str, Array], found: Any, slices: _Slices, at: tuple[int, .
 
 @dataclass(init=False)
 class _Slices:
-    """A job in slices: the input of each, and the place of its result."""
+    """A job that is run slice by slice: the input of each slice, and the place of its result."""
 
     def __init__(self, job: Job, results: Results, clipped: Clipped) -> None:
         mapped = job.mapped

@@ -53,7 +53,7 @@ def _apart(value: Any) -> Any:
 
 
 def frozen(array: Array) -> Array:
-    """Make an array and everything it is a view of read-only."""
+    """Make an array read-only, together with the arrays of which it is a view."""
     at: Array | None = array
     while isinstance(at, np.ndarray):
         at.flags.writeable = False
@@ -64,7 +64,7 @@ def frozen(array: Array) -> Array:
 def taken(arrays: dict[str, Array], variable: str) -> Array:
     """Take an array out of a stage's result: contiguous and frozen, copied if anybody else could change it."""
     array = arrays.pop(variable)
-    if not array.flags.c_contiguous:  # arrays read back from an archive are, and the order of sums must not differ
+    if not array.flags.c_contiguous:  # arrays read back from an archive are: the order of sums must not differ
         return frozen(array.copy(order="C"))
     return frozen(array if _alone(array) else array.copy(order="C"))
 
@@ -117,7 +117,7 @@ def as_array(name: str, variable: str, value: Any) -> Array:
 
 
 def guests_of(job: Job) -> AbstractContextManager[None]:
-    """Guard the cell of a foreign stage, or one that continues from transfer functions of foreign stages."""
+    """Guard a cell whose stage is foreign, or which continues from transfer functions of foreign stages."""
     stage, others = job.stage, job.segment.joined if job.segment else None
     if others:
         stage = next((one for one in others if guests.is_guest(type(one))), stage)
@@ -127,8 +127,8 @@ def guests_of(job: Job) -> AbstractContextManager[None]:
 
 @contextmanager
 def in_its_place() -> Iterator[None]:
-    """Restore the working directory after a group of cells. Per cell, querying it would cost more than everything else
-    around a small cell.
+    """Restore the working directory after a group of cells. Querying it for every cell would take longer than all other
+    overhead of a small cell.
     """
     who, folder = FOLDER.begin()
     try:

@@ -92,5 +92,5 @@ def _frame(grid: Grid, dims: tuple[str, ...]) -> Frame | None:
 
 
 def rows_of(width: int, halos: list[int]) -> int:
-    """Return the rows of the strips of cells that are computed together."""
+    """Return the number of rows of each strip of cells that are computed together."""
     return max(STRIP // width, *(HALOS * halo for halo in halos), TILE) // TILE * TILE

@@ -41,7 +41,7 @@ Ended = list[tuple[Result, CellReport]]
 
 
 class _Unfit(Exception):
-    """The cells must be computed whole: input that a stage refuses, or values found only during the run."""
+    """The cells must be computed whole, because a stage refuses its input or a value is found only during the run."""
 
 
 def walked(jobs: Sequence[Job], results: Results, at: Callable[[int], None] | None = None) -> Ended | None:
@@ -107,7 +107,9 @@ def _fronts(member: _Member) -> Iterator[int]:
 
 @dataclass(eq=False)
 class _Flow:
-    """A variable that is written and read row by row; ``whole``: the array for all of it, if it is needed outside."""
+    """A variable that is written and read row by row; ``whole``: the array of all rows, if it is needed outside the
+    walk.
+    """
 
     whole: Any = None
     parts: list[tuple[int, int, Array]] = field(default_factory=list)

@@ -74,7 +74,7 @@ class Cache:
 
     def get(self, key: Hashable, make: Callable[[], Made], transform: bool = False) -> Made:
         """Return the value of a key; it is made if it is not in the cache. ``transform``: the value is one of many
-        large arrays of a sweep, few of which are used again; together they take at most ``LARGEST_TRANSFORMS``.
+        large arrays of a sweep, few of which are used again; together, these take at most ``LARGEST_TRANSFORMS`` bytes.
         """
         with self.lock:
             found = self.entries.get(key)
@@ -241,7 +241,7 @@ class PatternRandom:
 
 
 def _span(line: Line) -> tuple[int, int]:
-    """Return the first pixel and the number of pixels, in units of the line's own step."""
+    """Return the position of the first pixel, in steps of the line, and the number of pixels."""
     return math.floor(line.start / line.step + 0.5), line.size
 
 
@@ -256,8 +256,8 @@ def key_of_prepared(stage: Stage, input_grids: Mapping[str, Grid], grids: Mappin
 def prepared_of(
     stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid], key: Key | None = None
 ) -> Any:
-    """Return ``stage.prepare``, computed once per (parameters, coordinates) and process; ``key``: the key, if already
-    known.
+    """Return the tables of ``stage.prepare``, computed once per (parameters, coordinates) and process; None if the
+    stage has no such method. ``key``: the key, if already known.
     """
     if type(stage).prepare is Stage.prepare:
         return None

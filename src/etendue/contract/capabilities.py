@@ -71,7 +71,7 @@ class Transfer(Stage):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Summed(Transfer):
-    """A transfer function that ends in a weighted sum over the bands, as a pixel under its filters does."""
+    """A transfer stage that ends with a weighted sum over the bands, as a pixel under its filters does."""
 
     @abstractmethod
     def weights(self, prepared: Any) -> Array:
@@ -80,11 +80,15 @@ class Summed(Transfer):
     def segment_error(
         self, before: tuple[Transfer, ...], facts: Any, grid: Mapping[str, Grid], precision: str
     ) -> tuple[float | None, str]:
-        """Return the error of the sum and its basis, after the stages that are joined before it."""
+        """Return the error of the sum if the stages ``before`` are joined to it, relative to full scale, and the basis
+        of the error.
+        """
         return self.error(facts, grid, precision)
 
     def terms(self) -> int:
-        """Return the number of terms into which the bands are combined before the transfer functions; 0: none."""
+        """Return the number of terms into which the bands are combined before the transfer functions; 0: bands are not
+        combined.
+        """
         return 0
 
     def kept(self) -> float:
@@ -120,11 +124,13 @@ class Banded(Stage):
         """Return the part of ``prepared`` for these bands."""
 
     def in_rows(self) -> bool:
-        """Return whether ``run`` gives the same bits for some rows: inputs and positions along y are then cut."""
+        """Return whether ``run`` gives the same bits if it gets only some rows: inputs and positions along y are then
+        cut.
+        """
         return False
 
     def constants(self, prepared: Any) -> Mapping[str, Array]:
-        """Return, for a source, its outputs that have no position."""
+        """Return, for a source, the outputs that have no dims y and x."""
         return {}
 
     def mixture(self, prepared: Any) -> tuple[Sequence[Array], Array] | None:
@@ -255,7 +261,7 @@ def is_transfer(kind: type[Stage]) -> bool:
 
 
 def _equal(one: Array, other: Array) -> bool:
-    """Return whether two plain values are equal; NaN equals itself."""
+    """Return whether two numbers or arrays are equal; NaN equals NaN."""
     same = (one == other) | ((one != one) & (other != other))
     return bool(same.all() if hasattr(same, "all") else same)
 
@@ -274,9 +280,7 @@ def halo_of(stage: Stage) -> int | None:
 
 
 def is_seen_as_transfer(kind: type[Stage]) -> bool:
-    """Return whether stages that look at transfer functions see a given stage: by itself, or combined with the pixel
-    before it.
-    """
+    """Return whether a stage has a transfer function that probes see, alone or combined with the pixel before it."""
     return issubclass(kind, Transfer | ChannelTransfer)
 
 
@@ -285,7 +289,7 @@ def ends_in_sum(kind: type[Stage]) -> bool:
 
 
 def moves_light(kind: type[Stage]) -> bool:
-    """Return whether a stage moves light by band from place to place without a transfer function for it."""
+    """Return whether a stage moves light over the frame without stating a transfer function."""
     read = {declared.variable for declared in reads_of(kind).values()}
     both = any(declared.variable in read and is_light(declared.dims) for declared in writes_of(kind).values())
     return both and not is_transfer(kind) and not kind.pointwise

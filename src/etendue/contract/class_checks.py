@@ -45,8 +45,8 @@ CAPABILITIES = {
 
 
 def no_coordinates(kind: type[Stage]) -> str:
-    """Return a text that states the correct form of ``creates``; '' if its form is correct. A list of names or numbers
-    in it becomes ``Labels``.
+    """Return a text that states the correct form of ``creates``; '' if its form is correct. For a list of names or
+    numbers, the text suggests ``Labels``.
     """
     creates: Any = kind.creates
     given = creates.items() if isinstance(creates, Mapping) else ()

@@ -1,7 +1,7 @@
 """Ports between packages that do not import each other: the destination of results, and the objects to notify.
 
 ``run`` computes and passes results to a ``Target`` of the run's ``Keeper``; ``archive`` implements both, on disk and in
-memory; ``present`` draws a ``Sheet``; ``session`` joins them.
+memory; ``present`` draws a ``ContactSheet``; ``session`` joins them.
 """
 
 from __future__ import annotations
@@ -138,12 +138,14 @@ class Keeper(Protocol):
     ) -> dict[CellRef, dict[str, Array]]: ...
 
     def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
-        """Return, at the end, the arrays of all received cells, and of ``others``, which the store does not keep."""
+        """Return, at the end, the arrays of all cells received, and of the cells in ``others``, which the store does
+        not keep.
+        """
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool: ...
 
     def look_at(self, ref: CellRef, look: Look) -> Seen:
-        """Return the caller's reduction of a finished cell."""
+        """Return the value of the caller's function ``look`` for the arrays of a finished cell."""
 
     def interrupted(self, tables: DocumentView, abandoned: bool) -> None: ...
 

@@ -120,9 +120,9 @@ class Stage:
         return UNKNOWN
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
-        """Return the largest ratio of a change of the stage's output, relative to full scale, to the change of its
-        input, relative to the largest value of the input; ``facts`` are known properties of the input by port. Clipping
-        and gains make the ratio larger than 1. ``inf``: there is no bound.
+        """Return the largest factor by which a change grows from input (relative to the largest input value) to output
+        (relative to full scale); ``facts``: known properties of the inputs by port. Clipping and gains make the factor
+        larger than 1. ``inf``: there is no bound.
         """
         return 1.0
 
@@ -266,8 +266,9 @@ def names_asked(kind: type[Stage], method: str) -> tuple[str, ...]:
 
 
 def _is_coordinate(name: str, dims: frozenset[str]) -> bool:
-    """Return whether an argument is a coordinate of a dim that the stage uses or a distribution declares, as read or as
-    written (``out_``): its positions, its positions on the image plane (``_um``), or the edges of a dim of bands."""
+    """Return whether an argument is a coordinate of a dim that the stage uses or a distribution declares: positions,
+    positions on the image plane (``_um``), or edges of bands (``_edges``); ``out_`` marks coordinates of outputs.
+    """
     own = name.removeprefix("out_")
     if own in COORDINATES or own in dims or own.removesuffix("_um") in dims:
         return True
@@ -294,7 +295,9 @@ def files_of(stage: Stage) -> dict[str, str]:
 
 
 def file_behind(value: str, parameter: Parameter) -> str:
-    """Return the file that a value names; for the table of a distribution, its path; '' if the value is not a file."""
+    """Return the path of the file that a value names, as a path or as a table of a distribution; '' if it names no
+    file.
+    """
     return value if parameter.file else table_file(value) if parameter.table else ""
 
 

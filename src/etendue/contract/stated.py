@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Stated:
-    """Called like a method: ``stage.error(facts, grid, precision)``."""
+    """A fixed error and its basis. It is called like a method: ``stage.error(facts, grid, precision)``."""
 
     float32: float
     float64: float

@@ -63,7 +63,7 @@ _Form = TypeVar("_Form", Subject, Unit)
 
 @cache
 def first(place: str) -> tuple[str, ...]:
-    """Return the names that all distributions prefer for a choice, in order."""
+    """Return the names that distributions prefer at a place, the most preferred first."""
     found: dict[str, None] = {}
     for brought in discovery.installed().all("first", place):
         if isinstance(brought.value, list | tuple):

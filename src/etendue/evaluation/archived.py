@@ -59,7 +59,7 @@ class ArchivedResults:
                 f"{folder} was computed on another platform, so bits may differ; a session reads only results "
                 "of this platform. Omit archive="
             )
-        # What is left out has the key of its input, which may be there too.
+        # A left-out cell has the key of its input, which may be in the archive, too.
         self.names = {one.key: name for name, one in self.stored.finished.items() if one.status == "done"}
 
     def of(self, key: str) -> tuple[CellReport, ArchivedArrays] | None:

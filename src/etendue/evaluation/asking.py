@@ -18,7 +18,7 @@ from etendue.types.documents import Document
 
 
 def overrides_of(parameters: Mapping[str, Any], want: str | Iterable[str] | None = None) -> Document:
-    """Return the overrides given by keyword arguments; ``want``: variable or variables to compute."""
+    """Convert keyword arguments to overrides of a pipeline file; ``want``: variable or variables to compute."""
     overrides: Document = {}
     for name, value in parameters.items():
         key = name.replace("__", ".")

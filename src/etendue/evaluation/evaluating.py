@@ -33,7 +33,7 @@ SHORT = 0.25  # estimated seconds of cells below which threads take longer than 
 
 @dataclass
 class Evaluated:
-    """The wanted cells: their arrays, and their reports. ``computed``: the cells computed in this evaluation."""
+    """The arrays and reports of the wanted cells. ``computed``: the cells that this evaluation has computed."""
 
     arrays: dict[CellRef, dict[str, Array]] = field(default_factory=dict)
     reports: dict[CellRef, CellReport] = field(default_factory=dict)
@@ -89,14 +89,14 @@ def evaluate(plan: Plan, wanted: Wanted, results: Results, options: Options | No
 
 
 def _held(cell: Cell, results: Results) -> Entry | None:
-    """Return the variables of a cell to keep; none for a left-out cell, which has the key of its input."""
+    """Return the results of a cell that are in memory; None for a left-out cell, which has its input's key."""
     return None if cell.left_out is not None or not cell.key else results.seen(cell.key)
 
 
 def _left_to_do(
     plan: Plan, wanted: Wanted, held: Mapping[CellRef, Entry]
 ) -> tuple[Set[CellRef], Set[CellRef], Mapping[CellRef, Job]]:
-    """Return the cells to read from memory, the cells to compute, and the jobs of both."""
+    """Return the cells to read from memory, the cells to compute, and the jobs of all these cells."""
     roots = set(wanted)
     known = {ref for ref, entry in held.items() if wanted.get(ref, frozenset()) <= entry.arrays.keys()}
     while True:
@@ -107,7 +107,7 @@ def _left_to_do(
 
         show = frozenset(ref for ref, names in wanted.items() if names and ref in todo)
         own = {ref: replace(job, give=None) for ref, job in make_jobs(plan, todo, target, show=show).items()}
-        # A later cell may read more of a known one than is held: then that, too, is computed.
+        # If a later cell reads variables of a known cell that are not in memory, the known cell is computed, too.
         lacking = {
             ref
             for ref, job in own.items()

@@ -17,23 +17,25 @@ from etendue.pipeline.file import PipelineFile
 from etendue.plan.model import Plan
 from etendue.plan.planner import plan_again
 
-MOST_FORMS = 8  # sets of wanted variables, axes and stages of which plans are kept
-MOST_CELLS = 2_000  # of a plan that is kept
+MOST_FORMS = 8  # forms of which plans are kept
+MOST_CELLS = 2_000  # cells of the largest plan that is kept
 
 
 @dataclass(frozen=True)
 class _Kept:
     plan: Plan
-    files: tuple[tuple[str, tuple[int, int]], ...]  # what its stages read, as it was
+    files: tuple[tuple[str, tuple[int, int]], ...]  # (path, state) of each file that the stages read
 
     @property
     def holds(self) -> bool:
-        """Whether all files are unchanged."""
+        """Whether all files that the plan depends on are unchanged."""
         return all(file_state(path) == state for path, state in self.files)
 
 
 class Plans:
-    """Earlier plans: the first and the last plan of every form."""
+    """Earlier plans, by the form of the pipeline: its names, axes and stages without values. Of each form, the first
+    and the last plan are kept.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

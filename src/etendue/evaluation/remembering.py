@@ -28,7 +28,7 @@ from etendue.session import Options, Outcome, execute
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
-SEEN = "seen"  # what is kept of a look at a cell, pickled
+SEEN = "seen"  # name under which the pickled reduction of a cell is kept
 IN_A_LOOP = 256 << 20  # bytes of results that ``simulate`` keeps between its calls
 
 
@@ -79,8 +79,8 @@ class RememberingKeeper(MemoryKeeper):
         return {} if figures_only else {ref: self.found.arrays.get(ref, {}) for ref in refs}
 
     def look_at(self, ref: CellRef, look: Look) -> Seen:
-        """Return the caller's reduction of a cell, from memory if the same reduction of an equal cell is stored: a
-        small picture of light in many bands takes longer than the stages that a loop changes.
+        """Return the reduction ``look`` of a cell, from memory if the same reduction of an equal cell is kept: to make
+        a small picture of light in many bands takes longer than the stages that a loop changes.
         """
         cell, report = self.plan.cells[ref], self.found.reports[ref]
         if not cell.key:
@@ -97,7 +97,7 @@ class RememberingKeeper(MemoryKeeper):
 
 
 def remembered(plan: Plan, results: Results, options: Options) -> Outcome:
-    """Return the outcome of a run in memory. A run that is too large to be kept uses no memory of earlier results.
+    """Return the outcome of a run in memory. A run that is too large to be kept is computed without earlier results.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def remembered(plan: Plan, results: Results, options: Options) -> Outcome:
 
 
 def bytes_of(plan: Plan) -> int:
-    """Return an upper bound on the bytes of all kept variables of a plan."""
+    """Return an upper bound of the size, in bytes, of all variables that a plan keeps."""
     width = 4 if plan.precision == "float32" else 8
     kept = {node.name: [name for name in node.writes if (node.name, name) in plan.kept] for node in plan.nodes}
     return width * sum(cell.grids[name].count for cell in plan.cells.values() for name in kept[cell.node])

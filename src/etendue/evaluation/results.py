@@ -59,7 +59,7 @@ class Results:
         return Entry(report, arrays, 0) if held is None else held._replace(arrays=ChainMap(held.arrays, arrays))  # type: ignore[arg-type]
 
     def used(self, key: str, report: CellReport, arrays: Mapping[str, Array]) -> None:
-        """Count some arrays of a cell as used now; store them again if they come from the archive or were dropped."""
+        """Mark arrays of a cell as used now; store them again if they come from the archive or were dropped."""
         with self._lock:
             own = self._entries.get(key)
             if own is not None and arrays.keys() <= own.arrays.keys():
@@ -91,7 +91,7 @@ class Results:
 
 
 def _alone(array: Array) -> Array:
-    """Return a read-only array that references no more memory than its own."""
+    """Return the array as read-only; copy it if it is writeable or a view that keeps a larger array in memory."""
     whole = array.base
     alone = whole is None or (isinstance(whole, np.ndarray) and whole.nbytes <= array.nbytes)
     if array.flags.writeable or not alone:

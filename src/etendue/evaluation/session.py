@@ -30,7 +30,7 @@ from etendue.types.documents import DocumentView
 if TYPE_CHECKING:
     from etendue.types.arrays import Array
 
-BYTES = 1 << 30  # of results that a session keeps, unless another bound is given
+BYTES = 1 << 30  # bytes of results that a session keeps by default
 
 
 @dataclass(frozen=True)
@@ -112,9 +112,9 @@ class Session:
 
     def rows(self, settings: Iterable[Mapping[str, Any]], names: str | Iterable[str]) -> Iterator[Row]:
         """Evaluate one row of settings after the other. The next settings are requested only after the previous row has
-        been yielded, so that a generator can choose them from its results.
+        been yielded, so a generator can choose them from the results of that row.
 
-        A row that the stages refuse, or at which a cell fails, is yielded with the reason.
+        If the stages refuse the settings, or a cell fails, the row is yielded with the reason.
         """
         names = [names] if isinstance(names, str) else list(names)
         for number, own in enumerate(settings):
@@ -126,7 +126,7 @@ class Session:
             yield Row(number, dict(own), found, failed)
 
     def plan(self, want: str | Iterable[str] | None, values: Mapping[str, Any]) -> Plan:
-        """Return the plan of an evaluation, also for cells that are in memory."""
+        """Return the plan of an evaluation at these values, which includes the cells that are in memory."""
         overrides: DocumentView = overrides_of(values, want)
         return self.plans.plan(overridden(self.pipeline, overrides) if overrides else self.pipeline, self.leave_out)
 
@@ -146,7 +146,7 @@ class Session:
 
 
 def _joined(plan: Plan, one: StageVariable, arrays: Mapping[Any, Mapping[str, Array]]) -> Any:
-    """Return a variable of all cells of its stage as an array, or as a number if it has one value."""
+    """Return a variable in all cells of its stage: as one array, or as a number if there is only one value."""
     stage, variable = one
     own = [arrays[cell.ref][variable] for cell in plan.of(stage)]
     if len(own) == 1:

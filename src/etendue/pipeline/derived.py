@@ -34,7 +34,7 @@ def with_rows(pipeline: PipelineFile, dim: str, rows: Sequence[int]) -> Pipeline
     saltelli = design.get("method") == "saltelli"
     per_point = 2 + sum(one.dim == SAMPLE for one in pipeline.zipped.values()) if saltelli else 1
     whole = list(rows) == list(range(len(rows))) and len(rows) % per_point == 0
-    if whole and design.get("method") not in ("lhs", "list"):  # the first rows of a longer design are a shorter one
+    if whole and design.get("method") not in ("lhs", "list"):  # a shorter design has the first rows of a longer one
         del design["rows"]
         design["points"] = len(rows) // per_point
     return replace(pipeline, rows={**pipeline.rows, dim: tuple(rows)}, design=design)
@@ -97,7 +97,7 @@ def wanting(
 
 
 def at_value(pipeline: PipelineFile, key: str, value: object) -> PipelineFile:
-    """Return the pipeline with one value of an axis written where it belongs: a shared quantity, a preset, a stage, its
+    """Return the pipeline with one value of an axis written where it belongs: a shared quantity, a preset, a stage or a
     parameter.
 
     If the value selects another implementation of a stage, the parameters in that stage's table of the file are

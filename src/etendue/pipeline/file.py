@@ -66,16 +66,16 @@ class PipelineFile(PipelineSource):
     sweep: DocumentView = field(default_factory=dict)  # by axis its distinct values
     zipped: Mapping[str, Zip] = field(default_factory=dict)  # the axes that share a dim
     design: DocumentView = field(default_factory=dict)
-    rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)  # of shared dims; all where nothing is said
+    rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)  # rows of shared dims; without entry, all
     wanted: tuple[str, ...] | None = None
     keep: tuple[str, ...] | None = None  # None: all that is computed; LOOKS: pictures and metrics
     seed: int = 0
     tolerance: float = 1e-4
     norm: str = "rms"
-    leave_out: bool = True  # whether what a scene does not need may be left out
+    leave_out: bool = True  # whether stages that a scene does not need may be left out
     stand_ins: bool = True  # whether presets may have typical values where no source gives one
     precision: str = "auto"
-    digits: str = DIGITS[0]  # of results: all, or those that the tolerance leaves
+    digits: str = DIGITS[0]  # digits of results: all, or those significant at the tolerance
     requires: tuple[str, ...] = ()  # distributions whose stages it uses
     most_cells: int = MOST_CELLS  # a larger sweep is refused
     variant: str = ""
@@ -85,7 +85,7 @@ class PipelineFile(PipelineSource):
     folder: Path = Path(".")
     text: str = ""
     overrides: tuple[tuple[str, object], ...] = ()  # values from the command line that replace those of the file
-    faults: tuple[Fault, ...] = ()  # of form; the planner reports them with its own
+    faults: tuple[Fault, ...] = ()  # faults of form; the planner reports them with its own faults
     whole: bool = True  # whether every stage table could be read
     lines: Mapping[str, int] = field(default_factory=dict)  # line numbers of tables and keys in the file
 
@@ -236,7 +236,9 @@ def refuse_large(document: DocumentView, file: str = "", lines: Mapping[str, int
 
 
 def _not_toml(text: str, message: str) -> Fault:
-    """Return the fault, with the line and the usual reasons, which the message of the TOML parser omits."""
+    """Return the fault of a text that is not TOML, with the line and the usual reason, which the parser's message
+    omits.
+    """
     match = re.search(r" \(at line (\d+), column \d+\)$", message)
     if not match:
         return Fault("", f"not valid TOML: {message}")

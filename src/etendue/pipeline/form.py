@@ -16,7 +16,7 @@ from etendue.types.documents import DocumentView
 
 T = TypeVar("T")
 ARCHIVE = "archive"  # the table of how results are kept
-DIGITS = ("exact", "stated")  # all digits of a result, or those that the tolerance leaves
+DIGITS = ("exact", "stated")  # all digits of a result, or those significant at the tolerance
 
 
 class Words:
@@ -70,14 +70,14 @@ class Words:
         return value if isinstance(value, bool) else self.refused(key, value, "true or false", default)
 
     def choice(self, key: str, among: tuple[str, ...]) -> str:
-        """Return one of some words; by default the first."""
+        """Return the value of a key that must be one of some words; by default the first word."""
         value = self.text(key, among[0])
         if value not in among:
             self.faults.append(Fault(key, f"{value!r} is not a {key}{nearest(value, among)}; must be {_listed(among)}"))
         return value
 
     def digits(self, tolerance: float) -> str:
-        """Return the ``digits`` of the table of how results are kept."""
+        """Return the value of ``digits`` in the table ``[archive]``."""
         place = f"{ARCHIVE}.digits"
         own = Words({f"{ARCHIVE}.{key}": value for key, value in self.table(ARCHIVE).items()}, self.faults)
         self.faults += [

@@ -25,7 +25,8 @@ def write_folder(place: Path, files: Mapping[str, str]) -> list[Path]:
     """Write the files below a new folder and return their paths."""
     refuse_existing(place)
     place.parent.mkdir(parents=True, exist_ok=True)
-    # Written beside its place and renamed at the end: a folder with that name is always complete.
+    # The folder is written under another name and renamed at the end, so a folder with the final name is always
+    # complete.
     beside = Path(tempfile.mkdtemp(prefix=f".{place.name}.", dir=place.parent))
     try:
         for path, text in files.items():

@@ -67,7 +67,7 @@ def by_one_name(overrides: DocumentView, document: DocumentView) -> Document:
 
 
 def flat(sweep: DocumentView) -> Document:
-    """Return a sweep with one key per axis: TOML reads ``STAGE.use`` without quotes as a table in a table."""
+    """Return a sweep with one key per axis; TOML reads ``STAGE.use`` without quotes as a table, which is flattened."""
     found: Document = {}
     for key, value in sweep.items():
         if isinstance(value, dict) and value and not is_axis(value):

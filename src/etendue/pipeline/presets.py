@@ -143,7 +143,9 @@ def _of_file(said: str, path: Path, name: str, table: Table) -> Preset:
 
 
 def _beside(value: Any, said: str, path: Path) -> Any:
-    """Return a value of a preset; a file named by its content is in the folder of the preset's file."""
+    """Return a value of a preset. The name of a file that is named by its SHA-256 becomes its path next to the preset's
+    file.
+    """
     if not isinstance(value, str) or not BESIDE.fullmatch(value):
         return value
     return f"../inputs/{value}" if COPY.fullmatch(said) else str(path.parent / value)

@@ -13,9 +13,10 @@ from etendue.pipeline.presets import preset_at
 
 
 def standing_in(pipeline: PipelineFile, used: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Return stand-ins by kind and title of every preset that is looked up by name or comes from a file.
+    """Return the stand-ins of every preset that comes from a file or is found by its name, by kind and title of the
+    preset.
 
-    Packaged presets are not among them: their list of sources is printed by the command that lists them.
+    Packaged presets are not included: the command that lists them prints their sources.
     """
     found: dict[str, tuple[str, ...]] = {}
     for kind in pipeline.table.kinds():

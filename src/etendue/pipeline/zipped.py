@@ -27,7 +27,7 @@ class Zip:
 
     dim: str
     at: tuple[int, ...]
-    shares: bool = False  # whether rows have values in common: what only such axes reach is then computed once for each
+    shares: bool = False  # whether rows share values: stages that depend only on such axes are computed once per value
     most: int = 0  # how many distinct values there can ever be; 0: as many as there are now
 
 

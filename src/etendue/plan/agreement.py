@@ -22,7 +22,7 @@ def taken_differently(nodes: Iterable[Node], cells: Mapping[CellRef, Cell]) -> l
     by_node: dict[str, list[Cell]] = {}
     for cell in cells.values():
         by_node.setdefault(cell.node, []).append(cell)
-    # What is assumed up to the cells of a node: once if all assume the same, else by cell.
+    # By node: the assumptions made up to its cells; one entry if all cells assume the same, else one per cell.
     everywhere: dict[str, Assumed] = {}
     somewhere: dict[CellRef, Assumed] = {}
     notes: dict[str, None] = {}
@@ -57,7 +57,7 @@ def taken_differently(nodes: Iterable[Node], cells: Mapping[CellRef, Cell]) -> l
 
 
 def _stages(cells: Iterable[Cell]) -> list[tuple[Stage, Cell]]:
-    """Return the stages of some cells, each with the first of them."""
+    """Return the distinct stages of some cells, each with the first cell that has it."""
     found: Once[tuple[Stage, Cell]] = Once()
     for cell in cells:
         if found.get((cell.stage,)) is None:

@@ -26,8 +26,8 @@ def ancestry(plan: Plan, refs: Iterable[CellRef], known: Collection[CellRef] = (
 
 
 def _needed_by(plan: Plan, nodes: dict[str, Node], ref: CellRef) -> list[CellRef]:
-    """Return the cells that a cell reads, waits for and looks at. Looking at transfer functions requires the
-    stages but not their results, and so only the cells that determine parameters of those stages.
+    """Return the cells that a cell reads, waits for and looks at. To look at transfer functions, it needs the stages
+    but not their results, so only the cells that determine parameters of these stages are returned.
     """
     cell = plan.cells[ref]
     refs = [source for _, source, _ in cell.inputs] + [word.ref for word in cell.open_words]
@@ -52,8 +52,8 @@ def behind(plan: Plan, names: Iterable[str]) -> set[str]:
 
 
 def in_front(plan: Plan, names: Iterable[str]) -> set[str]:
-    """Return the names of some nodes and of all nodes whose decisions can change the outputs of these: the nodes that
-    they read from or look at, directly or indirectly.
+    """Return the names of some nodes and of all nodes whose decisions can change their outputs: the nodes that they
+    read from or look at, directly or indirectly.
     """
     found = set(names)
     # A node reads only earlier nodes, so one pass in reverse reaches everything.

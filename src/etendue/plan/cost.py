@@ -1,9 +1,9 @@
 """Cost before running: bytes stored and seconds expected.
 
-Seconds are estimated from ``nanoseconds``, a stage's time at its defaults per value written (per padded value and band
-for transfer functions), and from the costs of its knobs. The table at the end of a run has the measured times. The
-ratio of measured to estimated seconds is cached on this machine by stage and size (``Rates``). Plans report seconds
-corrected by this ratio, but no decision depends on it.
+Seconds are estimated from a stage's ``nanoseconds`` and from the costs of its knobs. ``nanoseconds`` is the time at
+default settings per value written; for transfer functions, per padded value and band. The table at the end of a run has
+the measured times. The ratio of measured to estimated seconds is cached on this machine by stage and size (``Rates``).
+Plans report seconds corrected by this ratio, but no decision depends on it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def too_large(declaration: Declaration, grid: Grid, precision: str) -> bool:
 
 
 def counted(cells: Iterable[Cell]) -> Iterable[tuple[Cell, int]]:
-    """Return the first of the cells that have all in common but their facts, with their number."""
+    """Return, for each group of cells that differ only in place and facts, the first cell and the number of cells."""
     cells = list(cells)
     every = [cell.settled for cell in cells]
     first = dict(zip(reversed(every), reversed(cells), strict=True))
@@ -50,8 +50,8 @@ def counted(cells: Iterable[Cell]) -> Iterable[tuple[Cell, int]]:
 
 
 def alike(cells: Iterable[Cell]) -> list[tuple[Cell, int]]:
-    """Return one cell of each group of equal cost, with the size of the group. Cells of equal stage and equal grids
-    have equal cost.
+    """Return one cell of each group of cells with equal cost, and the number of cells in the group. Cells with the same
+    stage and equal grids have equal cost.
     """
     groups: Once[list[tuple[Cell, int]]] = Once()
     for cell, count in counted(cells):
@@ -112,7 +112,7 @@ class Rates:
 
     @cached_property
     def known(self) -> dict[str, dict[str, float]]:
-        """The measured factor on the predicted seconds, by stage and precision and, within these, by size (``_size``);
+        """The ratio of measured to predicted seconds, by stage and precision and, within these, by size (``_size``);
         under 'writing', the seconds per byte.
         """
         try:
@@ -125,8 +125,8 @@ class Rates:
             return {}
 
     def seconds(self, cell: Cell, estimate: float, precision: str) -> float | None:
-        """Return the seconds of a cell, from the measured factor of the nearest size; None if its stage never ran on
-        this machine.
+        """Return the expected seconds of a cell: ``estimate`` times the measured ratio of the nearest size; None if the
+        cell is left out or its stage never ran on this machine.
         """
         own = self.known.get(_place(cell.stage, precision))
         if not own or cell.left_out:
@@ -141,7 +141,7 @@ class Rates:
     def learn(
         self, cells: Mapping[str, tuple[Node, list[tuple[Cell, float]]]], precision: str, written: tuple[int, float]
     ) -> None:
-        """Add to the cache the seconds of some computed cells, by stage, and the (bytes, seconds) of writing."""
+        """Add to the cache, by stage, the measured seconds of some cells; ``written``: (bytes, seconds) of writing."""
         found = {name: dict(own) for name, own in Rates().known.items()}
         for node, measured in cells.values():
             sums: dict[tuple[str, str], list[float]] = {}
@@ -192,7 +192,7 @@ def with_writing(node: Node, cells: Iterable[Cell], precision: str, stored: int,
 
 
 def remember(plan: Plan, reports: Mapping[CellRef, Any], written: tuple[int, float]) -> None:
-    """Cache the seconds of the stages of a run, from some cells of each stage, and the (bytes, seconds) of writing."""
+    """Cache the measured seconds of some cells of each stage of a run; ``written``: (bytes, seconds) of writing."""
     found: dict[str, tuple[Node, list[tuple[Cell, float]]]] = {}
     for node in plan.nodes:
         cells = plan.of(node.name)

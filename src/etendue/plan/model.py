@@ -53,7 +53,7 @@ def is_whole(cells: Mapping[CellRef, Cell], cell: Cell) -> bool:
 
 
 def pixel_of(cells: Sequence[Cell]) -> list[Cell]:
-    """Return the first of some cells that sums over bands, else the last cell; an empty list if there are no cells."""
+    """Return, as a list, the first cell that sums over bands, else the last cell; empty if there are no cells."""
     return [c for c in cells if isinstance(c.stage, Summed)][:1] or list(cells[-1:])
 
 
@@ -154,7 +154,7 @@ class Plan:
     copied: frozenset[StageVariable] = frozenset()
     # nodes that are not run, because others look only at their stages, for example at a transfer function
     seen_only: frozenset[str] = frozenset()
-    derived: tuple[Axis, ...] = ()  # of the distinct combinations of some factors: their positions follow from others
+    derived: tuple[Axis, ...] = ()  # distinct combinations of some factors; positions follow from other axes
 
     def node(self, name: str) -> Node:
         return self._named[name]

@@ -79,7 +79,8 @@ def with_stored_values(
 def _possible(
     plan: Plan, key: str, values: list[AxisValue], stored: Mapping[str, Mapping[str, list[AxisValue]]]
 ) -> list[AxisValue]:
-    """Return the values over which a plan exists, found by bisection: a few invalid values cost few plans.
+    """Return the axis values with which the pipeline can be planned. Bisection finds them with few plans if few are
+    invalid.
 
     The work is limited, so that a journal naming millions of values cannot stall a run; values that are not examined
     are dropped.

@@ -19,7 +19,7 @@ def shown_cells(plan: Plan) -> dict[str, CellRef]:
 
 
 def middle_of(plan: Plan, axis: Axis) -> int:
-    """Return the position of the pipeline's own value on an axis, else the middle."""
+    """Return the position of the pipeline's own value on an axis, or the middle if the axis lacks this value."""
     base, value = plan.pipeline.shared.get(axis.key), plan.shared.get(axis.key)
     return axis.values.index(value) if base is not None and value in axis.values else len(axis.values) // 2
 

@@ -135,7 +135,7 @@ def _put_back(umask: int, limit: int) -> Iterator[str]:
 
 
 def ordinary() -> bool:
-    """Return True if this thread rounds to the nearest number, ties to even, and has subnormal numbers."""
+    """Return True if this thread rounds to the nearest number, ties to even, and computes with subnormal numbers."""
     return _ONE + _TIE_ABOVE == _ONE and _ONE - _TIE_BELOW == _ONE and _SMALLEST * _HALF > 0.0
 
 

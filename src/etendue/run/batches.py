@@ -100,7 +100,9 @@ def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECOND
 
 
 class _Units:
-    """Units that are computed together, by number: a walk, at the position of its first cell, or a single cell."""
+    """Units of cells that are computed together, by number. A unit is a walk, at the position of its first cell, or one
+    cell.
+    """
 
     def __init__(self, jobs: Mapping[CellRef, Job]) -> None:
         self.together: dict[int, list[CellRef]] = {}  # the cells of each walk
@@ -154,7 +156,7 @@ class _Units:
 
 @dataclass
 class BatchResult:
-    """The results that later batches read, and the reports of a batch."""
+    """The result of a batch: the results that later batches read, its reports, and arrays for the owner of the run."""
 
     results: dict[CellRef, Result]
     reports: tuple[CellReport, ...]
@@ -297,7 +299,9 @@ def _in_order(
 def _ends(
     jobs: tuple[Job, ...], number: int, result: Result, exports: Mapping[CellRef, Names]
 ) -> Iterator[tuple[int, tuple[CellRef, str]]]:
-    """Yield the arrays of a job that are read last by a job of the same batch, and that job."""
+    """Yield, for each array of a job that no later batch reads, the number of the job that reads it last, and the
+    array.
+    """
     if len(result.arrays) < 2 or not any(
         isinstance(a, np.ndarray) and a.nbytes >= LARGE for a in result.arrays.values()
     ):

@@ -43,8 +43,8 @@ def check_machine(plan: Plan, archive: Path | None, workers: int = 1, pictures: 
 
 
 def _at_most(plan: Plan, workers: int) -> float:
-    """Return an upper bound in bytes, as if the results of all stages were in memory at once. For small plans this
-    avoids the simulation of jobs, which takes longer than the jobs themselves.
+    """Return an upper bound of the memory of a run (bytes), as if the results of all stages were in memory at once. For
+    small plans this avoids the simulation of jobs, which takes longer than the jobs themselves.
     """
     most = 0.0
     for node in plan.nodes:
@@ -81,7 +81,7 @@ def _cell(plan: Plan, ref: CellRef) -> str:
 
 
 def _of_one(plan: Plan) -> int:
-    """Return the stored bytes of the largest cell."""
+    """Return the size of the largest stored cell, bytes."""
     return max(
         (
             cell_bytes(n, c, plan.precision, [v for v in n.writes if (n.name, v) in plan.with_arrays])

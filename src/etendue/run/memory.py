@@ -5,9 +5,9 @@ A cell frees blocks of the sizes that the next cell needs. glibc returns large b
 touching fresh pages costs more than filling them: 10 us a page on a virtual machine, 2 ms for the three channels of a
 256 x 256 picture, where a stage may take 0.3 ms. Without glibc nothing is changed.
 
-A ``DataTree`` is a reference cycle, which only Python's garbage collector frees. The collector counts objects: a tree
-has a few thousand, whether it holds one megabyte or a thousand. Bytes are therefore counted here, and the collector is
-called when many bytes may be unreachable.
+A ``DataTree`` is a reference cycle, which only Python's garbage collector frees. The collector counts objects, and a
+tree consists of a few thousand, whether it holds a megabyte or a gigabyte. Bytes are therefore counted here, and the
+collector is called when many bytes may be unreachable.
 """
 
 from __future__ import annotations
@@ -134,8 +134,8 @@ def _returning() -> tuple[Callable[[], _Heap], Callable[[int], int]] | None:
 
 
 def return_freed_memory() -> None:
-    """Return memory that was freed but is still held by the process to the system, if there is much of it. Call before
-    a large allocation, which would come on top.
+    """Give memory that was freed, but is still held by the process, back to the system if there is much of it. Call
+    before a large allocation, which would add to this memory.
     """
     known = _returning()
     if known is not None and known[0]().fordblks > LEAST_RETURNED:

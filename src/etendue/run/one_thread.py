@@ -71,7 +71,9 @@ class OneThread(MetaPathFinder):
 
 
 class _Watched(Loader):
-    """Wraps another loader to check for libraries after an import; the module itself sees its own loader."""
+    """A loader that wraps another loader, to check for libraries after an import; the module itself sees its own
+    loader.
+    """
 
     def __init__(self, own: Any, one_thread: OneThread) -> None:
         self.own, self.one_thread = own, one_thread
@@ -127,9 +129,9 @@ def _counts() -> tuple[int, int] | None:
 
 
 def _give(library: Any, threads: int) -> None:
-    """Set a library's number of threads. From 3.8 on, ``threadpoolctl`` obeys only the first thread of a process that
-    calls it, and silently ignores all other threads. The recorded thread is therefore cleared before this call, and
-    again afterwards for later callers.
+    """Set a library's number of threads. From version 3.8 on, ``threadpoolctl`` obeys only the first thread of a
+    process that calls it, and silently ignores all other threads. The recorded thread is therefore cleared before this
+    call, and again afterwards for later callers.
     """
     clear = getattr(library, "clear_controlling_thread", None)
     for _ in range(8):  # another thread may ask in between

@@ -21,7 +21,7 @@ def depth_first(keys: Iterable[Key], needs: Callable[[Key], Iterable[Key]]) -> l
 
 
 class Needs:
-    """The needs of each number below ``count``, computed once: 12 bytes per number and need."""
+    """The numbers that each number below ``count`` needs, computed once; they take 12 bytes per number and need."""
 
     def __init__(self, count: int, needs: Callable[[int], Iterable[int]]) -> None:
         self.count, self.first, self.needed = count, array("i", bytes(4 * (count + 1))), array("i")
@@ -30,7 +30,7 @@ class Needs:
             self.first[n + 1] = len(self.needed)
 
     def of(self, number: int) -> array[int]:
-        """Return the needs of a number in the order in which they were given."""
+        """Return the numbers that a number needs, in the order in which they were given."""
         return self.needed[self.first[number] : self.first[number + 1]]
 
     def depth_first(self) -> array[int]:

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 WITHOUT_BANDS = 3.0  # planes of float64 that a stage holds for all bands while it computes one of them
 AROUND = 4  # combinations of a sweep that are simulated, per worker
 LARGEST_CHUNK = 64 << 20  # bytes of stored data that are encoded at a time
-SHOWN_WHOLE = 1 << 18  # samples of the coarsest picture that are kept of every picture (report.details.BAND)
+SHOWN_WHOLE = 1 << 18  # samples of the coarsest picture that are kept of every picture (present.pictures.details.BAND)
 SHOWN = 256  # samples per side up to which a picture is kept whole
 _LOOK = object()  # arrays that are only looked at are reduced where they are computed
 Piece = tuple[CellRef, str]  # a variable of a cell, or its transform
@@ -87,7 +87,9 @@ def kept_bytes(plan: Plan) -> int:
 
 
 def job_bytes(job: Job, precision: str) -> tuple[float, float]:
-    """Return the bytes needed to compute a single job beyond its input, and the larger of its input and output."""
+    """Return the bytes needed to compute a single job beyond its input, and the bytes of its input or output, whichever
+    is larger.
+    """
     run = _Run(precision, {job.ref: job}, set(), True, 1)
     own = run.cell(job) + run.tables + sum(run.transforms)
     return own, run.largest(job)
@@ -139,7 +141,7 @@ def _chosen(plan: Plan, most: int) -> dict[str, set[int]]:
 
 
 def _one_by_one(job: Job) -> int:
-    """Return the number of slices into which the inputs of a mapped stage are divided (``run.mapped``)."""
+    """Return the number of slices into which the inputs of a mapped stage are divided (``compute.mapped``)."""
     if job.mapped is None or (job.stage.elementwise and not (is_random(type(job.stage)) and not job.averages)):
         return 1
     return math.prod(coordinate.size for _, coordinate in job.mapped.dims)
@@ -178,7 +180,9 @@ class _Run:
     # -- all batches --------------------------------------------------------------------------------------------------
 
     def peak(self) -> Peak:
-        """Simulate the run: batches start as they become ready, as many at once as there are workers."""
+        """Return the peak memory of the simulated run: batches start as they become ready, as many at once as there are
+        workers.
+        """
         ready = Ready[dict[Piece, float]](partition(self.jobs), self.workers)
         under_way: list[tuple[float, int]] = []
         working: dict[int, _Batch] = {}
@@ -209,7 +213,9 @@ class _Run:
     # -- one batch ----------------------------------------------------------------------------------------------------
 
     def through(self, batch: Batch) -> _Batch:
-        """Simulate the cells of a batch in order; each result is dropped after its last reader."""
+        """Return the memory of a batch, whose cells are simulated in order; each result is dropped after its last
+        reader.
+        """
         jobs, exports = batch.jobs, set(batch.exports)
         given = {piece for refs in batch.imports.values() for ref in refs for piece in self.pieces.get(ref, {})}
         readers = Counter(ref for job in jobs for ref in job.needs)
@@ -233,7 +239,7 @@ class _Run:
         return best
 
     def held(self, live: set[CellRef], given: set[Piece]) -> float:
-        """Return the bytes of some results; each array is counted once."""
+        """Return the bytes of the ``live`` results except the pieces in ``given``; each array is counted once."""
         found: dict[Piece, float] = {}
         for ref in live:
             found |= self.pieces[ref]
@@ -253,7 +259,9 @@ class _Run:
         return cost.bytes_of(job.writes[variable], job.grids[variable], self.precision)
 
     def picture(self, job: Job, variable: str) -> float:
-        """Return the bytes kept of a shown variable: a small picture of three planes, and some of its rows."""
+        """Return the bytes kept for the picture of a variable: a small picture of three planes and, for a large frame,
+        a share of its rows.
+        """
         size = job.grids[variable]["y"].size, job.grids[variable]["x"].size
         return 12.0 * (
             min(size[0] * size[1], SHOWN * SHOWN) + (self.shown * size[0] * size[1] if max(size) > SHOWN else 0)
@@ -278,7 +286,9 @@ class _Run:
         return made + max(working, 0.0 if self.in_memory else max(packed, default=0.0))
 
     def _left_out(self, job: Job) -> dict[Piece, float]:
-        """Return the result of a cell that is left out: its input, and the transform of the stage before."""
+        """Return the bytes, by piece, of the result of a cell that is left out: its input, and the transform of the
+        stage before.
+        """
         found = {
             piece: size
             for _, ref, variable in job.inputs
@@ -298,8 +308,8 @@ class _Run:
         return self.factor(job) * self.largest(job) + self.copied(job)
 
     def copied(self, job: Job) -> float:
-        """Return the bytes of copies made for foreign stages (``run.ownership.handed``), of ports and of the arrays
-        they look at.
+        """Return the bytes of the copies that a foreign stage gets (``compute.ownership.handed``): of its inputs, and
+        of the arrays that it looks at.
         """
         if not is_guest(type(job.stage)):
             return 0.0
@@ -316,13 +326,13 @@ class _Run:
         return max(read, written) / _one_by_one(job)
 
     def factor(self, job: Job) -> float:
-        """Return the stage's working memory as a multiple of its input or output; scenes are computed in float64
-        first.
+        """Return the stage's working memory as a multiple of the larger of its input and output; sources need more,
+        because they compute in float64 first.
         """
         return job.stage.working + (2.0 if is_source(type(job.stage)) and self.size == 4 else 0.0)
 
     def whole_of_bands(self, job: Job) -> float:
-        """Return the bytes of light by band that a stage needs as a whole."""
+        """Return the bytes of light that is computed by band but that a stage needs as a whole."""
         large = [
             self.size * g.count
             for port, ref, v in job.inputs
@@ -350,7 +360,7 @@ class _Run:
         return float(max((self.size * g["y"].size * g["x"].size for g in grids if "y" in g and "x" in g), default=0))
 
     def padded(self, job: Job) -> float:
-        """Return the bytes of a padded band, which is about the size of its half transform."""
+        """Return the bytes of a padded band; the half transform of the band takes about as many."""
         grids = [g for g in job.input_grids.values() if "y" in g and "x" in g]
         return float(max((self.size * padded_size(g["y"].size) * padded_size(g["x"].size) for g in grids), default=0))
 

@@ -101,7 +101,7 @@ def _gathered(run: Any, job: Job, grid: Grid, transforms: float, ahead: float, s
 
 
 def in_rows(run: Any, job: Job) -> bool:
-    """Return whether the light of a cell is made some rows at a time."""
+    """Return whether the light of a cell is computed some rows at a time."""
     before = [run.jobs[ref] for _, ref, variable in job.inputs if ref in run.jobs and variable in run.jobs[ref].by_band]
     own = isinstance(job.stage, Banded) and job.stage.in_rows()
     return bool(own and job.by_band and not job.store and all(in_rows(run, one) for one in before))

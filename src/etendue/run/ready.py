@@ -22,7 +22,7 @@ Kept = TypeVar("Kept")
 class Ready(Generic[Kept]):
     """The remaining batches, in order, and the results that they wait for.
 
-    A batch opens a chain if it passes on a large array and is not the last reader of another. The number of such
+    A batch opens a chain if it passes on a large array and is not the last reader of a result. The number of such
     batches that run at once is at most half the number of workers, and at least one: open chains are continued before
     new chains are opened.
     """
@@ -83,7 +83,7 @@ class Ready(Generic[Kept]):
         ]
 
     def _chain(self, opening: int, others: Set[int]) -> set[int]:
-        """Return the batches that read large arrays of a chain: arrays that other batches open are not part of it."""
+        """Return the batches that read the large arrays of a chain, without batches that open other chains."""
         found, left = set[int](), [opening]
         while left:
             for number in self.readers[left.pop()]:
@@ -103,7 +103,9 @@ class Ready(Generic[Kept]):
         return any(self.large[ref[0]] for ref in batch.exports)
 
     def ended(self, batch: Batch, result: Kept) -> None:
-        """Drop results that only this batch still had to read, and keep results that other batches will read."""
+        """Drop results of which this batch was the last reader, and keep the result of this batch if other batches read
+        it.
+        """
         self.opening.discard(batch.number)
         for source in batch.inputs:
             self.left[source] -= 1

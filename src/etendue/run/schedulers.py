@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class How:
     """Options for running batches: the last argument of every ``place``, after ``batches, deliver, before, after``.
 
-    ``platform`` returns the properties of the platform on which bits depend; ``mark`` is path and content of a file
-    that every worker must be able to read. A cluster refuses workers for which these differ.
+    ``platform`` returns those properties of the platform that change bits of results; ``mark`` is path and content of a
+    file that every worker must be able to read. A cluster refuses workers for which these differ.
     """
 
     address: str  # the value of ``--scheduler``
@@ -84,11 +84,11 @@ def scheduler(text: str) -> Scheduler:
 
 
 def far(text: str) -> str:
-    """Return the text if its workers may be on other machines, else ''."""
+    """Return the given name or address if the workers of that scheduler may be on other machines, else ''."""
     return text if scheduler(text).far else ""
 
 
 def check_scheduler(text: str) -> str:
-    """Return the text if it names a scheduler; raise otherwise."""
+    """Return the text if it names a scheduler; raise ``RequestError`` otherwise."""
     scheduler(text)
     return text

@@ -15,9 +15,9 @@ The whole test file of a plugin (``tests/test_conformance.py``)::
 From the declaration alone the kit makes grids, arrays, coordinates and random generators, and computes cells with the
 engine's own ``compute.cell.compute``: a stage is tested by the code that runs it. Each test method is one law; a broken
 law names the stage, the values and a remedy. ``check_stage`` runs all laws of one instance without pytest and returns
-``Finding`` values. A source is tested on the grid it describes: give it a small one. ``grids`` replaces the grid of a
-port whose dims the kit cannot guess, ``coordinates`` the entries of one dim in frames of any size. ``coordinates_of``
-returns the coordinates of grids as ``prepare`` and ``run`` get them.
+``Finding`` values. A source is tested on the grid that it describes, which should be small. ``grids`` sets the grid of
+a port whose dims the kit cannot guess; ``coordinates`` sets the entries of one dim, for frames of any size.
+``coordinates_of`` returns the coordinates of grids as ``prepare`` and ``run`` get them.
 
 In:  an instance of a stage.
 Out: nothing, or a description of each law that the stage breaks.

@@ -1,7 +1,7 @@
 """The test bench of a stage: grids, arrays, coordinates and random generators made from its declaration alone.
 
 In:  an instance of a stage.
-Out: ``Trial`` values: the results of the engine's own ``compute.cell.compute`` for one cell.
+Out: ``BenchTrial`` values: the results of the engine's own ``compute.cell.compute`` for one cell.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ ODD_FRAMES: tuple[Frame, ...] = ((1, 1), (1, 7), (6, 1), (2, 2), (7, 5))
 PLANE = ("y", "x")
 SPACING = 2.0  # um, for light by band: a few samples of anything else fit into a frame
 EXTREMES = ("zeros", "tiny", "huge", "uniform", "point", "hole", "hot")
-HOT = 1e4  # full scales of one place among ordinary ones
+HOT = 1e4  # value of one place among ordinary ones, in units of full scale
 CLEAR = ("ValueError:", "OverflowError:", "ArithmeticError:")  # what a stage may raise if it cannot compute
 ROUNDING = 1e-12  # error in double precision of a stage that states none
 
@@ -95,7 +95,7 @@ class BenchTrial:
 
     @property
     def refused_in_words(self) -> bool:
-        """Whether the stage stated that it cannot compute, instead of failing elsewhere."""
+        """Whether the stage refused the cell with a message of its own, instead of failing with another error."""
         return not self.undefined and (
             self.last_line.startswith(CLEAR) or self.last_line == self.report.message.strip()
         )
@@ -123,7 +123,7 @@ class Bench:
 
     @cached_property
     def reads(self) -> dict[str, Declaration]:
-        """Ports that get arrays, without those through which a probe looks at other stages."""
+        """The ports that get arrays, without the ports through which a probe sees other stages."""
         return {port: d for port, d in reads_of(self.kind).items() if not looks(d)}
 
     @cached_property
@@ -170,7 +170,7 @@ class Bench:
 
     @cached_property
     def _made_elsewhere(self) -> dict[str, Coordinate]:
-        """Dims that stages of the same module create."""
+        """The coordinates of dims that other stages of the same module create."""
         own = vars(sys.modules[self.kind.__module__]).values() if self.kind.__module__ in sys.modules else ()
         kinds = [
             one for one in own if isinstance(one, type) and issubclass(one, Stage) and isinstance(one.creates, Mapping)
@@ -246,7 +246,9 @@ class Bench:
         return self.scales.get(port, wording.units().get(declaration.unit, wording.Unit()).full)
 
     def array(self, port: str, what: str, frame: Frame = FRAME, factor: float = 1.0) -> Array:
-        """Return one input in double precision: ordinary values, values over six decades, or an extreme."""
+        """Return one input in double precision; ``what``: 'ordinary' values, 'decades' (six), or an extreme such as
+        'point'.
+        """
         declaration, grid = self.reads[port], self.input_grids(frame)[port]
         shape = grid.shape(declaration.dims)
         random = np.random.default_rng([1, *map(ord, port + what)])
@@ -272,7 +274,7 @@ class Bench:
         return np.clip(np.rint(values), 0, np.iinfo(declaration.dtype).max) if whole else values
 
     def seen(self, port: str, precision: str, frame: Frame) -> Any:
-        """Return the array that a probe sees through a port: the same value everywhere."""
+        """Return the array that a probe sees through a port; it has the same value everywhere."""
         declaration = reads_of(self.kind)[port]
         shape = self.seen_grid(port, frame).shape(self._seen_dims(declaration))
         whole = declaration.dtype != "float"
@@ -290,7 +292,7 @@ class Bench:
         return {port: self.array(port, what, frame, factor) for port in self.reads}
 
     def given(self, inputs: Arrays, precision: str) -> dict[str, Array]:
-        """Return inputs as a stage gets them: in the plan's precision or the declared integers, read-only."""
+        """Return inputs as a stage gets them: read-only, in the given precision or the declared integer type."""
         found = {}
         for port, values in inputs.items():
             kind = precision if self.reads[port].dtype == "float" else self.reads[port].dtype
@@ -356,8 +358,8 @@ class Bench:
         return {port: facts_of(array, self.reads[port].dims) for port, array in inputs.items()}
 
     def full_scale(self, variable: str, array: Array, frame: Frame = FRAME) -> float:
-        """Return the largest value of a result; for integers, the largest code that the stage writes for a far too
-        bright input.
+        """Return the full scale of a result: its largest value; for integers, also the largest code that the stage
+        writes for a far too bright input.
         """
         if self.writes[variable].dtype == "float" or not self.reads:
             return full_scale(array)
@@ -373,7 +375,7 @@ class Bench:
 
 
 def _usual(declaration: Declaration) -> tuple[str, ...]:
-    """Return the dims that a vocabulary gives for a variable that a probe looks at, if the probe names none."""
+    """Return the declared dims of the variable that a probe looks at, if the probe itself names no dims."""
     seen = "" if declaration.dims else looks(declaration)
     return tuple(variables.variable(seen).dims) if seen else ()
 
@@ -385,7 +387,9 @@ def digests(arrays: Arrays) -> dict[str, str]:
 
 
 def facts_of(array: Array, dims: tuple[str, ...]) -> Facts:
-    """Return the facts of an array: uniformity and contrast over positions, in every band and channel."""
+    """Return the facts of an array: its range, and the uniformity and largest contrast over positions in any band or
+    channel.
+    """
     array = np.asarray(array, dtype=float)
     places = tuple(i for i, dim in enumerate(dims) if dim in ("y", "x"))
     if not array.size:
@@ -403,5 +407,5 @@ def facts_of(array: Array, dims: tuple[str, ...]) -> Facts:
 
 
 def largest_difference(one: Array, other: Array) -> float:
-    """Return the largest absolute difference; infinite if only one of the two values is undefined."""
+    """Return the largest absolute difference of two arrays; infinite if a value is undefined in only one of them."""
     return float(apart(one, other).max(initial=0.0))

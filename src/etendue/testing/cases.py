@@ -5,10 +5,10 @@ In:  a class of stages.
 Out: ``Case`` values: a name, and the instance or the text with which it was refused.
 
 Ordinary values are the defaults, or the ``example`` of a parameter that has no default or an expensive one. Ends are
-the ends of the ranges that the plan allows (``at_least``, ``held``, ...): just inside if open, extreme numbers if there
-is no end, zero and infinity if allowed. Integers without a near upper end, and knobs, change cost rather than physics:
-they are only taken to their cheap end. Interior points are a Sobol sequence, logarithmic over decades, the same in
-every run. Mixed instances have many parameters beside their ordinary values at once.
+the ends of the ranges that the plan allows (``at_least``, ``held``, ...): a number just inside an open end, an extreme
+number where there is no end, zero and infinity if allowed. Knobs, and integers without a near upper end, change cost
+rather than physics, so only their cheap end is tested. Interior points are a Sobol sequence, logarithmic over decades,
+the same in every run. Mixed instances have many parameters beside their ordinary values at once.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ BEYOND = (
     1e30,
 )  # for a range without an end: beyond anything that is built, and the largest number a pipeline may contain
 NUDGE = 1e-12  # relative distance of a value just inside an open end
-SOME = 0.1  # of a quantity that is ordinarily 0, and whose ends may both be refused
+SOME = 0.1  # value of a quantity that is ordinarily 0 and whose ends may both be refused
 WORK = 8  # largest multiple of its ordinary value for an integer without a near end
 DECADES = 20.0  # if the ends of a range are a larger factor apart, it is sampled logarithmically
 WIDE = 100.0  # a range without an end is sampled up to this factor from its ordinary value
@@ -50,7 +50,7 @@ class Case:
 
 
 class Untried(ValueError):
-    """A stage cannot be created for testing; the text names the missing value."""
+    """A stage cannot be created for testing; the text names the parameter without a value."""
 
 
 def cases(kind: type[Stage], points: int = POINTS) -> Iterator[Case]:
@@ -116,7 +116,7 @@ def made(name: str, where: str, kind: type[Stage], values: Mapping[str, Any], pa
 
 
 def limits(parameter: Parameter) -> tuple[float | None, float | None]:
-    """Return the smallest and largest number allowed, just inside an open end; None if there is no end."""
+    """Return the smallest and the largest allowed number, just inside an open end; None where there is no end."""
     low: float | None = parameter.at_least
     high: float | None = parameter.at_most
     if parameter.above is not None:
@@ -174,7 +174,7 @@ def real_ends(parameter: Parameter, now: float) -> list[float]:
 
 
 def span_of(parameter: Parameter, form: Any, now: Any) -> tuple[float, float] | None:
-    """Return the range from which a number is drawn; None if it is not a number or only changes cost."""
+    """Return the range from which values of a parameter are drawn; None if it is not a float or only changes cost."""
     if form is not float or parameter.fidelity or parameter.choices:
         return None
     low, high = limits(parameter)
@@ -190,7 +190,7 @@ def span_of(parameter: Parameter, form: Any, now: Any) -> tuple[float, float] | 
 
 
 def corners(dims: int) -> list[list[float]]:
-    """Return the points with all low, all high, and alternating values."""
+    """Return corners of the unit cube: all low, all high, and alternating coordinates."""
     several = [[0.0] * dims, [1.0] * dims]
     return (
         several
@@ -208,7 +208,7 @@ def sobol(dims: int, points: int) -> list[list[float]]:
 
 
 def drawn(kind: type[Stage], ranges: Mapping[str, tuple[float, float]], shares: list[float]) -> dict[str, float]:
-    """Return a value in each range, at a share of its width."""
+    """Return one value per parameter, at a share of its range (logarithmic if it spans decades)."""
     found = {}
     for (name, (low, high)), share in zip(ranges.items(), shares, strict=True):
         if low > 0 and high > DECADES * low:

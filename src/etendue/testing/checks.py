@@ -50,7 +50,9 @@ def in_a_fresh_thread(bench: Bench, inputs: Arrays, precision: str) -> BenchTria
 
 
 def along_ladder(stage: Stage, name: str) -> Iterator[tuple[Any, Stage]]:
-    """Yield a stage with each setting of a knob that it accepts, from the cheapest to the reference."""
+    """Yield each setting of a knob, with the stage at this setting, from the cheapest to the reference; refused
+    settings are skipped.
+    """
     for value in parameters_of(type(stage))[name][0].settings:
         try:
             yield value, dataclasses.replace(stage, **{name: value})
@@ -109,8 +111,8 @@ def perturbations_of(shape: tuple[int, ...], worst: Array | None) -> Iterator[Ar
 
 
 def worst_signs_of(bench: Bench, port: str, main: str) -> Array | None:
-    """Return the signs of the derivative of one value of the result by the input, on a small frame: of the value whose
-    derivative has the largest sum of magnitudes.
+    """Return, on a small frame, the signs of the derivatives of one output value with respect to each input value. The
+    output value is the one whose derivatives have the largest sum of magnitudes.
     """
     base = np.full_like(bench.array(port, "uniform", SMALL), 0.5 * bench.scale(port))
     step = 1e-2 * bench.scale(port)

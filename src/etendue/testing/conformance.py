@@ -128,8 +128,8 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, Pla
             hold(again == first, f"{bench.name} gives different bits in a fresh thread in {precision}")
 
     def test_extremes_stay_finite_or_are_refused_clearly(self) -> None:
-        """Zeros, 1e-30, a million times full scale, a point, a hole; frames of one pixel, one row, one column, odd
-        sizes.
+        """Results stay finite or are refused clearly for zeros, 1e-30, a million times full scale, a point or a hole,
+        and for frames of one pixel, one row, one column or odd sizes.
         """
         bench = self.bench
         for precision in PRECISIONS:
@@ -203,7 +203,8 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, Pla
     def test_the_stated_error_is_true_of_single_against_double_precision(self) -> None:
         """The stated bound holds: results in single and double precision differ by at most the sum of their bounds.
 
-        Relative to full scale: the largest value of the result in double precision, or a converter's top code.
+        Errors are relative to full scale: the largest value of the result in double precision, or a converter's top
+        code.
         """
         bench = self.bench
         if bench.kind.error is Stage.error:
@@ -280,11 +281,13 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, Pla
                 )
 
     def test_errors_grow_by_no_more_than_the_gain(self) -> None:
-        """The difference between two outputs is at most ``gain`` times the difference between the inputs. Pairs of
-        inputs differ at random, by a shift, and with the signs of the worst case, at several levels and sizes of error.
+        """The difference between two outputs is at most ``gain`` times the difference between the inputs. The two
+        inputs differ by random errors, by a shift, or by errors with the worst-case signs, at several levels and sizes
+        of the errors.
 
-        Errors are relative to full scale. For the input this is its largest value; for the output, its largest value
-        for this input or for a uniform field as bright as its brightest point. The stage's own error is added.
+        Errors are relative to full scale: for the input its largest value; for the output its largest value for this
+        input, or for a uniform field as bright as the brightest point of the input. The error that the stage itself
+        states is added to the bound.
         """
         bench = self.bench
         port = bench.one_array
@@ -302,7 +305,9 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, Pla
                             check_gain(bench, port, main, inputs, size * signs, frame)
 
     def test_a_transfer_function_keeps_the_mean_and_a_real_image_real(self) -> None:
-        """1 at zero frequency, Hermitian, and never above 1 unless a larger ``gain`` is declared."""
+        """A transfer function is 1 at zero frequency, Hermitian, and never above 1 unless a larger ``gain`` is
+        declared.
+        """
         bench = self.bench
         if not is_transfer(bench.kind):
             return
@@ -336,7 +341,9 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws, Pla
                     hold(same, f"{bench.name} gives different values of {variable} {how} than for all bands together")
 
     def test_carried_facts_are_true_of_what_is_written(self) -> None:
-        """Range, uniformity and contrast of the first variable; for a source, the facts that ``describe`` states."""
+        """The stated range, uniformity and contrast hold for the first output; for a source, the facts that
+        ``describe`` states.
+        """
         bench = self.bench
         main = next(iter(bench.writes))
         if is_source(bench.kind):

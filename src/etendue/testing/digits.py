@@ -51,7 +51,7 @@ ZOOMS, CLOSER = 6, 30.0  # number and factor of the zooms to where the precision
 
 
 def digits_kept(bench: Bench) -> None:
-    """Compare the results of one input in three precisions, relative to the largest value of each."""
+    """Compare the results in three precisions for several inputs, relative to the largest value of each result."""
     if isinstance(bench.stage, Transfer):
         transfer_digits(bench)
     if not bench.steady:
@@ -82,8 +82,8 @@ def digits_kept(bench: Bench) -> None:
 
 
 def double_inside(bench: Bench, port: str) -> None:
-    """Test that double precision is kept: a step up and a step down cancel except for curvature, unless an intermediate
-    value is rounded to 32 bits.
+    """Test that double precision is kept: the effects of a small step up and down cancel except for curvature, unless
+    an intermediate value is rounded to 32 bits.
     """
     inputs = bench.arrays("ordinary")
     base = bench.run(inputs)
@@ -125,7 +125,7 @@ def long_double(bench: Bench, given: Arrays, frame: Frame) -> BenchTrial | None:
 
 
 def allowed(bench: Bench, given: Arrays, precision: str, frame: Frame) -> float:
-    """Return the error that the stage states, or the default tolerance."""
+    """Return the allowed error: that stated by the stage, or a default tolerance."""
     stated = bench.own_error(given, precision, frame)
     least = UNSTATED[precision] if stated is None or precision == "float64" else 0.0
     return max(least, stated or 0.0)

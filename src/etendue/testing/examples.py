@@ -58,11 +58,11 @@ def edges_of(dim: str) -> tuple[float, ...]:
 
 
 def edges() -> tuple[float, ...]:
-    """Return the edges for the dim that has bins."""
+    """Return the example edges of the first declared dim that has bins."""
     return next((edges_of(dim) for dim in dims.declared_dims() if dims.dim(dim).bins), EDGES)
 
 
 def sheet() -> Sheet:
-    """Return the numbers of a stage that a port looking at datasheets gets."""
+    """Return the example datasheet for a port that reads the datasheets of other stages."""
     brought = discovery.installed().first("examples", "datasheet")
     return Sheet(str(brought.value["role"]), dict(brought.value["figures"])) if brought else Sheet("", {})

@@ -21,7 +21,7 @@ _now: ContextVar[Kept | None] = ContextVar("trials that are kept", default=None)
 
 @contextmanager
 def keeping() -> Iterator[None]:
-    """Keep the trials made inside."""
+    """Keep the trials that are made inside the ``with`` block."""
     before = _now.set({})
     try:
         yield
@@ -31,7 +31,7 @@ def keeping() -> Iterator[None]:
 
 @contextmanager
 def anew() -> Iterator[None]:
-    """Compute every trial inside, even if it was kept."""
+    """Compute every trial inside the ``with`` block again, even if it was kept."""
     before = _now.set(None)
     try:
         yield
@@ -40,7 +40,7 @@ def anew() -> Iterator[None]:
 
 
 def once(key: tuple[object, ...], compute: Callable[[], BenchTrial]) -> BenchTrial:
-    """Return a trial, computed if it is not kept."""
+    """Return the kept trial with this key, or compute it and keep it."""
     trials = _now.get()
     if trials is None:
         return compute()

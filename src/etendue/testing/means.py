@@ -33,7 +33,9 @@ def mean_of(bench: Bench, inputs: Arrays, frame: Frame = FRAME) -> dict[str, Arr
 
 
 def events(values: Array) -> bool:
-    """Return whether most places have one value, as of a stage that draws events, such as dead pixels."""
+    """Return whether most places have the same value, as in the output of a stage that draws rare events, such as dead
+    pixels.
+    """
     return bool(np.count_nonzero(values == np.median(values)) > 0.5 * values.size)
 
 
@@ -41,9 +43,9 @@ def missed(values: Array, p: float) -> float:
     """Return by how much a mean over all pixels may differ from its expected value because rare events, such as dead
     pixels, happen not to occur; 0 if the values show no rare events.
 
-    With the probability ``p``, an event that is expected ln(1/p) times does not occur at all. The bound is that number
-    of events, divided by the number of pixels, times the effect of one event: the larger of the median's magnitude and
-    the largest distance from the median.
+    Events of which ln(1/p) are expected do not occur at all with the probability ``p``. The bound is ln(1/p) divided by
+    the number of pixels, times the effect of one event: the larger of the median's magnitude and the largest distance
+    from the median.
     """
     if not events(values):
         return 0.0

@@ -33,7 +33,7 @@ class WorstError:
 
 
 def _nearness(error: float, bound: float) -> float:
-    """Return the share of its bound that an error takes; 0 if both are 0."""
+    """Return an error divided by its bound; 0 if both are 0."""
     return error / bound if bound else (math.inf if error else 0.0)
 
 
@@ -42,7 +42,7 @@ _now: ContextVar[WorstError | None] = ContextVar("measured", default=None)
 
 @contextmanager
 def measuring() -> Iterator[WorstError]:
-    """Collect what is measured inside."""
+    """Collect the measurements that are made inside the ``with`` block."""
     found = WorstError()
     before = _now.set(found)
     try:
@@ -81,5 +81,5 @@ def magnified(condition: float) -> None:
 
 
 def ratio_of(apart: float, scale: float) -> float:
-    """Return a difference relative to full scale; 0 if both are 0."""
+    """Return a difference divided by full scale; 0 if both are 0."""
     return apart / scale if scale else (math.inf if apart else 0.0)

@@ -4,9 +4,10 @@ In:  a class of stages and its ordinary values.
 Out: values that it accepts together.
 
 Many numbers are ordinarily 0, and then hide the effect of other parameters: an off-axis aberration without a field, a
-phase without an amplitude, the decay of a tail without light. Numbers are moved beside their ordinary values, to some
-small number from 0; in every second instance to the inside of a range with two ends instead. Choices, settings of knobs
-and other texts are varied in turn. A parameter keeps its ordinary value if the stage refuses the changed one.
+phase without an amplitude, the decay of a tail without light. Each number is moved to a value beside its ordinary one
+(to a small number if this is 0) or, in every second instance, to a value inside its range if the range has two ends.
+Choices, settings of knobs and other texts are varied in turn. A parameter keeps its ordinary value if the stage refuses
+the changed one.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from etendue.contract.values.parameter import Parameter
 from etendue.testing.bench import SMALL, Bench
 
 MIXED = 4  # instances
-SHARES = (0.37, -0.29, 0.23, -0.41, 0.31, -0.17, 0.43)  # by which a number is moved, relative to itself
-SOME = 0.1  # of what is ordinarily 0
+SHARES = (0.37, -0.29, 0.23, -0.41, 0.31, -0.17, 0.43)  # relative changes of a number
+SOME = 0.1  # value of a number that is ordinarily 0
 WIDE = 20.0  # if the ends of a range are a larger factor apart, its inside is taken logarithmically
-ENTRIES = 6  # of a list without a length of its own: Zernike terms up to astigmatism, some waves
+ENTRIES = 6  # entries of a list of any length: Zernike terms up to astigmatism, some waves
 Wanted = Mapping[str, list[Any]]
 Accepts = Callable[[type[Stage], Mapping[str, Any]], bool]
 
@@ -36,7 +37,7 @@ def mixed(kind: type[Stage], base: Mapping[str, Any], number: int) -> dict[str, 
         for place, (name, (parameter, form, _)) in enumerate(parameters_of(kind).items())
         if (found := candidates(parameter, form, base[name], number, place))
     }
-    if number % 4 > 1:  # of two that exclude each other, the other one
+    if number % 4 > 1:  # if two changes exclude each other, prefer the other one
         wanted = dict(reversed(wanted.items()))
     constructed = as_many(kind, dict(base), wanted, constructs)
     return constructed if computes(kind, constructed) else as_many(kind, dict(base), wanted, computes)
@@ -60,7 +61,7 @@ def as_many(kind: type[Stage], values: dict[str, Any], wanted: Wanted, accepts: 
 
 
 def constructs(kind: type[Stage], values: Mapping[str, Any]) -> bool:
-    """Return whether there is such a stage, and it accepts the grids of a bench."""
+    """Return whether the stage can be created with these values and accepts the grids of a bench."""
     with suppress(Exception):  # foreign code may raise anything; other cases report it
         Bench(kind(**values)).job()
         return True
@@ -68,7 +69,7 @@ def constructs(kind: type[Stage], values: Mapping[str, Any]) -> bool:
 
 
 def computes(kind: type[Stage], values: Mapping[str, Any]) -> bool:
-    """Return whether there is such a stage, and it computes a small frame."""
+    """Return whether the stage can be created with these values and computes a small frame."""
     with suppress(Exception):
         bench = Bench(kind(**values))
         return bench.run(bench.arrays("ordinary", SMALL), frame=SMALL).done
@@ -76,7 +77,7 @@ def computes(kind: type[Stage], values: Mapping[str, Any]) -> bool:
 
 
 def candidates(parameter: Parameter, form: Any, now: Any, number: int, place: int) -> list[Any]:
-    """Return the requested values of a parameter, the best value first; empty if the parameter is not changed."""
+    """Return the values to try for a parameter, the preferred one first; empty if the parameter is not changed."""
     if parameter.settings and parameter.fidelity:
         return beside_setting(parameter, now, number)
     if parameter.fidelity:
@@ -92,7 +93,7 @@ def candidates(parameter: Parameter, form: Any, now: Any, number: int, place: in
 
 
 def numeric_candidates(parameter: Parameter, form: Any, now: Any, number: int, place: int) -> list[Any]:
-    """Return the requested values of a number, or of a tuple of numbers; none for other forms."""
+    """Return the values to try for a number or a tuple of numbers; none for other types."""
     if form is float:
         return numbers(parameter, float(now), number, place)
     if get_origin(form) is tuple and get_args(form)[0] is float:
@@ -115,7 +116,9 @@ def beside_setting(parameter: Parameter, now: Any, number: int) -> list[Any]:
 
 
 def numbers(parameter: Parameter, now: float, number: int, place: int) -> list[float]:
-    """Return a number inside a range with two ends, and a number next to the ordinary value, as requested."""
+    """Return the numbers to try: one next to the ordinary value and, if the range has two ends, one inside the range.
+    The latter is preferred for every second instance.
+    """
     if not math.isfinite(now):
         return []
     share = SHARES[(place + 3 * number) % len(SHARES)]

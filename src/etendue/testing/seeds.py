@@ -15,7 +15,7 @@ _now: ContextVar[int] = ContextVar("seed of the laws", default=0)
 
 @contextmanager
 def seeded(seed: int) -> Iterator[None]:
-    """Draw with another seed inside."""
+    """Use another seed for the draws inside the ``with`` block."""
     before = _now.set(seed)
     try:
         yield
@@ -24,7 +24,7 @@ def seeded(seed: int) -> Iterator[None]:
 
 
 def seed_of(words: str) -> bytes:
-    """Return the seed of one draw."""
+    """Return the seed of the draw that ``words`` names."""
     seed = _now.get()
     return f"{words}{f' {seed}' if seed else ''}".encode()
 

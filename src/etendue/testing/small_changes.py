@@ -25,8 +25,8 @@ from etendue.testing.digits import UNSTATED
 from etendue.testing.measured import hold, magnified, ratio_of, within
 
 STEP = 1e-6
-JUMP = 1e-2  # of full scale, for a change of 1e-6: a condition number of 10 000
-SHARE = 1e-3  # of the effect of a change of 1e-6, for a change of an ulp: 4e6 times that of a straight line
+JUMP = 1e-2  # largest effect of a change of 1e-6, of full scale: a condition number of 10 000
+SHARE = 1e-3  # largest effect of an ulp, as a fraction of that of a change of 1e-6: 4e6 times that of a straight line
 LIGHT = ("W m-2 sr-1 nm-1", "W m-2 nm-1")  # units used only for light
 UNITS = (2.0**-20, 2.0**20)
 
@@ -37,7 +37,7 @@ def jumps(bench: Bench) -> bool:
 
 
 def input_changes(bench: Bench) -> None:
-    """Move a whole input by an ulp, and by 1e-6."""
+    """Compare the results before and after a change of a whole input by one ulp, and by 1e-6."""
     if not bench.steady or jumps(bench):
         return
     for port, declaration in bench.reads.items():
@@ -54,7 +54,9 @@ def input_changes(bench: Bench) -> None:
 
 
 def parameter_changes(bench: Bench, names: tuple[str, ...] | None = None) -> None:
-    """Move every numeric parameter by an ulp, and by 1e-6, within its allowed range."""
+    """Compare the results before and after a change of every numeric parameter by one ulp, and by 1e-6, within its
+    allowed range.
+    """
     if not bench.steady:
         return
     inputs = bench.arrays("ordinary")
@@ -90,8 +92,8 @@ def with_parameter(bench: Bench, name: str, value: float, inputs: Arrays) -> Ben
 
 
 def compare(bench: Bench, base: BenchTrial, moved: dict[str, BenchTrial], what: str, inputs: Arrays) -> None:
-    """Compare results relative to the largest value of a result, or of the input if a stage writes the variable that it
-    reads.
+    """Compare results relative to the largest value of the result or, if it is larger and of the same variable, of the
+    input.
     """
     if not base.done:
         return

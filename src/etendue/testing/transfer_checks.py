@@ -21,8 +21,8 @@ from etendue.types.arrays import Array
 
 
 def check_transfer(bench: Bench) -> None:
-    """Check the shape, 1 at zero frequency, Hermitian symmetry, a height that ``gain`` allows, and the weights of every
-    band if it ends in a sum.
+    """Check that the transfer function has the right shape, is 1 at zero frequency, Hermitian and no higher than
+    ``gain`` allows; and that a sum over bands has a weight for every band.
     """
     grids = bench.input_grids()
     assert isinstance(bench.stage, Transfer)
@@ -70,7 +70,9 @@ def check_transfer(bench: Bench) -> None:
 
 
 def check_not_moved(bench: Bench, product: Product) -> None:
-    """Check that the function does not shift the whole picture: its phase is not just proportional to the frequency."""
+    """Check that the function does not shift the whole picture, that is, that its phase is not simply proportional to
+    the frequency.
+    """
     if bench.kind.handed:
         return
     small = np.array([0.005, 0.01, 0.02, 0.04])
@@ -91,7 +93,9 @@ def check_not_moved(bench: Bench, product: Product) -> None:
 
 
 def check_single_bands(bench: Bench) -> None:
-    """Check that the value at one band equals the value at that band among others."""
+    """Check that the transfer function at one band has the same values whether it is evaluated alone or with other
+    bands.
+    """
     grids = bench.input_grids()
     prepared = prepared_of(bench.stage, grids, bench.job().grids)
     given = [np.linspace(-0.6, 0.6, 5)[:, None], np.linspace(-0.4, 0.9, 6)[None, :]]
@@ -106,7 +110,7 @@ def check_single_bands(bench: Bench) -> None:
 
 
 def check_mixture(bench: Bench, light: Array) -> None:
-    """Check that the planes that a source states add up to the light that it writes."""
+    """Check that the weighted sums of the planes that ``mixture`` returns equal the light that the source writes."""
     source: Any = bench.stage
     mixture = source.mixture(prepared_of(source, bench.input_grids(), bench.job().grids))
     if mixture is not None:

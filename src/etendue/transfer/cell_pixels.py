@@ -34,8 +34,8 @@ def evaluated(
     centres: tuple[FloatArray, FloatArray],
     widths: tuple[float, float],
 ) -> FloatArray:
-    """Return the means of blurred light, given by cells, over windows at any positions, summed over bands, by an
-    extended matrix Fourier transform.
+    """Return the means of blurred light over windows at any positions, summed over bands. The light is given by cells;
+    the method is an extended matrix Fourier transform.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def evaluated(
     weights : (channel, band) array
     transforms : (band, y.size, x.size // 2 + 1) complex array
         Half transforms of cell means.
-    y, x : Axis
+    y, x : PeriodicAxis
     centres : (n,), (m,) arrays, cells
         Centres of the windows along y and x; 0 is the centre of cell 0.
     widths : two floats, um
@@ -102,7 +102,7 @@ def _add_band(
     axes: tuple[PeriodicAxis, PeriodicAxis],
     k: Array,
 ) -> None:
-    """Add one band's transform on the extended lattice, rows k and -k, to the sums of the channels."""
+    """Add the blurred transform of one band, at rows k and -k of the extended lattice, to the sums of all channels."""
     y, x = axes
     length = y.size * y.step
     inside = k[k <= np.ceil(reach.radius * length)]
@@ -138,7 +138,9 @@ def _factors(
 
 
 def _periodic(transform: Array, rows: Array, columns: Array, ny: int, nx: int) -> Array:
-    """Return the transform of cells at any frequency index: periodic, its left half the conjugate of the right."""
+    """Return the transform of cells at any frequency index: the half transform is continued periodically, and its
+    missing half is the conjugate.
+    """
     k = columns % nx
     mirrored = k > nx // 2
     found = transform[np.ix_(rows % ny, np.where(mirrored, nx - k, k))]
@@ -149,8 +151,8 @@ def _periodic(transform: Array, rows: Array, columns: Array, ny: int, nx: int) -
 
 
 def _waves(k: Array, axis: PeriodicAxis, centres: FloatArray, width: float) -> Array:
-    """Return (frequency, position): the wave at each position, with the sincs of cell and window, over the axis
-    size.
+    """Return the (frequency, position) matrix of waves at the positions, times the sincs of cell and window, divided by
+    the axis size.
     """
     factors = np.sinc(k / axis.size) * np.sinc(k * (width / (axis.size * axis.step))) / axis.size
     turns = (k[:, None] * centres[None, :]) / axis.size

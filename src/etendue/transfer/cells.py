@@ -58,15 +58,17 @@ class Reach(NamedTuple):
 
 
 class AliasRule(NamedTuple):
-    """The weights of aliases along one axis, and their sum over all aliases for a blur that does nothing."""
+    """The weights of the aliases along one axis, and the sum of these weights over all aliases, which applies to light
+    that is not blurred.
+    """
 
     weights: Weights
     unblurred: Array  # (size,) or, for the halved axis, (size // 2 + 1,)
 
 
 def reach_of(otf: Transfer, step: float) -> Reach:
-    """Find the frequency at which a transfer function ends, its reach, on squares of 129 x 65 frequencies: the square
-    is widened until the function has ended inside it, then refined.
+    """Find the frequency (cycles/um) beyond which a transfer function is 0, its reach. The function is sampled on
+    squares of 129 x 65 frequencies; the square is widened until the function ends inside it, then refined.
 
     Parameters
     ----------
@@ -116,20 +118,20 @@ def _square(otf: Transfer, positive: FloatArray) -> Array:
 
 
 def mean_rule(axis: PeriodicAxis, half: bool) -> AliasRule:
-    """Return the rule for means over cells of light from cells: sinc^2, whose sum over all aliases is 1."""
+    """Return the rule for means over the cells themselves: weights sinc^2, whose sum over all aliases is 1."""
     size = axis.size // 2 + 1 if half else axis.size
     return AliasRule(lambda k: np.sinc(k / axis.size) ** 2, np.ones(size))
 
 
 def window_rule(axis: PeriodicAxis, width: float, offset: float, half: bool) -> AliasRule:
-    """Return the rule for means over windows of light from cells.
+    """Return the rule for means over windows (the light is given by cells).
 
     Parameters
     ----------
     width : float, um, 0 or above
         Width of the window.
     offset : float, cells
-        Distance of the window's centre from the centre of the cell that the window replaces.
+        Distance from the centre of a cell to the centre of its window.
     """
     require.must(0.0 <= width < np.inf, "width", width, "finite and not negative, in um")
 
@@ -183,14 +185,14 @@ def overlaps(centres: FloatArray, width: float, size: int) -> FloatArray:
 def folded(
     otf: Transfer, reach: Reach, y: PeriodicAxis, x: PeriodicAxis, along_y: AliasRule, along_x: AliasRule
 ) -> Array:
-    """Return the transfer function on cells: all aliases within reach, weighted and summed.
+    """Return the transfer function on cells: the weighted sum of all aliases within reach.
 
     Parameters
     ----------
     otf : transfer function of one band
     reach : from ``reach_of``
-    y, x : Axis
-    along_y, along_x : Rule
+    y, x : PeriodicAxis
+    along_y, along_x : AliasRule
         ``along_x`` with ``half=True``.
 
     Returns
@@ -200,10 +202,10 @@ def folded(
 
     Notes
     -----
-    Exact to rounding (1e-15) if H ends. If it does not, it is split into ``rest``, which is summed in closed form, and
-    a decaying part: beyond 16 aliases (1024 for a product over the axes) the error is below 2/(16 pi^2) = 1.3 % of the
-    distance of H from ``rest`` there: 2e-6 for diffusion in silicon, cells of up to 5 um. The value at zero frequency
-    is exactly H(0) in any case, so that flux is not affected.
+    Exact to rounding (1e-15) if H ends. If H does not end, it is split into ``rest``, which is summed in closed form,
+    and a decaying part, which is cut off after 16 aliases (1024 for a product over the axes). The error is below 2/(16
+    pi^2) = 1.3 % of H - ``rest`` at the cut-off: 2e-6 for diffusion in silicon and cells of up to 5 um. The value at
+    zero frequency is exactly H(0) in any case, so that flux is not affected.
     """
     table = reach.rest * along_y.unblurred[:, None] * along_x.unblurred
     if not reach.radius:
@@ -231,7 +233,8 @@ def folded(
 def _rows(
     otf: Transfer, reach: Reach, y: PeriodicAxis, x: PeriodicAxis
 ) -> Iterator[tuple[NDArray[np.int_], Array, Array]]:
-    """Yield H - rest on the extended lattice: rows K, values at (K, 0...) and at (-K, 0...); one array if H is even.
+    """Yield H - rest on the extended lattice, some rows at a time: the row numbers K, and the values in the rows K and
+    in the rows -K (the same array if H is even).
 
     Blocks never cross a multiple of the axis, so that each row of a block folds onto a different place.
     """
@@ -256,7 +259,7 @@ def _rows(
 
 
 def _fold(values: Array, weights: Array, size: int) -> tuple[Array, Array]:
-    """Sum weighted columns K = 0, 1, ... onto k = 0...size//2: those with K = k and with K = -k modulo ``size``."""
+    """Sum weighted columns K = 0, 1, ... onto k = 0...size//2, separately for K = k and K = -k modulo ``size``."""
     half, count = size // 2, values.shape[1]
     weighted = values * weights
     plus = np.zeros((values.shape[0], half + 1), dtype=weighted.dtype)
@@ -265,14 +268,14 @@ def _fold(values: Array, weights: Array, size: int) -> tuple[Array, Array]:
         part = weighted[:, start : start + half + 1]
         plus[:, : part.shape[1]] += part
     for end in range(size, count + half, size):
-        # the last may stop short of the multiple: the largest k, not the smallest
+        # if the last block is cut off, the columns of the largest k are left
         part = weighted[:, end - half : end + 1]
         minus[:, half + 1 - part.shape[1] :] += part[:, ::-1]
     return plus, minus
 
 
 def factors_of(otf: Transfer) -> tuple[Callable[[FloatArray], Array], Callable[[FloatArray], Array]]:
-    """Return a transfer function along y alone and along x alone."""
+    """Return a transfer function as two functions: along y at fx = 0, and along x at fy = 0."""
     zero = np.zeros((1, 1))
     return (
         lambda f: np.broadcast_to(otf(f[:, None], zero), (f.size, 1))[:, 0],
@@ -292,8 +295,7 @@ def _line(otf: Callable[[FloatArray], Array], axis: PeriodicAxis, rule: AliasRul
 
 
 def far_line(otf: Callable[[FloatArray], Array], axis: PeriodicAxis) -> tuple[Array, float]:
-    """Return one factor of a separable transfer function at K = 0, 1, ... until the factor has ended, and its value
-    beyond."""
+    """Return one factor of a separable transfer function at K = 0, 1, ... up to its end, and its value beyond."""
     aliases = 2
     while True:
         f = np.linspace(0.5, 1.0, 257) * (aliases / axis.step)

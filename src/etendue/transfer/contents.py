@@ -27,12 +27,12 @@ from etendue.transfer import mixtures
 from etendue.transfer import rings as scene_rings
 from etendue.types.arrays import Array, FloatArray
 
-LARGEST = 1 << 25  # values examined; of more, some bands represent their neighbours
+LARGEST = 1 << 25  # values examined at most; for more, some bands represent their neighbours
 AT_ONCE = 1 << 24  # values computed together: one band, or all if the source cannot compute single bands
 
 
 def light_of(source: type[Source]) -> str | None:
-    """Return the variable of a source that is light by band and place; None if there is none."""
+    """Return the name of the variable in which a source writes light by band and place; None if it writes none."""
     return next((d.variable for d in writes_of(source).values() if len(d.dims) == 3 and is_light(d.dims)), None)
 
 
@@ -88,7 +88,9 @@ def _mixture(source: Source, grids: Mapping[str, Grid]) -> tuple[Sequence[Array]
 
 
 def _white(source: Source, grids: Mapping[str, Grid]) -> tuple[float, ...]:
-    """Return the light of a white surface by band: the constant of a source that has one value per band."""
+    """Return the light of a white surface by band, from the constants that the source declares; () unless it declares
+    this light.
+    """
     if not isinstance(source, Banded):
         return ()
     given = {**coordinates_of(grids), **coordinates_of(grids, "out_")}
@@ -99,7 +101,7 @@ def _white(source: Source, grids: Mapping[str, Grid]) -> tuple[float, ...]:
 
 
 def _content(rows: list[Any], edges: FloatArray, widths: FloatArray, bands: int) -> Content:
-    """Return the content of all bands, from (low, mean, high, power, amplitude, peaks) of the examined bands."""
+    """Return the content of all bands, given (low, mean, high, power, amplitude, peaks) of the examined bands."""
     full = max(max(abs(row[0]), abs(row[2])) for row in rows)
     if full == 0:
         full, rows = 0.0, [(0.0, 0.0, 0.0, 0 * row[3], 0 * row[4], 0 * row[5]) for row in rows]

@@ -25,8 +25,8 @@ DIRECTIONS = 8  # over a half turn, in which a non-radial transfer function is e
 
 
 def change(stage: Transfer, content: Content, grid: Grid) -> peaks.Change:
-    """Return an upper bound of the change that leaving out this stage causes, in the norm of the content
-    (``content.norm``), relative to the largest value after the stage.
+    """Return an upper bound of the change of the light if this stage is left out. The bound is in the norm
+    ``content.norm``, relative to the largest value after the stage.
 
     Parameters
     ----------
@@ -51,7 +51,9 @@ def _rows(values: Array) -> Rings:
 
 
 def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], frequency: FloatArray) -> FloatArray:
-    """Return (direction, band, n): the product of transfer functions along rays; one direction if all are radial."""
+    """Return the product of transfer functions along rays from zero frequency, (direction, band, n); one direction if
+    all functions are radial.
+    """
     points = tuple(map(float, frequency))
     found: Array = np.ones((1, len(edges) - 1, len(points)))
     for stage in stages:
@@ -82,7 +84,7 @@ def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) 
 def _remembered(
     state: tuple[Transfer, Hashable], edges: tuple[float, ...], rings: tuple[float, ...]
 ) -> tuple[Array, Array, Array]:
-    """Return, by (band, ring) and over all directions, the largest |1 - H| and the largest and the smallest |H|."""
+    """Return three (band, ring) arrays: the largest |1 - H|, largest |H| and smallest |H| over all directions."""
     found = in_directions((state[0],), edges, scene_rings.frequencies_in(np.array(rings)))
     changed, passed = (scene_rings.largest_in_rings(np.abs(values)).max(axis=0) for values in (1 - found, found))
     least = -scene_rings.largest_in_rings(-np.abs(found)).max(axis=0)

@@ -33,7 +33,7 @@ falls as 1/f, like amplitudes in pictures.
 
 
 def importance(frequency: FloatArray) -> FloatArray:
-    """Return the weight of an error at each radial frequency in the fit of a basis: 1 at low frequencies, then falling
+    """Return the weight that a basis fit gives to errors at each radial frequency: 1 at low frequencies, then falling
     as 1/f. The same weight suits any pixel size.
     """
     flat = FLAT_BELOW * float(frequency.max()) or 1.0
@@ -66,9 +66,10 @@ def band_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: F
 
     Notes
     -----
-    Source: the singular vectors of the part of the weighted transfer functions that the weights do not span: the best
-    basis in the mean square for its number of functions (Eckart and Young 1936). They are computed as eigenvectors of
-    the (band, band) matrix of products. Functions that contribute less than 1e-8 of the first have no defined order.
+    Source: besides the weights, the basis consists of the singular vectors of the remaining part of the weighted
+    transfer functions, which have the smallest mean square error for their number (Eckart and Young 1936). They are
+    computed as eigenvectors of the (band, band) matrix of products. Functions that contribute less than 1e-8 of the
+    first have no defined order.
     """
     weights, scale = _scaled(weights)
     if planes < weights.shape[0]:
@@ -86,7 +87,9 @@ def band_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: F
 
 
 def _scaled(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return weights with a sum of 1 per channel, and 1 / root of their total by band (0 in bands without weight)."""
+    """Return the weights scaled to a sum of 1 per channel, and, by band, 1 / sqrt(sum over channels), 0 in bands
+    without weight.
+    """
     weights = np.asarray(weights, dtype=float)
     sums = weights.sum(axis=1, keepdims=True)
     weights = np.divide(weights, sums, out=np.zeros_like(weights), where=sums > 0)
@@ -96,14 +99,14 @@ def _scaled(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def coefficients(weights: FloatArray, basis: FloatArray, transfer: FloatArray) -> FloatArray:
-    """Return (channel, planes, frequency): u with w_c(l) T_l(f) = sum_k u_ck(f) g_k(l), as closely as the basis can."""
+    """Return u, (channel, planes, frequency), for which sum_k u_ck(f) g_k(l) is closest to w_c(l) T_l(f)."""
     seen = basis * _scaled(weights)[1] ** 2
     return np.einsum("cl,kl,lf->ckf", np.asarray(weights, dtype=float), seen, transfer, optimize=True)
 
 
 def expansion_residual(weights: FloatArray, transfer: FloatArray, basis: FloatArray) -> FloatArray:
-    """Return the residual of an expansion in every band, relative to the channel's full scale in light of equal
-    strength in all bands.
+    """Return the residual of an expansion in every band, relative to the channel's full scale for light that is equal
+    in all bands.
 
     Parameters
     ----------
@@ -154,7 +157,7 @@ class RadialPlane:
         self.beyond = (place - self.below).astype(self.kind)
 
     def upper(self, table: FloatArray) -> FloatArray:
-        """Evaluate a table over the nodes on the rows of frequency 0 and above: (rows // 2 + 1, columns)."""
+        """Interpolate a table at the frequencies of the rows from 0 up; return a (rows // 2 + 1, columns) array."""
         table = np.asarray(table, dtype=self.kind)
         step = np.append(np.diff(table), 0).astype(self.kind)
         found = np.empty(self.below.shape, dtype=self.kind)
@@ -179,8 +182,8 @@ class RadialPlane:
                     sums[own] += half_transform[own] * part
 
     def combine(self, half_transforms: list[ComplexArray], tables: FloatArray) -> None:
-        """Replace half transforms by sums of their products, the first one by sum_k tables[0, k] * half_transforms[k],
-        with the same bits as ``add_product``.
+        """Replace half transform c by the sum over k of tables[c, k] * half_transforms[k], for each channel c, with the
+        same bits as ``add_product``.
 
         Parameters
         ----------

@@ -59,13 +59,13 @@ def _ends(mixed: FloatArray, planes: Sequence[Array]) -> tuple[Array, Array]:
 
 
 def _peaks(mixed: FloatArray, planes: Sequence[Array]) -> Array:
-    """Return the largest value of every band of blurred planes, reduced by the error of their transforms."""
+    """Return the largest value of every band, minus the rounding error of the transforms; ``planes`` are blurred."""
     low, high = _ends(mixed, planes)
     return high - rings.ROUNDING * np.maximum(np.abs(low), np.abs(high))
 
 
 def _mixed(mixed: FloatArray, planes: Sequence[Array]) -> Iterator[Array]:
-    """Yield some values of all bands at a time."""
+    """Yield (band, n) arrays: the light of all bands in the next n samples."""
     flat = [np.ascontiguousarray(plane).reshape(-1) for plane in planes]
     for start in range(0, flat[0].size, TOGETHER):
         yield mixed @ np.stack([plane[start : start + TOGETHER] for plane in flat])
@@ -96,12 +96,12 @@ def _ring_sums(
 def _by_ring(
     size_y: int, size_x: int, step_y: float, step_x: float, edges: tuple[float, ...]
 ) -> tuple[NDArray[np.int32], tuple[int, ...], FloatArray]:
-    """Return the values of a half transform ordered by ring, the start of each ring, and the number of times that each
-    value counts.
+    """Return the indices that sort a half transform by ring, the start of each ring in this order, and how many values
+    of the full transform each sorted value stands for.
     """
     rows = sampling.frequencies(size_y, step_y, half=False)
     columns = sampling.frequencies(size_x, step_x, half=True)
-    ring = np.empty((rows.size, columns.size), np.min_scalar_type(len(edges)))  # few bytes are sorted soonest
+    ring = np.empty((rows.size, columns.size), np.min_scalar_type(len(edges)))  # small integers are sorted fastest
     for row, own in zip(rows, ring, strict=True):
         own[:] = rings.rings_of(np.hypot(row, columns), np.array(edges))
     order = np.argsort(ring, axis=None, kind="stable").astype(np.int32)

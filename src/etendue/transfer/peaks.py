@@ -14,8 +14,8 @@ There are two lower bounds of the largest value, and the larger one is used:
   narrow blur followed by another blur, and a mean with positive weights never exceeds the largest value. Therefore the
   largest value after a wide blur is a lower bound of the largest value after every narrower blur. After a blur, a
   transfer function H changes a point by at most the sum of amplitude x |1 - H| x transmission of the blur. This sum is
-  small if the blur is wider than the blur of H, so one of the wide blurs bounds the largest value after H and a narrow
-  blur.
+  small for blurs wider than H itself; therefore the largest value after one of these wide blurs gives the bound after H
+  and a narrower blur.
 
 Sources: Parseval's theorem; the triangle inequality; Gaussian widths add in squares.
 """
@@ -68,15 +68,17 @@ def arrays_of(content: Content) -> ContentArrays:
 
 
 def padding(grid: Grid) -> float:
-    """Return the area of the padded plane over that of the frame. The power in a ``Content`` is an upper bound, which
-    is too large by this factor.
+    """Return the area of the padded plane divided by that of the frame. The power in a ``Content`` is an upper bound
+    that may be too large by this factor.
     """
     sizes = [grid.line(dim).size for dim in ("y", "x")]
     return math.prod(sampling.padded_size(size) / size for size in sizes)
 
 
 def shares(widths: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the largest and the smallest transfer function of Gaussian blurs in each ring, (width, ring)."""
+    """Return the largest and the smallest value of the transfer function of each Gaussian blur in each ring, (width,
+    ring).
+    """
     share = np.exp(-2 * (math.pi * widths[:, None] * edges) ** 2)
     return share[:, :-1], share[:, 1:]
 
@@ -98,8 +100,8 @@ def largest_at_least(content: Content, left: FloatArray, padded: float) -> Float
     """Return a lower bound of the largest value of each band, (..., band), relative to ``content.full``, after a blur
     that leaves the fraction ``left`` (..., band or 1, ring) of the detail of the band.
 
-    Let d be the mean of light above its smallest value, and v its variance. The largest value is then at least d + v /
-    d above the smallest.
+    Let d be the mean minus the smallest value, and v the variance. The largest value is then at least d + v / d above
+    the smallest.
     """
     own = arrays_of(content)
     low = np.minimum(own.low, own.mean)
@@ -133,8 +135,8 @@ def largest_behind(content: Content, changed: Array, left: Array, widths: FloatA
 
 
 def sites(content: Content, size: float) -> float:
-    """Return a lower bound of the number of samples in which the light of a frame of ``size`` samples is concentrated:
-    size x (mean square)^2 / (mean fourth power), where the fourth power is bounded by the largest value.
+    """Return a lower bound of the effective number of samples over which the light of a frame of ``size`` samples is
+    spread: size x (mean square)^2 / (mean fourth power), with a bound on the fourth power from the largest value.
     """
     bands = zip(content.mean, content.power, content.high, strict=True)
     square = max(((m * m + sum(row)) / (h * h) for m, row, h in bands if h > 0), default=1.0)
@@ -179,7 +181,9 @@ def relative(factors: Array, left: Array, content: Content, grid: Grid) -> Chang
 
 
 def _both(change: FloatArray, largest: FloatArray) -> Change:
-    """Return the largest change over widths and bands."""
+    """Return the largest ratio of ``change`` to ``largest`` over all widths, for the largest value of all bands and for
+    each band's own.
+    """
     return Change(float((change.max(axis=1) / largest.max(axis=1)).max()), float((change / largest).max()))
 
 
@@ -200,13 +204,13 @@ def largest_of_sums(weights: FloatArray, left: Array, content: Content, grid: Gr
 
 
 def relative_sums(lost: Array, full: FloatArray, content: Content, grid: Grid) -> float:
-    """Return an upper bound of the light that weighted sums over the bands lose, relative to the largest value of the
-    sum; of several sums, the largest bound is returned.
+    """Return an upper bound of the light that is missing from weighted sums over the bands, relative to the largest
+    value of each sum; of several sums, the largest bound.
 
     Parameters
     ----------
     lost : (sum, band, ring) array
-        The largest fraction lost, including the weights. Bands are added in phase.
+        The largest fraction lost, times the weight of the band. All bands are assumed to add in phase.
     full : (sum,) array
         From ``largest_of_sums``.
     content, grid

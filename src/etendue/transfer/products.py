@@ -67,7 +67,7 @@ class Product:
         return product
 
     def along(self, frequency: Array) -> Array:
-        """Return (band, n) along x."""
+        """Return the product at frequencies along x (cycles/um), (band, n)."""
         found = self.at(np.zeros((1, 1)), frequency[None, :])[:, 0]
         return np.broadcast_to(found, (self.middles.size, frequency.size))
 
@@ -108,8 +108,8 @@ def between(stage: ChannelTransfer, fy: Array, fx: Array, light: Array, prepared
 
 
 def behind_filters(bands: Array, shares: Array, moved: Sequence[Array] = (), still: Sequence[Array] = ()) -> Array:
-    """Return the transfer functions of grey detail by channel: weighted means over bands, including the charge that
-    moves between channels.
+    """Return the transfer function of each channel for grey detail: the weighted mean over bands, including the charge
+    that moves between channels.
 
     Parameters
     ----------

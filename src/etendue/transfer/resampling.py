@@ -46,7 +46,8 @@ def area_weights(n_in: int, n_out: int) -> npt.NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class _Pieces:
-    """`area_weights` without its zeros: each output sample is given as pieces, in order, each inside one input sample.
+    """The nonzero entries of `area_weights`: each output sample consists of pieces, in order, each inside one input
+    sample.
 
     Output samples with fewer pieces than others are padded with their last input sample at a share of 0.
     """
@@ -55,8 +56,8 @@ class _Pieces:
     share: npt.NDArray[np.float64]
 
     def of(self, rows: npt.NDArray[np.float64], before: int = 0) -> npt.NDArray[np.float64]:
-        """Return averages over the rows of a picture; its first row has the number ``before``. Each average is one sum
-        in row order.
+        """Return averages over some rows of a picture, of which the first is row ``before`` of the picture. Each
+        average is one sum in row order.
         """
         found = np.zeros((len(self.place), *rows.shape[1:]))
         for place, share in zip(self.place.T - before, self.share.T, strict=True):

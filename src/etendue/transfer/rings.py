@@ -59,8 +59,8 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
     Returns
     -------
     power, amplitude : (n,) arrays
-        Values of the padded plane that a segment uses, times the ratio of the area of the padded plane to that of the
-        frame. They are upper bounds: the mean square of the plane minus its mean is at most the sum of ``power``, and
+        Values of the padded plane; ``power`` is multiplied by the area of the padded plane divided by that of the
+        frame. Both are upper bounds: the mean square of the plane minus its mean is at most the sum of ``power``, and
         no value differs from the mean by more than the sum of ``amplitude``.
     """
     ny, nx = plane.shape
@@ -81,8 +81,8 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
 
 
 def counted(columns: int, total: int) -> FloatArray:
-    """Return the number of columns of the full transform for which each column of a half transform stands: one at
-    frequency 0 and, for an even number of samples, at the highest frequency; two at all others.
+    """Return how many columns of the full transform each column of a half transform stands for: one at frequency 0 and,
+    for an even number of samples, at the highest frequency; otherwise two.
     """
     twice = np.full(columns, 2.0)
     twice[0] = 1.0
@@ -92,8 +92,8 @@ def counted(columns: int, total: int) -> FloatArray:
 
 
 def blur_widths(size_y: int, size_x: int, step_y: float, step_x: float) -> FloatArray:
-    """Return rms widths of Gaussian blurs (n,), um: 0, one sample, and octaves of one sample up to an eighth of the
-    frame.
+    """Return rms widths of Gaussian blurs, um, (n,): 0, one sample, and further widths in octaves up to an eighth of
+    the frame.
     """
     step, side = max(step_y, step_x), min(size_y * step_y, size_x * step_x)
     count = max(1, math.floor(math.log2(max(side / (8 * step), 1.0))) + 1)
@@ -101,7 +101,8 @@ def blur_widths(size_y: int, size_x: int, step_y: float, step_x: float) -> Float
 
 
 def largest_behind(plane: FloatArray, step_y: float, step_x: float, widths: FloatArray) -> FloatArray:
-    """Return a lower bound of the largest value of a plane after Gaussian blurs of these rms widths (um), (width,).
+    """Return a lower bound of the largest value of a plane after each of the Gaussian blurs with rms widths ``widths``
+    (um), (width,).
 
     Notes
     -----
@@ -119,8 +120,8 @@ def largest_behind(plane: FloatArray, step_y: float, step_x: float, widths: Floa
 def blurred(
     half: ComplexArray, shape: tuple[int, ...], steps: tuple[float, float], widths: FloatArray
 ) -> Iterator[FloatArray]:
-    """Yield a plane of this half transform after each blur except the first, whose width is 0; a plane has as many
-    samples within the frame as its frequencies need.
+    """Yield the plane with this half transform after each blur except the first, whose width is 0. A plane has only as
+    many samples as its remaining frequencies need.
     """
     ny, nx = shape
     total_y, total_x = sampling.padded_size(ny), sampling.padded_size(nx)
@@ -175,5 +176,7 @@ def largest_in_rings(values: FloatArray) -> FloatArray:
 
 
 def moved(distance: float, edges: FloatArray) -> FloatArray:
-    """Return the largest |1 - exp(2 pi i f d)| of light that is displaced by at most a distance (um), (ring,)."""
+    """Return, for each ring, the largest |1 - exp(2 pi i f d)|: a bound for light that is displaced by at most
+    ``distance`` (um).
+    """
     return np.asarray(2 * np.sin(np.pi * np.minimum(edges[1:] * abs(distance), 0.5)))

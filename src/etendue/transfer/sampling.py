@@ -27,7 +27,9 @@ ComplexArray = NDArray[np.complexfloating]
 
 
 def padded_size(size: int) -> int:
-    """Return the samples of a padded axis: an eighth of the frame per side (16 to 128), rounded up to a fast length."""
+    """Return the number of samples of a padded axis: an eighth of the frame is added per side (16 to 128), then rounded
+    up to a fast length.
+    """
     return fast_length(size + 2 * max(16, min(-(-size // 8), 128)))
 
 
@@ -49,7 +51,9 @@ def fast_length(size: int) -> int:
 
 
 def _gap(plane: FloatArray, total: int, axis: int) -> FloatArray:
-    """Return the samples between the end of an axis and its periodic start: two mirrored ends, cross-faded."""
+    """Return the padding between the end of an axis and its periodic start: the mirrored end, cross-faded into the
+    mirrored start.
+    """
     size = plane.shape[axis]
     gap = total - size
     shape = [1] * plane.ndim
@@ -69,7 +73,9 @@ def _gap(plane: FloatArray, total: int, axis: int) -> FloatArray:
 
 
 def _fading(gap: int) -> FloatArray:
-    """Return the weight of the mirrored start of an axis in the samples between its end and its periodic start."""
+    """Return the weight of the mirrored start in each sample of the padding, from 0 to 1; the mirrored end has the
+    rest.
+    """
     return 0.5 - 0.5 * np.cos(np.pi * (np.arange(gap) + 0.5) / max(gap, 1))
 
 
@@ -139,7 +145,7 @@ def transforms_of_rows(
         return None
     halves = [np.empty((total_y, columns), dtype=np.result_type(dtype, np.complex64)) for _ in range(count)]
     weight = _fading(gap)[:, None].astype(dtype)
-    # the first rows, mirrored, wait for the last ones where the transform of both will be
+    # the mirrored first rows are kept, until the last rows are made, in the memory of their transform
     kept = [half[ny:].view(dtype)[:, :nx] if 2 * columns >= nx else np.empty((gap, nx), dtype) for half in halves]
     each = max(1, TOGETHER // total_x)
     padded = np.empty((each, total_x), dtype)
@@ -171,15 +177,15 @@ def transforms_of_rows(
 
 
 def groups(shape: tuple[int, ...]) -> Iterator[slice]:
-    """Yield slices of the first axis of at most ``TOGETHER`` samples or of one plane. Intermediate arrays then stay in
-    the processor's cache, and no memory is fetched for them. Bits do not depend on the groups.
+    """Yield slices of the first axis, each with at most ``TOGETHER`` samples or a single plane. Intermediate arrays
+    then stay in the processor's cache, and no memory is fetched for them. Bits do not depend on the groups.
     """
     step = max(1, TOGETHER // math.prod(shape[1:]))
     yield from (slice(first, first + step) for first in range(0, shape[0], step))
 
 
 def kept_terms(size: int, share: float) -> int:
-    """Return the number of terms, from 0 on, within a share of the Nyquist frequency of a padded axis."""
+    """Return the largest frequency index of a padded axis that lies within ``share`` of the Nyquist frequency."""
     return min(int(share * (padded_size(size) // 2)), padded_size(size) // 2)
 
 
@@ -241,7 +247,7 @@ def inverse(half: ComplexArray, size: tuple[int, int], rows: slice, columns: sli
 def whole_steps(
     in_start: float, in_step: float, out_start: float, out_step: float, out_size: int, in_size: int
 ) -> slice | None:
-    """Return the slice of samples at the output positions, or ``None`` if positions lie between samples."""
+    """Return the slice of input samples at the output positions; None if one lies between samples or outside."""
     ratio, offset = out_step / in_step, (out_start - in_start) / in_step
     step, first = round(ratio), round(offset)
     last = first + step * (out_size - 1)
@@ -251,9 +257,11 @@ def whole_steps(
 
 
 def _waves(positions: FloatArray, total: int, half: bool, terms: int) -> ComplexArray:
-    """Return exp(2 pi i k u / N) by position and frequency index; the Nyquist term is a cosine (real interpolation).
+    """Return exp(2 pi i k u / N) as a (position u, frequency index k) array; the Nyquist term is a cosine (real
+    interpolation).
 
-    ``terms``: number of terms of the transform along this axis; if fewer than all, the terms of ``low_terms``.
+    ``terms``: number of terms of the transform along this axis; if it is not the full number, they are those of
+    ``low_terms``.
     """
     if terms < (total // 2 + 1 if half else total):
         k = np.arange(terms) if half else np.concatenate([np.arange(terms // 2 + 1), -np.arange(terms // 2, 0, -1)])

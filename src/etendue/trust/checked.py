@@ -101,7 +101,9 @@ def _of_file(
 
 
 def _of_ours(says: Any, made: Any) -> Any:
-    """Return the root without its entries for foreign groups, and for pictures if they are not compared."""
+    """Return the metadata of the root without the entries of foreign groups and, if pictures are not compared, of
+    pictures.
+    """
     try:
         held, own = says["consolidated_metadata"]["metadata"], made["consolidated_metadata"]["metadata"]
         ours = {path.split("/")[0] for path in own}
@@ -166,7 +168,9 @@ def _row(columns: list[list[Any]]) -> Any:
 
 
 def of_journal(stored: Stored, again: Again, elsewhere: bool, code: bool) -> Iterator[Deviation]:
-    """Compare the journal lines of ended cells, except for places; ``code``: whether the code is unchanged."""
+    """Compare the journal lines of ended cells, except the places of their chunks; ``code``: whether the code is
+    unchanged.
+    """
     for ref, name in again.names.items():
         entry, fresh = stored.journal.entries.get(name), again.reports.get(name)
         if entry is None or entry.event not in ("done", "failed"):
@@ -194,7 +198,9 @@ def of_journal(stored: Stored, again: Again, elsewhere: bool, code: bool) -> Ite
 
 
 def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | None) -> Iterator[Deviation]:
-    """Compare every record with the pipeline in it, its copy in the journal, the file beside it, and earlier runs."""
+    """Compare every run record with its copy in the journal, with the pipeline file beside it, and with a record
+    recomputed from its pipeline and earlier runs.
+    """
     folder, known = stored.folder, dict[str, set[str]]()
     readable = {run.path.name: run for run in every_record(folder)}
     newest, made = list(readable.values()), Document()
@@ -261,8 +267,8 @@ def _of_record(
 
 
 def _with_the_code_of_then(says: DocumentView, made: DocumentView) -> tuple[DocumentView, bool]:
-    """Return the recomputed record, with the recorded code fields instead of the present ones if the code has changed
-    since, and a flag for this case.
+    """Return the recomputed record, and whether the code has changed since the run; if it has, the recorded code fields
+    replace the present ones.
     """
     nodes, other = dict(made["nodes"]), False
     for name, then in says["nodes"].items():
@@ -281,7 +287,7 @@ def _with_the_code_of_then(says: DocumentView, made: DocumentView) -> tuple[Docu
 
 
 def of_crate(stored: Stored, again: Again, software: bool) -> Iterator[Deviation]:
-    """Compare every entity by name."""
+    """Compare the crate with the recomputed crate, entity by entity."""
     if stored.manifest is None:
         return
     if crate.NAME not in stored.manifest.files:

@@ -78,8 +78,8 @@ NOT_CHECKED = (
 
 
 def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, into: bool) -> list[NotChecked]:
-    """Return the contents that are not compared: those that are never compared, and those that cannot be compared in
-    this archive, with their number.
+    """Return the contents that are not compared: ``NOT_CHECKED``, and contents that cannot be compared in this archive,
+    with their number.
     """
     found = list(NOT_CHECKED)
     entries, gone = stored.journal.entries, stored.journal.outdated
@@ -134,7 +134,7 @@ def skipped(file: str, where: str) -> bool:
 
 
 def differences(file: str, says: Any, has: Any, loose: float, *at: str) -> Iterator[Deviation]:
-    """Yield the differences of two documents, field by field; ``at``: the path of fields to these parts."""
+    """Yield the differences of two documents, field by field; ``at``: the fields that lead to these parts."""
     if len(at) == 1 and repr(says) == repr(has):
         return  # fast path: most parts are identical, including the sign of zero
     if isinstance(says, Mapping) and isinstance(has, Mapping):

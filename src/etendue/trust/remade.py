@@ -122,7 +122,7 @@ def reports_of(stored: Stored, again: Again, laid: Laid) -> Reports:
 
 
 def _said_of_unfinished(stored: Stored, again: Again) -> dict[str, tuple[str, str]]:
-    """Return status and message in the ledger for unfinished cells; empty if the ledger has another form."""
+    """Return status and message in the ledger by name of an unfinished cell; empty if the ledger has another form."""
     open_ = {
         (ref[0], again.keys[ref]): name
         for ref, name in again.names.items()
@@ -209,7 +209,9 @@ def record_again(
 
 
 def _as_named(made: Any, recorded: Any) -> Any:
-    """Return the recorded form of a shared value, if it names the same table."""
+    """Return the recorded text of a shared value if it names the same table as the recomputed value; otherwise, return
+    the recomputed value.
+    """
     if made == recorded or not isinstance(recorded, str) or not isinstance(made, str):
         return made
     try:
@@ -226,8 +228,8 @@ def _numbers(values: Any, own: tuple[Any, ...]) -> list[Any]:
 
 
 def _given(text: str, overrides: Mapping[str, str], asked: Plan, resolved: str) -> Plan | None:
-    """Return the plan of the user's text with the overrides, with files taken from the resolved pipeline; None if it
-    is invalid.
+    """Return the plan of the user's text with the overrides, in which files are the copies that the resolved pipeline
+    names; None if the text is invalid.
     """
     try:
         document = tomllib.loads(text, parse_float=Decimal)
@@ -249,7 +251,7 @@ def _words(text: str) -> Document:
 
 
 def _placed(value: Any, other: Any) -> Any:
-    """Replace names of files by the names in the resolved pipeline."""
+    """Return a value in which names of files are replaced by the names in the resolved pipeline, ``other``."""
     if isinstance(value, str) and isinstance(other, str) and other.startswith("../inputs/"):
         return other
     if isinstance(value, str) and isinstance(other, dict) and other.get("label") == value:

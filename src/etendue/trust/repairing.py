@@ -31,7 +31,7 @@ class Repaired:
     Attributes
     ----------
     done : texts that describe what was restored without computing
-    computed, failed : cells
+    computed, failed : number of cells that were recomputed, and of cells that failed
     """
 
     before: Verified

@@ -55,8 +55,8 @@ def reproduce(
     progress: Callable[[Plan], Progress] | None = None,
     into: Path | None = None,
 ) -> Reproduction:
-    """Recompute every finished cell of an archive and compare. The archive is not changed; ``into`` keeps the
-    recomputed archive there.
+    """Recompute every finished cell of an archive and compare. The archive is not changed; ``into``: folder in which to
+    keep the recomputed archive.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def _compare_the_rest(found: Reproduction, stored: Stored, again: Again, into: b
 
 
 def _of_code(found: Reproduction, stored: Stored, again: Again) -> Iterable[Deviation]:
-    """Yield contradictions about code: a stage whose keys belong to the present code cannot have other code."""
+    """Yield contradictions about code: stages whose keys match the present code, while the record states other code."""
     other = {row["stage"]: row for row in found.software if row["what"] == "code"}
     for ref, name in again.names.items():
         entry = stored.journal.entries.get(name)
@@ -204,7 +204,7 @@ def _shown(stored: Stored, again: Again) -> dict[str, CellRef]:
 
 
 def _drawn(stored: Stored) -> list[tuple[str, str]]:
-    """Return the stages and variables of which an archive has a picture; a run draws only computed or stored
+    """Return the (stage, variable) pairs of which an archive has a picture; a run draws only computed or stored
     results.
     """
     stages, variables = (column(stored, f"frames/{name}") for name in ("stage", "variable"))
@@ -283,7 +283,9 @@ def _refuse_missing(run: Recorded) -> None:
 
 
 def software(run: Recorded, plan: Plan) -> list[Document]:
-    """Return the differences between the installed stages and the stages that computed the archive."""
+    """Return the differences between the installed stages and the stages that computed the archive, one document per
+    difference.
+    """
     rows = []
     now = node_records(plan)
     for name, before in run.record["nodes"].items():

@@ -48,7 +48,7 @@ class Reproduction:
     Attributes
     ----------
     platform : the properties of the platform that differ, as (recorded, now); empty on the same platform
-    software : by stage, the difference from the archive: its distribution and version, or its code
+    software : differences between the installed stages and the archive: distributions, code, versions of libraries
     differences : other contents that were not reproduced: coordinates, units, dims, tables, records
     damages : damaged files, except those of cells
     not_checked : contents that cannot be recomputed
@@ -98,7 +98,9 @@ def judged_cell(
 
 
 def judged(stage: str, name: str, one: Compared, allowed: float | None, elsewhere: bool) -> CellResult:
-    """Return the verdict on one variable: equal bits on the same platform, stated errors ``elsewhere``."""
+    """Return the verdict on one variable: all bits must agree or, ``elsewhere``, the difference must be within
+    ``allowed``.
+    """
     found = one.difference
     if found is None:
         return CellResult(stage, name, one.path, "damaged", why=one.damage)
@@ -129,8 +131,8 @@ def judged(stage: str, name: str, one: Compared, allowed: float | None, elsewher
 
 
 def _allowed(plan: Plan, ref: CellRef) -> float | None:
-    """Return the sum of the errors stated by a cell and everything it depends on; None if one of them states
-    no error.
+    """Return the sum of the errors stated for a cell and for all cells that it depends on, relative to full scale; None
+    if one of them states no error.
     """
     stated = [plan.cells[one].error[0] for one in ancestry(plan, [ref])]
     return None if None in stated else sum(error for error in stated if error is not None)

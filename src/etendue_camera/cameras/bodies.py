@@ -122,7 +122,7 @@ def body(name: str) -> Named:
 
 
 def stand_ins(form: str) -> dict[str, Value]:
-    """Return the stand-ins of a format, in the order of the document."""
+    """Return the stand-in values of a sensor format by quantity, in the order of the body's document."""
     own = formats()[form]
     note = f"of {form} sensors"
     words = {**{key: value for key, value in own.items() if key != "crop"}, **formats()["all"]}
@@ -165,7 +165,7 @@ def _levels(name: str, given: Mapping[str, Value]) -> dict[str, Value]:
 
 @cache
 def levels() -> dict[str, camconst.Constants]:
-    """Return the user's copy of RawTherapee's camera constants; empty without one."""
+    """Return the camera constants in the user's copy of RawTherapee's file, by camera; empty without a copy."""
     places = [*given_files(".json", "camconst.json"), *installed_files("/usr/share/rawtherapee/camconst.json")]
     path = next((one for one in places if one.is_file()), None)
     if path is None:

@@ -30,8 +30,8 @@ _TRAILING = re.compile(r'("(?:[^"\\\n]|\\.)*")|,(?=\s*[\]}])')
 class Constants:
     """The values that the file has for a camera; None or empty if the file has no such value.
 
-    ``matrix`` (3, 3) is from XYZ under D65 to the camera's channels; ``white`` the level at the base ISO, ``by_iso``
-    levels by ISO.
+    ``matrix`` (3, 3) maps XYZ under D65 to the camera's channels; ``white`` is the white level (DN) at the base ISO,
+    and ``by_iso`` holds pairs of ISO and white level.
     """
 
     black: float | None
@@ -81,8 +81,8 @@ def _entry(entry: Document) -> Constants:
 
 
 def _levels(value: Any) -> tuple[float | None, tuple[tuple[float, float], ...]]:
-    """Return the level at the lowest ISO from 100 up, and the levels by ISO; of several channels the smallest level
-    counts.
+    """Return the level at the lowest ISO from 100 up, and the levels by ISO; if channels have different levels, the
+    smallest one counts.
     """
     if value is None:
         return None, ()

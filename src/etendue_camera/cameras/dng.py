@@ -66,7 +66,7 @@ class Raw:
         return math.sqrt(max(offset, 0.0)) / scale
 
     def fall_off(self, r: FloatArray) -> FloatArray | None:
-        """Return the relative illumination at r, 1 at the corner: the inverse of the gain of FixVignetteRadial."""
+        """Return the relative illumination at r (r = 1 at the corner): the inverse of the gain of FixVignetteRadial."""
         if not self.vignette:
             return None
         square = r * r
@@ -76,8 +76,8 @@ class Raw:
         return 1.0 / gain
 
     def real(self, r: FloatArray) -> FloatArray | None:
-        """Return the real height of each ideal height, both relative to the corner, (heights, planes), by
-        WarpRectilinear.
+        """Return the real heights (heights, planes) of ideal heights by WarpRectilinear, both in units of the corner's
+        height.
         """
         if self.warp is None:
             return None
@@ -194,7 +194,7 @@ def _noise(values: Any) -> tuple[tuple[float, float], ...]:
 
 
 def _opcodes(own: dict[int, Any]) -> Document:
-    """Return the opcodes that are read; they are always big-endian."""
+    """Return the opcodes that this module reads; their numbers are always big-endian."""
     warp, vignette, other = None, (), list[int]()
     for tag in OPCODES:
         block = bytes(own.get(tag, b""))

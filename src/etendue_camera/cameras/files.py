@@ -1,7 +1,7 @@
 """Files of other programs with data of a camera, converted to a body in the form of a sensor file.
 
 In:  a path.
-Out: ``Named``, or the text of a sensitivity table; an error names a file without camera values.
+Out: ``Named``, or the text of a sensitivity table; a file without camera values raises an error.
 """
 
 from __future__ import annotations

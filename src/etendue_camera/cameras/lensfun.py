@@ -148,8 +148,8 @@ def _texts(one: ElementTree.Element, tag: str) -> list[str]:
 
 
 def _text(one: ElementTree.Element, tag: str) -> str:
-    """Return the text of an element. If there are several texts, return the text without a language, otherwise the
-    first text.
+    """Return the text of the element's child with this tag: of several children, the one without a language, otherwise
+    the first.
     """
     plain = [part for part in one.findall(tag) if part.get("lang") is None]
     found = plain or one.findall(tag)

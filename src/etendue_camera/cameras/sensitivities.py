@@ -1,6 +1,6 @@
 """Read camera spectral sensitivities in the form of rawtoaces-data, and write them as tables.
 
-In:  the JSON of one camera, in either of its two headers.
+In:  the JSON of one camera, with either of the two kinds of header.
 Out: ``Sensitivity``: wavelengths, columns, and who measured it.
 Source: AcademySoftwareFoundation/rawtoaces-data. The values are relative and per energy.
 """
@@ -34,7 +34,7 @@ class Sensitivity:
     per: str = "energy"
 
     def csv(self) -> str:
-        """Return the table, relative to the largest value of all columns, to 6 significant digits."""
+        """Return the table as CSV text, relative to the largest value of all columns, to 6 significant digits."""
         head = (
             f"# {self.camera}: relative spectral sensitivity per {self.per}, measured by {self.creator}\n"
             f"# from {SOURCE}, {self.licence}; rounded to 6 digits\n"

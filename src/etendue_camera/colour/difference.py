@@ -62,7 +62,7 @@ def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> NDArray:
     Returns
     -------
     (...) array, dimensionless
-        0 for equal colours; symmetric in its arguments. It jumps where hues are opposite, as the standard does.
+        0 for equal colours; symmetric in its arguments. It jumps where hues are opposite, as in the standard.
 
     Raises
     ------

@@ -4,8 +4,8 @@ In:  linear or encoded values, 1 = display white; any shape.
 Out: encoded or linear values, same shape and dtype (float32 stays float32; integers become float64).
 Sources: IEC 61966-2-1 (sRGB), ITU-R BT.709, the paper (docs/paper.md), eq. 15.
 
-The function `power` of numpy is 4 times slower if 20 % of a picture is exactly 0, as after clipping. Bases are
-therefore raised above 0 first: to the end of the linear segment, or to the smallest number.
+The function `power` of numpy is 4 times slower if 20 % of a picture is exactly 0, as after clipping. Values are
+therefore first raised above 0: to the end of the linear segment, or to the smallest number.
 """
 
 import numpy as np
@@ -185,7 +185,7 @@ def _with_toe(curve: NDArray, value: NDArray, end: float, slope: float, divide: 
 
 
 def _at_least(values: NDArray, floor: float) -> NDArray:
-    """Return the values raised to the floor; `clip` takes half the time of `maximum`."""
+    """Return the values, with smaller ones raised to the floor; `clip` takes half the time of `maximum`."""
     kind = values.dtype.type
     lifted = np.empty_like(values)
     np.clip(values, kind(floor), kind(np.inf), out=lifted)

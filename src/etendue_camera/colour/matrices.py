@@ -209,14 +209,14 @@ def fit_matrix(
     ------
     ValueError
         If shapes do not fit, values are not finite, or a white is missing or black. Unless ``least``, also if the
-        samples leave the matrix undetermined: along some direction that the white leaves free, they differ by less than
-        1e-7 of their size. Elements would reach 1e7, and single precision, which rounds to 6e-8, would turn rounding
-        errors into colour.
+        samples leave the matrix undetermined: their spread along some direction that the white leaves free is below
+        1e-7 of their size. Matrix elements would reach 1e7, and single precision, which rounds to 6e-8, would turn
+        rounding errors into colour.
 
     Notes
     -----
-    The white is kept by solving in the plane orthogonal to it (null-space method), which is exact to rounding; a
-    large weight for the white would cost half the digits.
+    The white is mapped exactly, to rounding, by solving in the space orthogonal to it (null-space method); a large
+    weight for the white would cost half the digits.
     """
     samples, targets = np.asarray(samples, np.float64), np.asarray(targets, np.float64)
     require.that(

@@ -22,8 +22,8 @@ def carried_covariance(responses: ArrayLike, variance: ArrayLike, lag: tuple[int
     Parameters
     ----------
     responses : (place, channel, y, x) array
-        The output's response to a unit step of one pixel, for each site of the cell, in a window that contains all of
-        it.
+        The output's response to a unit change of one pixel, for each site of the cell, in a window that contains the
+        whole response.
     variance : (place,) array
         Variance of the independent noise at these sites, at or above 0.
     lag : two ints, pixels
@@ -59,7 +59,7 @@ def slow_covariance(responses: ArrayLike, variance: ArrayLike) -> FloatArray:
     pixel.
 
     Subtracting a smooth trend from noise (see `without_trend`) removes this power once per term of the trend. For white
-    noise it equals the variance; for noise that neighbours share it is several times as much.
+    noise it equals the variance; for noise that is correlated between neighbours it is several times the variance.
     """
     h, v = np.asarray(responses, np.float64).sum(axis=(-2, -1)), np.asarray(variance, np.float64)
     return np.asarray(np.einsum("p,pc,pd->cd", v, h, h) / len(h))
@@ -71,8 +71,8 @@ def terms(degree: int) -> int:
 
 
 def _shifted(lag: tuple[int, int], sign: int, shape: tuple[int, ...]) -> tuple[slice, ...]:
-    """Return the range of positions of the first (sign 1) or second (sign -1) of two pixels for which both
-    are inside.
+    """Return slices with the positions of the first (sign 1) or second (sign -1) of two pixels a lag apart, where both
+    are inside the window.
     """
     parts = [slice(None), slice(None)]
     for step, size in zip(lag, shape[-2:], strict=True):
@@ -123,7 +123,7 @@ def without_trend(planes: ArrayLike, degree: int = 2) -> FloatArray:
     Returns
     -------
     (..., y, x) array
-        The noise. Its variance is reduced by terms/pixels of its power at low frequency, see `slow_covariance`.
+        The noise. Its variance is reduced by terms/pixels times its power at zero frequency, see `slow_covariance`.
     """
     planes = np.asarray(planes, np.float64)
     rows, columns = planes.shape[-2:]

@@ -47,7 +47,7 @@ def silicon_band_gap(temperature_K: ArrayLike) -> NDArray:
 
 
 def dark_current_factor(temperature_K: float, reference_K: float, doubling_K: float = 0.0) -> float:
-    """Return the growth factor of dark current from a reference temperature to another.
+    """Return the factor by which dark current grows from a reference temperature to another temperature.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def dark_current_factor(temperature_K: float, reference_K: float, doubling_K: fl
 
 
 def read_noise_at_gain(before_gain: ArrayLike, after_gain: ArrayLike, analogue_gain: ArrayLike) -> NDArray:
-    """Return the input-referred read noise of an amplifier between two noise sources.
+    """Return the input-referred read noise of an amplifier with noise sources before and after it.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def gain_of_speed(analogue_gain: float, iso: float, base_iso: float) -> float:
     Raises
     ------
     ValueError
-        For a speed without the speed at gain 1, or a speed and a gain.
+        If a speed is given without the speed at gain 1, or together with a gain.
     """
     if iso == 0:
         return float(analogue_gain)
@@ -175,7 +175,7 @@ def gain_of_speed(analogue_gain: float, iso: float, base_iso: float) -> float:
 def dn_per_electron(
     conversion_gain: float, analogue_gain: float, full_well: float, black_level: float, bits: int
 ) -> float:
-    """Return DN per electron at the analogue gain: from the conversion gain, or with the full well at the top code.
+    """Return the system gain: from the conversion gain, or such that a full well reaches the top code at gain 1.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def dn_per_electron(
 
 
 def white_level(full_well: float, gain_dn_per_electron: float, black_level: float, bits: int) -> float:
-    """Return DN between black and saturation: to the top code, or to the full well if it is reached first.
+    """Return the range from black to saturation, DN: up to the top code, or to the full well if it is reached first.
 
     Parameters
     ----------
@@ -277,8 +277,7 @@ def lowest_clipped_code(
     Notes
     -----
     A full well is rounded to a code like any charge; where it lies within 2**-8 DN below a step, the code below the
-    step
-    is returned, since single precision may give it.
+    step is returned, since single precision may give it.
     """
     filled = gain_dn_per_electron * saturation_charge(full_well, gain_dn_per_electron, black_level, bits)
     noisy = gain_dn_per_electron * max(full_well - 4 * sigma, 0.0)

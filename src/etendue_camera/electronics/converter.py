@@ -23,7 +23,7 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
     gain_dn_per_electron : float, DN/electron
         Above 0.
     black_level : float, DN
-        Pedestal, from 0 to below the top code. Over 4 sigma of read noise keeps the dark tail unclipped.
+        Pedestal, from 0 to below the top code. Above 4 sigma of read noise, the dark tail is not clipped.
     bits : int
         1 to 32.
 
@@ -39,9 +39,8 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
 
     Notes
     -----
-    Source: floor(K e + offset + 1/2), clipped; halves round up, so that steps are equally wide.
-    float32 charge is processed in float32 up to 16 bits (codes off by one only within 2**-8 DN of a step)
-    and in float64 beyond.
+    Source: floor(K e + offset + 1/2), clipped; halves round up, so that steps are equally wide. float32 charge is
+    processed in float32 up to 16 bits (codes may be off by one, within 2**-8 DN of a step) and in float64 beyond.
 
     Examples
     --------
@@ -97,8 +96,8 @@ def unrounded(charge: ArrayLike, gain_dn_per_electron: float, black_level: float
 
     Notes
     -----
-    Source: K e + offset, clipped. Within half a code of ``digitise``, and its mean over a charge that is spread over
-    many codes.
+    Source: K e + offset, clipped. The result is within half a code of ``digitise``, and equals its mean if noise
+    spreads the charge over many codes.
     """
     charge = np.asarray(charge)
     top = top_code(bits, black_level)
@@ -122,7 +121,7 @@ def linearise(
     dtype : float32 or float64
         Dtype of the result.
     white : float, DN above black
-        Level at which pixels saturate: above 0, at most and by default the top code 2**bits - 1 minus black.
+        Level at which pixels saturate: above 0 and at most 2**bits - 1 - black, the default.
 
     Returns
     -------
@@ -137,8 +136,8 @@ def linearise(
 
     Notes
     -----
-    Source: (DN - black) / (white - black). Error: one rounding in float64; in float32 one up to 16 bits with
-    an integer black level, two otherwise.
+    Source: (DN - black) / (white - black). Error: one rounding in float64; in float32 one rounding for up to 16 bits
+    and an integer black level, otherwise two.
     """
     top = top_code(bits, black_level)
     work = np.result_type(dtype, np.float64) if bits > 16 else np.dtype(dtype)

@@ -59,7 +59,7 @@ def poisson_logpmf(count: ArrayLike, mean: ArrayLike) -> NDArray:
 
 
 def poisson_pmf(count: ArrayLike, mean: ArrayLike) -> NDArray:
-    """Return the Poisson probability of a count; arguments, errors and source as `poisson_logpmf`.
+    """Return the Poisson probability of a count; arguments, errors and source as for `poisson_logpmf`.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def poisson_pmf(count: ArrayLike, mean: ArrayLike) -> NDArray:
 
 
 def poisson_total_variation(mean: float, exact_below: float = 30.0) -> float:
-    """Return the largest error in the probability of any event that `noise.poisson` makes at one mean.
+    """Return the largest error that `noise.poisson` makes in the probability of any event, at one mean.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def normal_form_pmf(mean: float) -> tuple[NDArray, NDArray]:
 
     Notes
     -----
-    The normal CDF at the roots of the cubic. Error: 1e-15 absolute.
+    Probabilities are differences of the normal CDF at the roots of the cubic. Error: 1e-15 absolute.
     """
     require.that(
         SMALLEST_NORMAL_MEAN <= mean <= 1e6, f"mean is {mean!r} electrons; it must be {SMALLEST_NORMAL_MEAN} to 1e6"
@@ -187,7 +187,7 @@ def quantised_gauss_moments(mu: ArrayLike, sigma: ArrayLike) -> tuple[NDArray, N
 
 
 def cut_normal_moments(rms: float) -> tuple[float, float]:
-    """Return mean and variance of max(0, 1 + rms Z), Z standard normal: the non-negative gain factors of pixels.
+    """Return mean and variance of the non-negative gain factors of pixels, max(0, 1 + rms Z) with Z standard normal.
 
     Parameters
     ----------
@@ -265,7 +265,7 @@ def _stirling_error(count: NDArray) -> NDArray:
 
 
 def _deviance(count: NDArray, mean: NDArray) -> NDArray:
-    """Return k log(k/m) + m - k, by series where its terms cancel."""
+    """Return k log(k/m) + m - k, from a series where these terms cancel."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         ratio = (count - mean) / (count + mean)
         direct = count * np.log(count / mean) + mean - count
@@ -277,7 +277,7 @@ def _deviance(count: NDArray, mean: NDArray) -> NDArray:
 
 
 def _cubic_root(mean: float, target: NDArray) -> NDArray:
-    """Return the z at which the unrounded `noise.cornish_fisher` reaches a target, by Newton."""
+    """Return the z at which the unrounded `noise.cornish_fisher` reaches a target, by Newton's method."""
     root = math.sqrt(mean)
     thin = 1 / (72 * root)
     z = 2 * (np.sqrt(np.maximum(target, 0.25)) - root)  # square-root transform: within 0.4 everywhere

@@ -248,7 +248,7 @@ def emva_smallest_photons_approx(
     Returns
     -------
     (...) array, photons per pixel and exposure
-        Below the exact value: by half for a noiseless camera, by 1/(8 s) of an electron at large noise s.
+        Below the exact value: by half for a noiseless camera, by 1/(8 s) electrons for a large noise s.
 
     Raises
     ------
@@ -283,8 +283,7 @@ def dynamic_range_emva(
     Returns
     -------
     (...) array, dB
-        -inf if the dark charge fills the well; otherwise finite, since one electron has its own shot
-        noise.
+        -inf if the dark charge fills the well; otherwise finite, since even one electron has shot noise.
 
     Raises
     ------

@@ -70,7 +70,9 @@ class SensorFigures:
 
 @dataclass(frozen=True)
 class _Levels:
-    """Moments by replicate (0: all pixels; then with one group of pixels omitted) and level."""
+    """Moments by replicate and level. Replicate 0 includes all pixels; every other replicate omits one group of
+    pixels.
+    """
 
     mean: NDArray
     variance: NDArray  # temporal
@@ -121,8 +123,8 @@ def measure(
 
     Departures. The photon transfer curve is fitted with the weights of a normal variance (the standard weights all
     levels equally, which widens the interval of K by a quarter). Dark noise is averaged over all times, with the shot
-    noise of the dark current subtracted. `full_well` is the mean beyond saturation, without the fraction of a level
-    step by which `saturation_capacity` is low.
+    noise of the dark current subtracted. `full_well` is the mean beyond saturation; unlike `saturation_capacity`, it is
+    not too low by a fraction of a level step.
 
     Intervals come from a delete-a-group jackknife over 8 x 8 blocks of pixels with Student's t: pixels are treated as
     independent samples of both temporal noise and patterns. Row and column patterns are counted in DSNU, but their
@@ -284,8 +286,8 @@ def _moments(stacks: Sequence[ArrayLike]) -> _Levels:
 
 
 def _slope(signal: NDArray, excess: NDArray, used: NDArray, y: _Levels, d: _Levels) -> NDArray:
-    """Return K by replicate. Weights come from the model for all pixels, because weights from single variances would
-    favour small variances.
+    """Return the gain K by replicate, DN/electron. Weights come from the model for all pixels, because weights from
+    single variances would favour small variances.
     """
     first = float((signal[0, used] * excess[0, used]).sum() / (signal[0, used] ** 2).sum())
     dark = np.median(d.variance[0]) + first * (d.mean[0, used] - np.median(d.mean[0]))

@@ -28,7 +28,7 @@ class Estimate:
 
 
 class Jackknife:
-    """Intervals from the estimate of all pixels (first) and the estimates that omit one group each."""
+    """Confidence intervals from replicates: the first is estimated from all pixels, the others omit one group each."""
 
     def __init__(self, confidence: float) -> None:
         self.t = float(scipy.special.stdtrit(BLOCKS**2 - 1, 0.5 + 0.5 * confidence))
@@ -42,14 +42,14 @@ class Jackknife:
         return Estimate(value, value - wide, value + wide, unit)
 
     def root(self, squares: NDArray, unit: str) -> Estimate:
-        """Return the estimate of the root of a variance, which may be negative."""
+        """Return the estimate of a standard deviation from variances; a negative variance counts as 0."""
         square, wide = float(squares[0]), self.t * self.error(squares)
         low, value, high = np.sqrt(np.maximum([square - wide, square, square + wide], 0.0))
         return Estimate(float(value), float(low), float(high), unit)
 
 
 def left_out(plane: NDArray) -> NDArray:
-    """Return the sum over all pixels, then over all except each block: (1 + 64,)."""
+    """Return the sum over all pixels, then the sums that omit one block each: (1 + 64,)."""
     edges = [np.linspace(0, size, BLOCKS + 1).astype(int)[:-1] for size in plane.shape]
     blocks = np.add.reduceat(np.add.reduceat(plane, edges[0], axis=0), edges[1], axis=1).ravel()
     total = blocks.sum()

@@ -38,7 +38,7 @@ def exposure_value(f_number: ArrayLike, time_s: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Source: ISO 2720, APEX. "EV100" of a scene is this number where the exposure is right at ISO 100.
+    Source: ISO 2720, APEX. "EV100" of a scene is this number for a correct exposure at ISO 100.
     """
     number = require.above_zero("f_number", np.asarray(f_number, dtype=float))
     time = require.above_zero("time_s", np.asarray(time_s, dtype=float))
@@ -77,7 +77,8 @@ def metered_level(rate: NDArray, method: str, quantile: float = 0.99) -> float:
     rate : (..., y, x) array, electron/s
         Noise-free, at or above 0 (undershoot counts as 0).
     method : str
-        "mean"; "centre": mean under a Gaussian of a quarter of each side about the middle; "highlight": the quantile.
+        "mean"; "centre": mean weighted with a central Gaussian whose sigma is a quarter of each side; "highlight": the
+        quantile.
     quantile : float
         Above 0, at most 1; for "highlight".
 

@@ -196,7 +196,7 @@ def mean_factor(spread: float) -> float:
 
 
 def _inverse(mean: NDArray, uniform: NDArray, normal: NDArray) -> NDArray:
-    """Return the smallest k with uniform < F(k; mean): start at the normal quantile, then step by one."""
+    """Return the smallest k with uniform < F(k; mean): it is searched from the normal quantile in steps of one."""
     guess = mean + np.sqrt(mean) * normal + 1 / 3 + normal**2 / 6
     counts = np.maximum(np.floor(guess), 0)
 

@@ -42,12 +42,11 @@ def quantiles(mean: NDArray, uniform: NDArray) -> NDArray:
     For multiples u of 2^-53 the count k is drawn with probability F(k) - F(k - 1) = exp(-m) m^k / k!, within 2^-53 and
     the error of `pdtr` (1e-15): the Poisson law itself, not a mixture near it.
 
-    Proof. F(k; m) decreases with m. Let m lie in the bin [a, b) and u in the cell [c, d). If F(k - 1; a) <= c and
-    d <= F(k; b), then F(k - 1; m) <= u < F(k; m): k is the answer for the whole cell. Such cells hold k; both
-    inequalities are required with 1e-12 to spare, a thousand times the rounding of the table. All other cells hold the
-    smallest possible count and a flag. From there the count steps up while u >= F(k; m). F at m follows from its values
-    at a: F' = -p_k, F'' = p_k - p_(k-1), and |F'''| < 4. Where u is closer to that sum than the remainder, `pdtr`
-    decides.
+    Proof. F(k; m) decreases with m. Let m lie in the bin [a, b) and u in the cell [c, d). If F(k - 1; a) <= c and d <=
+    F(k; b), then F(k - 1; m) <= u < F(k; m): k is the answer for the whole cell. Such cells hold k; both inequalities
+    are required with a margin of 1e-12, a thousand times the rounding of the table. All other cells hold the smallest
+    possible count and a flag. From there the count steps up while u >= F(k; m). F at m follows from its values at a: F'
+    = -p_k, F'' = p_k - p_(k-1), and |F'''| < 4. Where u is closer to that sum than the remainder, `pdtr` decides.
 
     10 % of the uniforms fall into flagged cells: 6 % because the bins have a width, the rest because F has steps.
     """
@@ -78,7 +77,7 @@ def _looked_up(mean: NDArray, uniform: NDArray) -> NDArray:
 def _stepped(
     count: NDArray[np.intp], mean: NDArray, uniform: NDArray, bins: NDArray[np.intp], cumulative: NDArray
 ) -> NDArray[np.intp]:
-    """Increase counts, which are not too large, while the uniform is not below F(count; mean)."""
+    """Increase each count while its uniform is not below F(count; mean); no count is too large at the start."""
     beyond = mean.astype(np.float64)
     beyond -= bins / BINS
     at = bins * COUNTS
@@ -106,8 +105,8 @@ def _stepped(
 
 
 def _ahead(at: NDArray[np.intp], uniform: NDArray, cumulative: NDArray) -> NDArray[np.intp]:
-    """Return the number by which each count is below the answer at the lower end of its bin. For no mean in the bin is
-    the answer smaller.
+    """Return how far each count is below the quantile at the lowest mean of its bin. No other mean in the bin has a
+    smaller quantile.
     """
     ahead = np.zeros_like(at)
     room = COUNTS - 3 - at % COUNTS
@@ -119,8 +118,8 @@ def _ahead(at: NDArray[np.intp], uniform: NDArray, cumulative: NDArray) -> NDArr
 
 @cache
 def _table() -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-    """Return the cells, flattened: a count, with the flag if it is the smallest of several; and F at the lower ends of
-    the bins, flattened, with two zeros before each.
+    """Return two flattened tables: the cells, each a count, with the flag if it is the smallest of several possible
+    counts; and F at the lower end of each bin, with two zeros before the first count.
     """
     means = np.arange(LIMIT * BINS + 1)[:, None] / BINS
     cumulative = np.zeros((len(means), COUNTS))

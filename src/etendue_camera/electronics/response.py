@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from etendue import require
 from etendue_camera.arrays import Floats
 
-ROUNDS = 60  # of the inverse; Newton from above needs 4 to 8, and 60 only at the turning point
+ROUNDS = 60  # of the inverse; Newton's method needs 4 to 8, and 60 only at the turning point
 
 
 def bent(charge: ArrayLike, bend: float, order: float, full: float) -> NDArray:
@@ -97,12 +97,12 @@ def unbent(charge: Floats, bend: float, order: float, full: float) -> NDArray:
 
 
 def _turning(bend: float, order: float) -> float:
-    """Return the charge at the maximum of the response over ``full``, at most 1e9."""
+    """Return the charge at the maximum of the response, relative to ``full``; at most 1e9."""
     return float(np.exp(min(-np.log(bend * (order + 1)) / order, np.log(1e9))))
 
 
 def check(bend: float, order: float, full: float) -> None:
-    """Raise ValueError if the response would fall below full scale."""
+    """Raise ValueError for numbers out of range, such as a bend with which the response falls before full scale."""
     require.that(0.5 <= order <= 8, f"response_order is {order!r}; it must be from 0.5 to 8")
     require.that(
         0 <= bend < 1 / (order + 1),

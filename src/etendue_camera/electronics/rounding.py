@@ -82,8 +82,8 @@ def in_front(low: float, high: float) -> tuple[float, float]:
     Notes
     -----
     The mean may lie anywhere between two codes: near a code rounding hides noise, and halfway between two codes it
-    turns arbitrarily small noise into a variance of 1/4. Above 0.6 steps both ends follow Sheppard: the variance minus
-    1/12.
+    turns arbitrarily small noise into a variance of 1/4. Above 0.6 steps both results follow from Sheppard's
+    correction: the variance minus 1/12.
     """
     sigma, least, most = _behind()
     if high >= least[-1]:

@@ -230,7 +230,7 @@ def raw_frame(shelf: Shelf, frame: ArchivedFrame) -> dng.RawFrame:
     """Return the digital numbers of a cell and the metadata that a DNG contains."""
     speed = shelf.parameter(frame, "iso", 0.0)  # the ISO that was set, or else that of the gain
     speed = speed or shelf.parameter(frame, "base_iso", 0.0) * shelf.parameter(frame, "analogue_gain", 1.0)
-    time = shelf.beside(frame, "integration_time")  # from metering if there is any; 0.008 in any precision
+    time = shelf.beside(frame, "integration_time")  # from metering if any; read as text, so 0.008 stays 0.008
     return dng.RawFrame(
         raw=frame.picture(),
         mask=mask_of(shelf, frame),
@@ -254,8 +254,8 @@ def raw_frame(shelf: Shelf, frame: ArchivedFrame) -> dng.RawFrame:
 
 
 def white_level(shelf: Shelf, frame: ArchivedFrame) -> int:
-    """Return the code at which pixels saturate: the top code, or the full well if it is reached first and a stage
-    clips there.
+    """Return the code at which pixels saturate: the code of a full well if a stage clips there and it is below the top
+    code, otherwise the top code.
     """
     top: int = 2 ** int(shelf.parameter(frame, "bits")) - 1
     if not any(FULL_WELL in shelf.roles(stage) for stage in shelf.record["nodes"]):

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from etendue_camera.arrays import FloatArray
 
 COLOURS = "RGB"
-# of the profile connection space: ICC.1, and the DNG specification's forward matrices
+# white of the profile connection space: ICC.1, and the DNG specification's forward matrices
 D50_XYZ = (0.96422, 1.0, 0.82521)
 OTHER_LIGHT = 255
 LIGHTS = {"A": 17, "B": 18, "C": 19, "D55": 20, "D65": 21, "D75": 22, "D50": 23}  # EXIF LightSource
@@ -125,7 +125,7 @@ def _ratios(values: ArrayLike, limit: int = 10**8) -> tuple[int, ...]:
 
 
 def tags(frame: RawFrame) -> list[Tag]:
-    """Return the tags of the main directory, without the tags that describe the samples."""
+    """Return the tags of the main directory, except the offset and the size of the samples."""
     rows, columns = frame.raw.shape
     found: list[Tag] = [
         (254, LONG, 0),  # the picture itself, no preview

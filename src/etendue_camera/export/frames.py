@@ -37,7 +37,7 @@ MEND = "repair it with: etendue verify --repair"
 
 @dataclass(frozen=True)
 class StageGroup:
-    """One group of the store with a variable: a stage, or one shape of a stage."""
+    """One group of the store that holds a variable: a stage's output, or its cells of one array shape."""
 
     stage: str
     path: str
@@ -53,7 +53,7 @@ class StageGroup:
         }
 
     def row_dim(self, dim: str) -> str:
-        """Return the dim of the rows of a design that have the combinations of factors along a dim; '' for others."""
+        """Return the dim of a design's rows if the combinations of their factors lie along ``dim``; '' otherwise."""
         rows = rows_of(self.data, dim)
         return "" if rows is None else str(rows.dims[0])
 
@@ -83,7 +83,7 @@ class ArchivedFrame:
 
 
 def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str, labels: AxisValues) -> FloatArray:
-    """Return a verified variable of one cell, at the labels of its other dims."""
+    """Return a variable of one cell, checked against its digest, at the labels of its other dims."""
     axes = _cell_axes(data)
     name = cell_label(stage, {dim: labels[dim] for dim in axes})
     if name not in stored.finished:
@@ -148,7 +148,9 @@ class Shelf:
         return [StageGroup(chosen, path, self._open(path)) for name, path in written if name == chosen]
 
     def frames(self, variable: str, stage: str = "", light: bool = False) -> list[ArchivedFrame]:
-        """Return every picture of a variable, in stored axis order; ``light``: bands of light form one picture too."""
+        """Return every picture of a variable, in stored axis order; with ``light``, the bands of light together also
+        form one picture.
+        """
         found = [frame for group in self.groups(variable, stage) for frame in self._frames_of(group, variable, light)]
         there = [frame.labels for frame in found if frame.status != "not_computed"]
         # The cell belongs to the group of another shape of this stage.
@@ -237,7 +239,7 @@ class Shelf:
         return None
 
     def key(self, frame: ArchivedFrame) -> str:
-        """Return the key of the cell, which identifies the recipe of the cell."""
+        """Return the key that identifies the recipe of a frame's cell; '' if the journal does not list the cell."""
         axes = _cell_axes(frame.group.data)
         labels = {dim: value for dim, value in frame.labels.items() if dim in axes}
         entry = self.stored.journal.entries.get(cell_label(frame.group.stage, labels))
@@ -268,7 +270,7 @@ def _finished_cell(data: xarray.Dataset, known: DocumentView) -> Document | None
 
 
 def _first_rows(frame: ArchivedFrame) -> Document:
-    """Return the first row of a design that has the combination of factors of a frame, by the dim of the rows."""
+    """Return, by the dim of a design's rows, the first row that has the factor combination of a frame."""
     found = {}
     for dim, value in frame.labels.items():
         if row := frame.group.row_dim(dim):
@@ -331,13 +333,13 @@ def _place(frames: list[ArchivedFrame], name: str, text: str) -> tuple[str, list
 
 
 def _axes(frames: list[ArchivedFrame]) -> dict[str, str]:
-    """Return the parameter that each axis of some frames sets; for a cell that sets no serial, its own name."""
+    """Return the parameter that each axis of some frames sets; an axis that sets no parameter has its own name."""
     axes = {dim: key for frame in frames for dim, key in frame.group.parameters.items() if dim in frame.labels}
     return axes | {dim: dim for frame in frames for dim in frame.labels if dim not in axes}
 
 
 def _row_place(group: StageGroup, dim: str, name: str, text: str) -> tuple[str, list[Any]] | Fault:
-    """Return the combination of factors that a row of a design has, along the dim of combinations."""
+    """Return the dim of factor combinations, and the combination of one design row; a fault if the row is missing."""
     rows = group.data[f"{dim}{ROW}"]
     of_row = dict(zip(map(str, _values(rows, name)), rows.values.tolist(), strict=True))
     if text in of_row:

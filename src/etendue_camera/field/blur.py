@@ -6,10 +6,10 @@ Sources: eigen-PSF expansion (Lauer, Proc. SPIE 4847, 167, 2002; Jee et al., PAS
 subtracted before the expansion so that every truncation conserves flux; interpolated kernels (Nagy & O'Leary, SIAM J.
 Sci. Comput. 19, 1063, 1998).
 
-With ``weights = "source"`` the exact result is the direct sum over all samples of the image in front of the lens, each
-spread by the ``PsfBank.kernel_at`` its position. The flux of every point is then conserved exactly. A uniform plane
-becomes non-uniform by the divergence of the mean displacement and by half the second derivatives of the second moments
-of the bank. For spots of a few um in a field of a few mm these are 1e-3 and 1e-6; the first vanishes with ``centre =
+With ``weights = "source"`` the exact result is the direct sum over all samples of the sharp image, each spread by the
+kernel at its position (``PsfBank.kernel_at``). The flux of every point is then conserved exactly. A uniform plane
+becomes non-uniform by the divergence of the mean displacement and by half the second derivatives of the PSFs' second
+moments. For spots of a few um in a field of a few mm these terms are 1e-3 and 1e-6; the first vanishes with ``centre =
 "centroid"``. With ``weights = "image"`` each sample of the result is gathered with the kernel of its own position: a
 uniform plane stays uniform exactly, and the flux of a point changes by the same amounts. Beyond the border the plane is
 continued by its mirror image, with mirrored kernels.
@@ -17,7 +17,8 @@ continued by its mirror image, with mirrored kernels.
 Both methods take kernels at the nodes of a grid over the window and interpolate them bilinearly. ``tiles`` convolves
 the light around each node with the kernel of that node. ``eigen`` expands the kernels about their mean in as few
 kernels as the tolerance allows, and convolves the whole plane with each. Errors are bounds relative to full scale: half
-the sum of the absolute differences of two kernels of equal flux, maximum over the field.
+the sum of absolute differences between the exact and the computed kernel, which have equal flux, at the worst point of
+the field.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class BlurChoice:
     Attributes
     ----------
     method : "eigen" or "tiles"
-    count : eigen-PSFs in addition to the mean (maximum over the planes), or tiles
+    count : number of eigen-PSFs in addition to the mean (maximum over the planes), or of tiles
     grid : nodes along y and x
     error : predicted largest error, relative to full scale
     cost : cost per plane, in units of one real transform of the padded frame
@@ -111,7 +112,7 @@ def blur(
     wavelengths_um : (L,) array, um
     bank : PsfBank
     method : {"auto", "eigen", "tiles"}
-        ``auto`` takes the cheaper one that meets the tolerance.
+        ``auto`` chooses the cheaper method that meets the tolerance.
     tolerance : float
         Largest error relative to full scale, above 0.
     how
@@ -138,7 +139,7 @@ def choose(
     tolerance: float = 1e-3,
     **how: Any,
 ) -> BlurChoice:
-    """Return the choice that ``blur`` would make, before any convolution (arguments of ``blur`` and ``prepare``)."""
+    """Return the choice that ``blur`` would make, without convolving; arguments as for ``blur`` and ``prepare``."""
     return prepare(bank, y_um, x_um, wavelengths_um, method, tolerance, **how).choice
 
 
@@ -171,7 +172,7 @@ def prepare(
         As for ``Sampler``.
     lost : float, optional
         Fraction of the flux of a PSF, in its tails, that a kernel may cut off; the rest is scaled to 1. Default: a
-        tenth of the tolerance, included in it. A value that is given is added to the tolerance.
+        tenth of the tolerance, as part of it. A given value adds to the error that the tolerance allows.
 
     Raises
     ------
@@ -184,8 +185,8 @@ def prepare(
     The grid spacing is halved until the largest measured difference between a kernel and the interpolation of its
     neighbours, at the midpoints of edges and cells, is below the tolerance; each halving reduces the error by a factor
     of four. The cost of a real transform of N samples is N log2 N. ``eigen`` with R terms takes R + 1 transforms of
-    planes, as many of kernels and one inverse; ``tiles`` takes three small ones per node plus call overhead. Measured
-    run times lie within a factor of 1.6 of this for 256 x 256 to 1024 x 1024 samples.
+    planes, as many of kernels and one inverse; ``tiles`` takes three small transforms per node plus call overhead.
+    Measured run times lie within a factor of 1.6 of this for 256 x 256 to 1024 x 1024 samples.
     """
     require.must(0.0 < tolerance < np.inf, "tolerance", tolerance, "finite and above 0")
     require.must(method in ("auto", "eigen", "tiles"), "method", repr(method), "'auto', 'eigen' or 'tiles'")
@@ -284,7 +285,7 @@ def _transform(*shape: int) -> float:
 
 
 def apply(planes: FloatArray, prepared: Prepared) -> FloatArray:
-    """Blur planes (L, Y, X) with the result of ``prepare``."""
+    """Return planes (L, Y, X), blurred with the result of ``prepare``."""
     planes = np.asarray(planes)
     require.that(
         planes.shape == (len(prepared.mix), *prepared.shape),

@@ -38,8 +38,7 @@ def fast(*lengths: int) -> tuple[int, int]:
 def eigen(
     plane: FloatArray, basis: FloatArray, coefficients: FloatArray, hats: list[FloatArray], weights: Weights
 ) -> FloatArray:
-    """Convolve a plane with the mean kernel, and with each of the other kernels weighted by its map, and add the
-    results.
+    """Return the sum of a plane convolved with the mean kernel and with each of the other kernels, weighted by its map.
 
     Parameters
     ----------
@@ -78,8 +77,8 @@ def eigen(
 
 
 def tiles(plane: FloatArray, kernels: FloatArray, hats: list[FloatArray], weights: Weights) -> FloatArray:
-    """Convolve a plane with kernels (nodes y, nodes x, n, n), n odd, interpolated bilinearly; otherwise as
-    ``eigen``.
+    """Return a plane convolved with kernels (nodes y, nodes x, n, n), n odd, interpolated bilinearly between the nodes;
+    the other arguments are those of ``eigen``.
     """
     size = kernels.shape[-1]
     reach = size // 2
@@ -121,7 +120,9 @@ def _span(weights: FloatArray) -> tuple[int, int]:
 
 
 def hats_of(samples: int, nodes: int) -> FloatArray:
-    """Return bilinear weights (samples, nodes) of evenly spaced nodes from the first sample to the last."""
+    """Return the weights (samples, nodes) of linear interpolation between nodes spaced evenly from the first sample to
+    the last.
+    """
     if nodes == 1:
         return np.ones((samples, 1))
     place = np.arange(samples) * ((nodes - 1) / (samples - 1))

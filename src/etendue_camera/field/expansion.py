@@ -18,8 +18,8 @@ BASIS_NODES = 300  # the expansion is computed from at most this many kernels, a
 def expansion(kernels: FloatArray, room: float, count: int) -> tuple[FloatArray, FloatArray, float]:
     """Expand kernels (nodes y, nodes x, size, size) about their mean, to an error of ``room`` or with ``count`` terms.
 
-    Returns the basis (1 + terms, size, size), coefficients (terms, nodes y, nodes x) and the error. Components of
-    kernels minus their mean sum to zero, so every truncation keeps the sum of 1.
+    Returns the basis (1 + terms, size, size), coefficients (terms, nodes y, nodes x) and the error. Each component of
+    the kernels minus their mean sums to zero, so every truncation keeps the sum of 1.
     """
     grid, size = kernels.shape[:2], kernels.shape[-1]
     flat = kernels.reshape(grid[0] * grid[1], size * size)

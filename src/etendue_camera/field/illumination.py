@@ -35,11 +35,12 @@ def overlap_of_discs(radius: float, rim: float, shift: Floats) -> Floats:
 
     Notes
     -----
-    Source: two circular segments, a^2 (u - sin u)/2 each, with half their angles from the half-angle formula of the
-    triangle a, R, s: tan^2(u/4) = (R - s + a)(R + s - a)/((s + a - R)(s + a + R)). The usual form with arc cosines
-    loses half the digits where the circles nearly touch, and u - sin u is a series where it cancels.
-    Error: below 3e-16 relative beyond the sensitivity to the arguments, which is large where the circles touch (2000
-    random cases, rims of 1e-3 to 1e6 times the radius, against 50 digits).
+    Source: the overlap is two circular segments of area a^2 (u - sin u)/2; their angles u follow from the half-angle
+    formula of the triangle a, R, s: tan^2(u/4) = (R - s + a)(R + s - a)/((s + a - R)(s + a + R)). The usual form with
+    arc cosines loses half the digits where the circles nearly touch, and u - sin u is computed as a series where its
+    terms would cancel.
+    Error: below 3e-16 relative in addition to the sensitivity to the arguments, which is large where the circles touch
+    (2000 random cases, rims of 1e-3 to 1e6 times the radius, against 50 digits).
     """
     require.finite("radius", radius)
     require.positive("rim", rim)
@@ -93,9 +94,9 @@ def vignetting(
     Notes
     -----
     Source: seen from the object point, the rim casts a shadow of radius k R on the pupil plane, displaced by k d
-    tan(theta), with k = 1/(1 - d/L). Multiplied by `radiometry.cos4` this is exact for a small pupil. In a wide pupil
-    the parts have different weights, which are neglected; the relative error is at most that of `radiometry.cos4`
-    against `radiometry.disc_falloff`.
+    tan(theta), with k = 1/(1 - d/L). Multiplied by `radiometry.cos4` this is exact for a small pupil. The different
+    weights of the parts of a wide pupil are neglected; the relative error is at most the error of `radiometry.cos4`
+    relative to `radiometry.disc_falloff`.
     """
     require.must(rim_distance >= 0, "rim_distance", rim_distance, "0 or above")
     require.that(
@@ -148,7 +149,7 @@ def cosine_response(angle_deg: Floats, power: float) -> Floats:
 
 
 def table_at(where: Floats, nodes: FloatArray, values: FloatArray) -> Floats:
-    """Interpolate a table linearly between its rows, with the end values beyond them.
+    """Interpolate a table linearly between its rows; beyond the rows its end values apply.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ RANKS = (
     (1.01, 10),
     (1.0 - 1e-6, 5),
     (0.96, 3),
-)  # of ratios of crop factors
+)  # lowest ratio of crop factors, and its rank
 COLOURS = (460.0, 540.0, 600.0)  # nm: blue, green and red of a camera in daylight, to which lateral colour refers
 
 
@@ -148,8 +148,8 @@ def _between(own: Sequence[Point], above: int, focal: float, kind: str) -> Point
 
 
 def _hermite(y: Sequence[float | None], t: float) -> float:
-    """Return the cubic between the two middle of four values; its slope at each is half the difference of the two
-    neighbours.
+    """Return the cubic through the two middle values of four, at t from 0 to 1 between them; its slope at each value is
+    half the difference of the two neighbouring values.
     """
     before, low, high, after = y
     assert low is not None and high is not None
@@ -170,7 +170,7 @@ def weighted(
 
     The distance to a calibration is Euclidean and has no unit. Its coordinates are the focal length divided by the zoom
     range, 4/f-number, and 0.1 m/focus distance. Each calibration has the weight distance^-3.5. Return None if the
-    nearest has a distance above 1.
+    nearest calibration has a distance above 1.
     """
     total, sums, nearest = 0.0, [0.0, 0.0, 0.0], math.inf
     span = range_mm[1] - range_mm[0]

@@ -90,8 +90,8 @@ def kernels_fit(size: int, wavelengths: int, ny: int, nx: int) -> bool:
 
 
 def refined(sampler: Sampler, y: FloatArray, x: FloatArray, goal: float, last_goal: float, count: int) -> list[Level]:
-    """Refine grids by halving; return the first that meets ``goal`` and, if different, the first that meets
-    ``last_goal``.
+    """Halve the grid spacing repeatedly; return the first grid whose error meets ``goal`` and, if different, the first
+    that meets ``last_goal``.
     """
     grid = _grid_of(max(count - 1, 1) if count else 2, y.size, x.size)
     kernels, before = _kernels(sampler, y, x, grid), np.inf
@@ -140,7 +140,7 @@ def _between_nodes(
 
 
 def _mixing_error(kernels: FloatArray, fine: FloatArray) -> float:
-    """Return the largest half sum of |kernel - interpolation of its neighbours| at the nodes of the finer grid."""
+    """Return half the sum of |kernel - interpolation of its neighbours| at the worst node of the finer grid."""
     worst = 0.0
     for i in range(fine.shape[0]):
         row: FloatArray = kernels[i // 2] if i % 2 == 0 else 0.5 * (kernels[i // 2] + kernels[i // 2 + 1])

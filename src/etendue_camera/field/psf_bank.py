@@ -6,7 +6,7 @@ Sources: rotational symmetry of a centred lens; the sampling theorem; spline int
 Processing Magazine 16(6), 22, 1999).
 
 A bank holds the PSF of an image point at ``(y, x) = (height, 0)``, whose radial direction is +y. For other image points
-it is rotated about the axis of the lens.
+the PSF is rotated about the axis of the lens.
 
 See `psf_files` for the file formats.
 """
@@ -61,8 +61,8 @@ class PsfBank:
     Interpolation between heights obeys rotational symmetry: the part of a PSF that is even under a half turn is a
     function of h^2, and the odd part is h times such a function. Both are interpolated by cubics in h^2 with slopes
     from the neighbours; negative values are then set to zero and the sum to 1. Between wavelengths interpolation is
-    linear. Beyond the first and last entries the nearest applies, so a bank that does not start at height 0 has no PSF
-    of its own on the axis.
+    linear. Beyond the first and last entries the nearest entry applies: a bank that does not start at height 0 uses its
+    first PSF on the axis.
     """
 
     heights_um: FloatArray
@@ -205,7 +205,7 @@ class PsfBank:
     def radius(self, lost: float = 0.0) -> float:
         """Return the radius (um) around the reference point outside which no PSF has more than ``lost`` of its flux.
 
-        At most the radius of the circle inside the PSF arrays: their corners are not used.
+        The radius is at most that of the circle inscribed in the PSF arrays, whose corners are not used.
         """
         n = self.psf.shape[-1]
         step = np.arange(n) - n // 2
@@ -221,7 +221,7 @@ class PsfBank:
         return float((np.minimum(needed, (n - 1) // 2) * self.spacing_um).max())
 
     def size(self, spacing: float, lost: float = 0.0, light: Light = "bandlimited") -> int:
-        """Return the samples along each side of a kernel on a grid of this spacing; odd."""
+        """Return the number of samples, always odd, along each side of a kernel on a grid of this spacing (um)."""
         half = int(np.ceil(self.radius(lost) / spacing)) + 1
         return 2 * (max(half, 5) if light == "bandlimited" else half) + 1
 
@@ -243,8 +243,8 @@ class PsfBank:
         spacing : float, um
             Spacing of the image grid.
         size : int, optional
-            Odd number of samples; the image point is sample (size // 2, size // 2). Default: the whole circle of the
-            bank.
+            Odd number of samples; the image point is sample (size // 2, size // 2). Default: large enough for the
+            circle inscribed in the bank's PSFs.
         light, centre
             As for ``Sampler``.
         """
@@ -289,8 +289,8 @@ def _axis(name: str, values: ArrayLike, lowest: float) -> FloatArray:
 
 
 def _cubic(nodes: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Return the weights (wanted, nodes) of piecewise cubics; their slopes are the slopes of parabolas through three
-    neighbours.
+    """Return the weights (wanted, nodes) of piecewise cubics; the slope at a node is that of the parabola through the
+    node and its two neighbours.
     """
     count, steps = nodes.size, np.diff(nodes)
     each = np.zeros((count - 1, count))  # slopes of the chords

@@ -50,7 +50,7 @@ def write(
 
 
 def read(path: Path) -> Pictures:
-    """Read a file; raise ``ValueError`` if it has neither of these formats."""
+    """Return the arrays and the source in a file; raise ``ValueError`` if it has neither of these formats."""
     if path.suffix == ".csv":
         return _stacked(path, *_blocks(path))
     if path.suffix != ".npz":

@@ -45,8 +45,9 @@ class Sampler:
         frequency of the grid are removed, as for a transfer function, which may leave small negative values. ``cells``:
         the mean over a grid cell. A kernel is the light that falls into each cell, and never negative.
     centre : {"reference", "centroid"}
-        The part of the PSF that is placed on the image point: its reference sample, so that its mean displacement moves
-        the image; or its centroid, where distortion already defines the position of the centroid.
+        The point of the PSF that is placed on the image point. ``reference``: its reference sample, so that the mean
+        displacement of the PSF moves the image. ``centroid``: its centroid, for use where distortion already includes
+        this displacement.
     used : indices, optional
         Wavelengths of the bank to use; default all.
     error : float
@@ -54,11 +55,11 @@ class Sampler:
 
     Notes
     -----
-    ``bandlimited`` resamples each PSF once by its Fourier transform to three samples per sample of the coarser grid,
-    then rotates it with a quintic spline. The error of a kernel is below 5e-6 of its flux where the PSF is band-limited
-    and dark at its border. ``cells`` averages at least two linear interpolations per PSF sample along each axis. Both
-    then divide the kernel by its sum, and multiply it by a linear function of position that restores the mean position
-    of the PSF.
+    ``bandlimited`` resamples each PSF once by its Fourier transform to three samples per spacing of the coarser grid
+    (PSF or image), then rotates it with a quintic spline. The error of a kernel is below 5e-6 of its flux where the PSF
+    is band-limited and dark at its border. ``cells`` averages at least two linear interpolations per PSF sample along
+    each axis. Both then divide the kernel by its sum, and multiply it by a linear function of position that restores
+    the mean position of the PSF.
     """
 
     bank: PsfBank
@@ -189,7 +190,7 @@ def rounded(picture: FloatArray) -> FloatArray:
 
     Notes
     -----
-    Resampled and rotated like kernels: a round, band-limited PSF changes by less than 1e-5 of its flux.
+    The PSF is resampled and rotated like kernels: a round, band-limited PSF changes by less than 1e-5 of its flux.
     """
     n = picture.shape[0]
     room = (n - 1) // 2

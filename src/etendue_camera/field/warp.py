@@ -45,8 +45,8 @@ class DistortionCurve:
     reference_wavelength_um : float, um
     table : (ideal_um (n,), wavelengths_um (L,), real_um (n, L)) or None
         Replaces the coefficients; both heights ascend from (0, 0). Interpolated by cubic splines (odd about the axis)
-        between heights, and linearly in 1/wavelength^2 between wavelengths; outside the wavelengths the nearest
-        applies. Beyond the last height the curves continue along their tangents.
+        between heights, and linearly in 1/wavelength^2 between wavelengths; outside the table's wavelengths the nearest
+        wavelength applies. Beyond the last height the curves continue along their tangents.
 
     Raises
     ------
@@ -363,10 +363,10 @@ def edge_error(order: int, softness: float, oversampling: int = 1) -> float:
 def missing_um(
     y_um: tuple[float, float], x_um: tuple[float, float], distortion: DistortionCurve, wavelength_um: float
 ) -> float:
-    """Return the distance by which the distorted frame extends beyond the rendered light, um; 0 if the whole
-    surrounding is available.
+    """Return how far the distorted frame extends beyond the rendered light, um; 0 if the rendered light covers it.
 
-    ``y_um`` and ``x_um`` are the first and last positions of the frame. Evaluated along its border.
+    ``y_um`` and ``x_um`` are the first and last positions of the frame. The distance is evaluated along the frame's
+    border.
     """
     t = np.linspace(0.0, 1.0, 65)
     sides = [(y_um[0] + t * (y_um[1] - y_um[0]), np.full(t.size, x)) for x in x_um]

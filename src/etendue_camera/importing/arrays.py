@@ -1,7 +1,7 @@
 """Cubes in array files: NumPy, MATLAB (including ISETCam's by their names), HDF5.
 
 In:  a path, the name of the array if there are several.
-Out: a ``Cube``; axes as in the file, wavelength last or first by its size.
+Out: a ``Cube``; the wavelength axis is first if the file gives wavelengths, other axes are as in the file.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ WAVELENGTHS = ("wavelength", "wavelengths", "wave", "wl", "lambda", "bands")
 
 
 def numpy_array(path: Path, variable: str) -> Cube:
-    """Read ``.npy``: one array, no names."""
+    """Return the only array of a ``.npy`` file, which has no names."""
     # a file shorter than declared is rejected at once
     return Cube(np.array(np.load(path, mmap_mode="r", allow_pickle=False)))
 
 
 def numpy_arrays(path: Path, variable: str) -> Cube:
-    """Read ``.npz``: the only three-axis array, and wavelengths by name."""
+    """Return a three-axis array of a ``.npz`` file, ``variable`` or the only one, and wavelengths by name."""
     plain_files.check_entries(path)
     with np.load(path, allow_pickle=False) as file:
         return chosen({name: file[name] for name in file.files}, variable, str(path))
 
 
 def hdf5(path: Path, variable: str) -> Cube:
-    """Read HDF5: the only three-axis data set, in any group, and wavelengths by name."""
+    """Return a three-axis data set of an HDF5 file, from any group, and the wavelengths found by their name."""
     h5py = needed("h5py", f"{path} (HDF5)")
     with h5py.File(path, "r") as file:
         return chosen(_datasets(file, h5py), variable, str(path))
@@ -91,7 +91,7 @@ def chosen(arrays: Mapping[str, Array], variable: str, path: str) -> Cube:
 
 
 def spectral(values: Array, wavelength: Array | None) -> Cube:
-    """Move the wavelength axis to the front: the one whose length matches, the last if two match."""
+    """Return a cube with the wavelength axis first: the axis as long as ``wavelength``, the last if several match."""
     if wavelength is None or values.ndim != 3:
         return Cube(values, wavelength)
     axes = [axis for axis in (2, 0, 1) if values.shape[axis] == len(wavelength)]
@@ -138,7 +138,7 @@ def _members(file: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _isetcam(named: DocumentView) -> Cube | None:
-    """Read an ISETCam scene or multispectral file: photons s-1 sr-1 m-2 nm-1, (y, x, wavelength).
+    """Return the cube of an ISETCam scene or multispectral file: photons s-1 sr-1 m-2 nm-1; None for other files.
 
     Such files contain the photons themselves, or coefficients of a basis (and perhaps a mean).
     """

@@ -20,7 +20,7 @@ from etendue_camera.importing.formats import FORMATS
 
 RADIANCE = "W m-2 sr-1 nm-1"
 RELATIVE = "1"
-LEVELS = {  # words of --level: unit, factor to it
+LEVELS = {  # by the words of --level: unit of the cube, factor to this unit
     "radiance": (RADIANCE, 1.0),
     "W m-2 sr-1 um-1": (RADIANCE, 1e-3),
     "mW m-2 sr-1 nm-1": (RADIANCE, 1e-3),
@@ -98,7 +98,7 @@ def _reader(path: Path) -> Callable[[Path, str], Cube]:
 
 
 def needed(module: str, what: str) -> Any:
-    """Return a reader from an extra of the distribution."""
+    """Return a module from the optional dependencies ``cubes``; raise RequestError if it is not installed."""
     try:
         return importlib.import_module(module)
     except ImportError:

@@ -1,4 +1,4 @@
-"""A cube of another program as light: options that complete its file, and its white.
+"""Light from a cube of another program: options supply what its file lacks, such as its white.
 
 In:  a file, and the options of the command.
 Out: a ``Cube`` of spectral radiance or of reflectance, and its unit.
@@ -39,7 +39,7 @@ def light_of(file: Path, said: Said) -> tuple[Cube, str]:
     Raises
     ------
     RequestError
-        As for reading cubes; if the white patch is invalid or lies outside.
+        As for reading cubes; if the white patch is invalid or lies outside the picture.
     """
     cube = in_order(read_cube(file, said.variable), said.axes)
     if said.wavelengths is not None:

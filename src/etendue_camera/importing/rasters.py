@@ -49,7 +49,7 @@ def envi(path: Path, variable: str) -> Cube:
 
 
 def _refuse_leading_out(header: Path) -> None:
-    """Require that the data file, which only the header names, is no link out of the header's folder."""
+    """Raise RequestError if a file beside the header, such as its data file, is a link out of the header's folder."""
     folder = header.parent.resolve()
     for beside in header.parent.glob(f"{glob.escape(header.stem)}*"):
         if beside != header and beside.is_symlink() and beside.resolve().parent != folder:

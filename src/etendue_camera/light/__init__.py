@@ -1,5 +1,5 @@
-"""Light before the lens: spectra, radiometry, and sampling grids.
+"""Light before the lens: black-body spectra and radiometry.
 
-In:  spectra, temperatures, shapes.
-Out: radiance and irradiance factors, means over cells, transforms and their padding.
+In:  wavelengths, temperatures; f-numbers, magnifications, field angles.
+Out: black-body radiance; irradiance factors, photon numbers, fields of view.
 """

@@ -128,7 +128,7 @@ def exit_pupil_distance(
 
     Notes
     -----
-    Source: conjugates of the pupils. It makes N_w the distance over the diameter m_p f/N of the exit pupil.
+    Source: conjugates of the pupils. N_w is this distance divided by the exit-pupil diameter m_p f/N.
     """
     require.positive("focal_length_mm", focal_length_mm)
     working_f_number(1.0, magnification, pupil_magnification)  # raises on invalid values
@@ -292,14 +292,14 @@ def plate_scale(pixel_pitch_um: Floats, focal_length_mm: Floats) -> Floats:
 
 
 def focal_length_from_field(half_diagonal_mm: Floats, half_field_rad: Floats) -> Floats:
-    """Return the focal length (mm) for a half field over a half diagonal, y / tan(omega).
+    """Return the focal length (mm) at which a half diagonal y covers a half field omega, y / tan(omega).
 
     Parameters
     ----------
     half_diagonal_mm : float, mm
         Above 0.
     half_field_rad : float, rad
-        Between 0 and pi/2, both excluded; the sign of omega does not matter in eq. 9, here it is positive.
+        Between 0 and pi/2, both excluded; positive here, although eq. 9 also allows a negative omega.
 
     Raises
     ------

@@ -5,10 +5,10 @@ Out: planes (channel, y, x) in the same unit; measured samples are unchanged.
 Sources: piecewise-linear interpolation from scattered samples, with weights that depend only on the place in the
 period.
 
-For each place in the period and each channel not measured there, the samples around it get non-negative weights that
-reproduce every plane a + b y + c x. They come from the smallest square of neighbours that has such weights, with the
-smallest sum of (weight x squared distance)^2. On a Bayer array these are the means of two and four neighbours: the
-result equals the result of `bilinear.bilinear`, also at the border.
+For each place in the period and each channel not measured there, the samples around the place get non-negative weights
+that reproduce every plane a + b y + c x. The samples are in the smallest square of neighbours that has such weights;
+the weights minimise the sum of (weight x squared distance)^2. On a Bayer array these are the means of two and four
+neighbours: the result equals the result of `bilinear.bilinear`, also at the border.
 """
 
 from __future__ import annotations

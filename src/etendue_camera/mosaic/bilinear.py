@@ -166,7 +166,9 @@ def _pair(framed: NDArray, shape: tuple[int, ...], y: int, x: int, step: tuple[i
 
 
 def _sites(framed: NDArray, shape: tuple[int, ...], y: int, x: int, down: int, right: int) -> NDArray:
-    """Return a view of the sites (y::2, x::2) of a tile, shifted; `framed` has a border of two on each side."""
+    """Return a view of the sites (y::2, x::2) of a tile, shifted by (down, right); `framed` has a border of two on each
+    side.
+    """
     rows, columns = shape
     return framed[2 + y + down : 2 + rows + down : 2, 2 + x + right : 2 + columns + right : 2]
 

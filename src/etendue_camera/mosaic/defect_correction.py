@@ -28,7 +28,7 @@ class PixelNoise(NamedTuple):
     """Noise parameters of a pixel."""
 
     dark_sigma: float  # noise in the dark, unit of the mosaic, at or above 0
-    electrons: float  # number at a mosaic value of 1, above 0; inf: no shot noise
+    electrons: float  # electrons at a mosaic value of 1, above 0; inf: no shot noise
     prnu: float = 0.0  # relative rms variation of the response between pixels, at or above 0
 
 
@@ -73,8 +73,8 @@ def outliers(
     one colour: on a chart with a Siemens star and a zone plate, 2 % of the sound pixels are reported with contrast 0
     and 0.03 % with contrast 1, while the share of defects found falls from 92 to 87 %. At the border, where all
     neighbours lie on one side, the full range is used, widened by at least its own width, so that every linear ramp is
-    accepted. Pixels with fewer than 4 neighbours, such as one in a corner, are not judged. sigma^2 = dark^2 +
-    m/electrons + (prnu m)^2 at the middle m of the range.
+    accepted. Pixels with fewer than 4 neighbours, such as corner pixels, are not judged. sigma^2 = dark^2 + m/electrons
+    + (prnu m)^2 at the middle m of the range.
     """
     mosaic, (dark_sigma, electrons, prnu) = _frame(mosaic), noise
     for name, value, fine in (
@@ -109,7 +109,9 @@ def outliers(
 def _plausible(
     mosaic: FloatArray, offsets: Offsets, first: tuple[int, int], period: tuple[int, int], contrast: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the plausible range of the pixels of one phase, from their neighbours; NaN if there are too few."""
+    """Return the plausible range of pixels at one place in the mask's period, (low, high); NaN with too few
+    neighbours.
+    """
     rows, columns = (
         np.arange(start, size, step) for start, size, step in zip(first, mosaic.shape, period, strict=True)
     )
@@ -174,8 +176,8 @@ def replaced(
 
     Notes
     -----
-    Along each of eight directions, the nearest pixels of the same colour on both sides define a straight line. Lines
-    are used if both ends are sound and they are at most twice as long as the shortest. They are averaged with the
+    Along each of eight directions, the nearest pixels of the same colour on both sides define a straight line. A line
+    is used if both ends are sound and it is at most twice as long as the shortest line. The lines are averaged with the
     weight 1/(l (c + c' + e))^2, where l is the length, c the change between the ends, c' the change between the two
     pixels next to the defect if these have one colour (else c again), and e a hundredth of the level. Values are thus
     interpolated along edges rather than across them. A mean of straight lines is exact on linear ramps, for every
@@ -208,8 +210,8 @@ def replaced(
 def _along_lines(
     mosaic: FloatArray, defective: NDArray, mask: cfa.Mask, place: tuple[int, int], rows: NDArray, columns: NDArray
 ) -> tuple[FloatArray, NDArray]:
-    """Return the weighted mean over the lines through the pixels of one phase, and a mask of the pixels with at least
-    one line.
+    """Return, for defective pixels at one place in the mask's period, the weighted mean over the lines through each
+    pixel, and whether it has at least one line.
     """
     ends, changes, lengths = [], [], []
     for dy, dx, ahead, behind in lines(mask, *place):
@@ -236,7 +238,7 @@ def _along_lines(
 def _middle(
     mosaic: FloatArray, defective: NDArray, rows: NDArray, columns: NDArray, offsets: NDArray
 ) -> tuple[FloatArray, NDArray]:
-    """Return the median of the nearest sound pixels at offsets from places, and a mask of the places with at least one
+    """Return the median of the nearest sound pixels around each place, and a mask of the places that have at least one
     sound pixel.
     """
     values, sound = _taken(mosaic, defective, rows[:, None] + offsets[:, 0], columns[:, None] + offsets[:, 1])
@@ -250,7 +252,7 @@ def _middle(
 
 
 def _taken(mosaic: FloatArray, defective: NDArray, rows: NDArray, columns: NDArray) -> tuple[FloatArray, NDArray]:
-    """Return values at places, some of which may lie beyond the border, and whether each is inside and sound."""
+    """Return values at places, some of which may lie beyond the border, and whether each place is inside and sound."""
     inside = (rows >= 0) & (rows < mosaic.shape[0]) & (columns >= 0) & (columns < mosaic.shape[1])
     rows, columns = np.where(inside, rows, 0), np.where(inside, columns, 0)
     return mosaic[rows, columns].astype(np.float64), inside & ~defective[rows, columns]
@@ -305,9 +307,7 @@ def _neighbours(mask: cfa.Mask, row: int, column: int, limit: tuple[int, int], c
 
 @lru_cache(maxsize=4096)
 def lines(mask: cfa.Mask, row: int, column: int) -> Lines:
-    """Return the lines through a place in the mask with pixels of its letter on both sides: (dy, dx, steps ahead,
-    steps behind).
-    """
+    """Return lines through a place in the mask to its letter on both sides: (dy, dx, steps ahead, steps behind)."""
     letter = mask.rows[row][column]
     furthest = math.lcm(*mask.period)
     found = []

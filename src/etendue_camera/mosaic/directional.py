@@ -10,7 +10,7 @@ For the row through a pixel (columns are treated alike; signs are those at a red
 
 1. p(x) = m(x-1) + m(x+1), and 4 K(x) = 2 p(x) - p(x-1) - p(x+1), which is green minus the other colour of that row, and
    has the opposite sign at green sites. The taps on the mosaic are [-1, 2, -2, 2, -1] / 4.
-2. The noise of the estimate alternates from sample to sample: K is smoothed by [1, 2, 1] / 4 along the row.
+2. The noise of the estimate alternates in sign from sample to sample: K is smoothed by [1, 2, 1] / 4 along the row.
 3. Dissimilarity: |K(x+1) - K(x-1)|, summed with the weights [1, 2, 2, 2, 1] along both axes.
 4. At red and blue sites K = (K_row / d_row^2 + K_column / d_column^2) / (1 / d_row^2 + 1 / d_column^2) and green =
    m + K; red and blue are computed from green as in `bilinear.colour_difference`.
@@ -86,7 +86,7 @@ def directional(mosaic: NDArray, pattern: str, floor: float = FLOOR) -> NDArray:
 
 
 def _differences(framed: NDArray, work: NDArray, lowest: np.floating) -> NDArray:
-    """Return 16 times the colour difference K of a tile, valid at red, blue sites 5 or more samples inside its edge."""
+    """Return 16 K (colour difference) of a tile, valid at red and blue sites at least 5 samples inside its border."""
     mosaic, a, b, c, ratio, along_rows, along_columns = work
     stride = framed.shape[1]
     mosaic.reshape(framed.shape)[...] = framed
@@ -119,7 +119,7 @@ def _moved(operation: np.ufunc, first: NDArray, by: int, second: NDArray, by_sec
 
 
 def _line_directional(line: NDArray, green: int) -> NDArray:
-    """Interpolate along the line, the only direction it has."""
+    """Return both colours, interpolated along the line; a method for `one_line`."""
     framed = np.pad(line, 3, mode="reflect")
     p = framed[:-2] + framed[2:]
     k = (p[1:-1] - p[:-2]) - (p[2:] - p[1:-1])

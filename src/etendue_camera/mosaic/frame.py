@@ -6,7 +6,7 @@ Out: planes (3, y, x), filled tile by tile by the given method.
 Beyond the border the mosaic is mirrored about its outermost samples, without repeating them. Mirrored neighbours
 therefore have the colours that the pattern expects. Tiles begin on even rows and columns, so each has the pattern of
 the frame; the result for a pixel does not depend on the tile it lies in. Tiles are small enough for their temporaries
-to stay in the cache; with larger ones, memory bandwidth would limit numpy.
+to stay in the cache; with larger tiles, memory bandwidth would limit numpy.
 
 A *method* takes a mosaic (y, x) and a pattern, one of `cfa.BAYER`, and returns (3, y, x) in its unit and dtype
 (integers become float64). It raises ValueError if the mosaic is not (y, x) with at least one sample, or the pattern is
@@ -56,7 +56,7 @@ def mirrored(mosaic: NDArray, reach: int) -> NDArray:
 
 
 def _mirror_images(size: int, reach: int) -> tuple[NDArray, NDArray]:
-    """Return the indices of `reach` mirrored samples before the first and after the last of `size`."""
+    """Return the indices of `reach` mirrored samples before the first and after the last sample of a line of `size`."""
     period = 2 * (size - 1)
     beyond = np.concatenate([np.arange(-reach, 0), np.arange(size, size + reach)]) % period
     beyond = np.minimum(beyond, period - beyond)
@@ -155,9 +155,9 @@ def own(differences: NDArray, place: tuple[int, int], shape: tuple[int, ...]) ->
 def one_line(mosaic: NDArray, pattern: str, method: Callable[[NDArray, int], NDArray]) -> NDArray:
     """Demosaic a frame of one row or one column, which contains two colours, or one if it is a single pixel.
 
-    It is interpolated along its length only; a colour it does not contain is the mean of those it does. `method` gets
-    the line and the offset of its green samples, and returns the colour of the even samples and the colour of the odd
-    samples, each at all positions.
+    The frame is interpolated along its length only; a missing colour is the mean of the colours that it contains.
+    `method` gets the line and the offset of its green samples, and returns the colour of the even samples and the
+    colour of the odd samples, each at all positions.
     """
     places = {place: COLOURS.index(c) for c, sites in phase(pattern).items() for place in sites}
     along = [places[0, 0], places[(0, 1) if mosaic.shape[0] == 1 else (1, 0)]]
@@ -183,7 +183,7 @@ def _line_parts(line: NDArray) -> Iterator[tuple[int, NDArray, NDArray]]:
 
 
 def line_nearest(line: NDArray, green: int) -> NDArray:
-    """Return the other sample of the pair; a method for `one_line`."""
+    """Return both colours, the missing colour from the other sample of the pair; a method for `one_line`."""
     pair = np.stack([line, line])
     for offset, before, after in _line_parts(line):
         pair[1 - offset, offset::2] = after if offset == 0 else before
@@ -191,7 +191,7 @@ def line_nearest(line: NDArray, green: int) -> NDArray:
 
 
 def line_bilinear(line: NDArray, green: int) -> NDArray:
-    """Return the mean of the samples before and after; a method for `one_line`."""
+    """Return both colours, the missing colour as the mean of the samples before and after; a method for `one_line`."""
     pair = np.stack([line, line])
     for offset, before, after in _line_parts(line):
         pair[1 - offset, offset::2] = (before + after) * line.dtype.type(0.5)
@@ -199,7 +199,7 @@ def line_bilinear(line: NDArray, green: int) -> NDArray:
 
 
 def line_following(line: NDArray, green: int, differences: NDArray) -> NDArray:
-    """Return green, and the other colour as green minus the difference, given at the samples that are not green."""
+    """Return both colours; ``differences`` are green minus the other colour, used at the samples that are not green."""
     pair = np.stack([line, line])
     pair[green, 1 - green :: 2] += differences[1 - green :: 2]
     pair[1 - green] = pair[green] - line_bilinear(differences, green)[1 - green]

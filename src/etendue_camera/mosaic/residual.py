@@ -7,34 +7,34 @@ Out: planes (3, y, x) of red, green, blue in the same unit; measured samples are
 In every row and column two colours alternate. Let m be the sample and o the mean of its two neighbours, which have the
 other colour. Both estimators give D = green - other at all samples, along rows and along columns:
 
-*Smooth.* The missing colour is o plus a quarter of m's second difference (Hamilton and Adams, US patent 5629734).
-Along the line D is a slow signal plus the noise of that estimate. The linear minimum-mean-square-error estimate of D
-and its error are computed from the local variances of both; rows and columns are weighted by their inverse errors
+*Smooth.* The missing colour is o plus a quarter of m's second difference (Hamilton and Adams, US patent 5629734). Along
+the line D is a slow signal plus the noise of that estimate. The linear minimum-mean-square-error estimate of D and its
+error are computed from the local variances of signal and noise; rows and columns are weighted by their inverse errors
 (L. Zhang and X. Wu, "Color demosaicking via directional linear minimum mean square-error estimation", 2005). Across an
 edge, the mean of nine samples can differ from all of them. Therefore (our addition) D is clipped to the minimum and
-maximum of the 3 x 3 estimates around it, and its assumed error is at most half that range. Best where the colours share
-their detail.
+maximum of the 3 x 3 estimates around it, and its assumed error is at most half that range. This estimator is best where
+the colours share their detail.
 
 *Sharp.* Residual interpolation: m is predicted from o by a guided filter, and the residual of the prediction is
 interpolated (D. Kiku, Y. Monno, M. Tanaka and M. Okutomi, "Residual interpolation for color image demosaicking", 2013).
-Here only the slope of the guided filter is used: a = cov(m, o) / var(o), after subtracting the 3 x 3 means from both,
-averaged over windows. The missing colour is a m + the mean of the neighbours' (m - a o); the filter's offset cancels.
-The four half-lines from a pixel are weighted by 1 / (sum of |change of D| around their first sample)^2 (after
-I. Pekkucuksen and Y. Altunbasak, "Gradient based threshold free color filter array interpolation", 2010). Best where
-the colours differ in their detail.
+Here only the slope of the guided filter is used: a = cov(m, o) / var(o), after subtracting the 3 x 3 means from m and
+o, averaged over windows. The missing colour is a m + the mean of the neighbours' (m - a o); the filter's offset
+cancels. The four half-lines from a pixel are weighted by 1 / (sum of |change of D| around their first sample)^2 (after
+I. Pekkucuksen and Y. Altunbasak, "Gradient based threshold free color filter array interpolation", 2010). This
+estimator is best where the colours differ in their detail.
 
 *Mixed* (ours): sharp + (smooth - sharp) / (1 + 1e5 s^4 d). Here s is the fraction of the change of the smooth
 estimator's D that survives smoothing along the line (noise does not, coloured edges do), and d is the energy of
-smooth - sharp relative to the energy of the mosaic's own changes. Both are ratios of sums over 9 x 9 pixels.
+smooth - sharp relative to the energy of the mosaic's own changes. Both s and d are ratios of sums over 9 x 9 pixels.
 
 Red and blue: a is the slope of the colour on green over the 9 x 9 pixels around each of its samples, limited to 0 to 2
 and pulled towards 1 where there is little detail. The colour is a green + the interpolated (sample - a green).
 
 *Repeated*: once all three colours are known, o is taken from them instead of the mean of neighbours, and the sharp
-estimate is repeated. It replaces the mixed estimate to the degree that the mixed one relied on the smooth one
-(iterating helps where colours share their detail, and harms elsewhere: Y. Monno, D. Kiku, M. Tanaka and M. Okutomi,
-"Adaptive residual interpolation for color and multispectral image demosaicking", 2017). Red and blue are then computed
-from the new green.
+estimate is repeated. The repeated estimate replaces the mixed estimate to the degree that the mixed estimate relied on
+the smooth one (iterating helps where colours share their detail, and harms elsewhere: Y. Monno, D. Kiku, M. Tanaka and
+M. Okutomi, "Adaptive residual interpolation for color and multispectral image demosaicking", 2017). Red and blue are
+then computed from the new green.
 
 All constants are relative to the local mean square, so the method works in any unit. A pixel depends on pixels up to
 `REACH` away.
@@ -66,7 +66,7 @@ FIRST_REACH, SECOND_REACH, CHROMA_REACH = 18, 12, 12
 REACH = FIRST_REACH + CHROMA_REACH + SECOND_REACH + CHROMA_REACH
 FLOOR = 1e-4  # of the local mean square: energies well below it (1 % of the local level) carry no information
 EVEN = 1e-5  # of the local mean square: rows and columns have equal weights where both errors are smaller
-PULL = 4e-3  # the same for slopes on green, of the mean of the two colours' squared levels
+PULL = 4e-3  # pull of slopes on green, relative to the mean of the two colours' squared levels
 CHOICE = 1e5  # smooth and sharp estimates have equal weights where s^4 d is the inverse of this
 TINY = 1e-30  # of the squared peak: keeps ratios finite where everything is black
 
@@ -85,10 +85,11 @@ def residual(mosaic: NDArray, pattern: str) -> NDArray:
     Constant planes are exact to rounding, linear planes (each with its own slopes) to 1e-7 inside the border; grey
     detail near the sampling limit does not stay grey. Inside a dark neutral corner, colours err by 0.001 of the
     adjacent white five pixels from the edge, and by 0.0045 four pixels from it. Next to isolated samples on black,
-    results reach 4 times their height. Scaling by powers of two, mirroring, shifting the window by any number of
-    pixels, changing the sign, and swapping red with blue change the result accordingly, bit for bit; transposing does
-    up to rounding. Single precision is within 2e-6 of full scale on photographs, 1e-5 on the worst artificial mosaics
-    of the tests. Frames of one line, which have no second direction, use `bilinear.colour_difference`.
+    results reach 4 times the height of the samples. Scaling by powers of two, mirroring, shifting the window by any
+    number of pixels, changing the sign, and swapping red with blue change the result accordingly, bit for bit;
+    transposing does so up to rounding. Single precision is within 2e-6 of full scale on photographs, 1e-5 on the worst
+    artificial mosaics of the tests. Frames of one line, which have no second direction, use
+    `bilinear.colour_difference`.
     """
     mosaic = checked(mosaic, pattern)
     if 1 in mosaic.shape:
@@ -159,7 +160,7 @@ def _others(green: NDArray, colours: list[NDArray], places: list[tuple[int, int]
 
 
 def _mixed(mosaic: NDArray, sign: NDArray, level: NDArray, sharp: NDArray) -> tuple[NDArray, NDArray]:
-    """Return D mixed from both estimators, valid at red and blue samples, and the weight of the smooth one."""
+    """Return D mixed from both estimators, valid at red and blue samples, and the weight of the smooth estimate."""
     smooth, lasting = _smooth(mosaic, sign, level)
     sharp, smooth, own = meet(sharp, smooth, sign)
     gap = smooth - sharp
@@ -182,7 +183,7 @@ def _mixed(mosaic: NDArray, sign: NDArray, level: NDArray, sharp: NDArray) -> tu
 
 
 def _smooth(mosaic: NDArray, sign: NDArray, level: NDArray) -> tuple[NDArray, NDArray]:
-    """Return D after Zhang and Wu, and the fraction of its change that survives smoothing, to the fourth power."""
+    """Return D by the smooth estimator, and the fourth power of the fraction of its change that survives smoothing."""
     estimates, energies = [], []
     for axis in (1, 0):
         other = scaled(pair(mosaic, axis, 2), -0.25)
@@ -232,7 +233,7 @@ def _likeliest(rough: NDArray, slow: NDArray, axis: int, level: NDArray) -> tupl
 
 
 def _sharp(mosaic: NDArray, others: list[NDArray], sign: NDArray, level: NDArray) -> NDArray:
-    """Return D by slopes, weighted towards half-lines on which it changes least.
+    """Return D by the sharp estimator, weighted towards the half-lines along which it changes least.
 
     `others` are the other colour of each sample's row and of its column.
     """
@@ -279,7 +280,7 @@ def _by_slope(mosaic: NDArray, other: NDArray, axis: int, level: NDArray) -> NDA
 
 
 def _difference(mosaic: NDArray, other: NDArray, sign: NDArray) -> NDArray:
-    """Return green minus red or blue; ``other``: estimate of the colour of the two that a sample lacks."""
+    """Return green minus red or blue; ``other`` is the estimate of the colour that a sample lacks."""
     mosaic, other, sign = meet(mosaic, other, sign)
     difference = mosaic - other
     difference *= sign

@@ -152,9 +152,9 @@ def calibrated(
     Notes
     -----
     A cubic spline in the square of the height is fitted to all pixels of a channel by least squares: it is even about
-    the axis, and each of its pieces covers equally many pixels. The largest error comes from the straight lines between
-    the rows: 3e-5 of the light for cos4 up to 39 degrees with 129 rows, falling with the square of their number. A
-    kink, where a rim begins to vignette, is rounded over a sixteenth of the area.
+    the axis, and each of its pieces covers equally many pixels. The largest error comes from linear interpolation
+    between the rows: 3e-5 of the light for cos4 up to 39 degrees with 129 rows, falling with the square of the number
+    of rows. A kink, where a rim begins to vignette, is rounded over a sixteenth of the area.
     """
     flat = np.asarray(flat)
     require.shape(
@@ -189,7 +189,7 @@ def calibrated(
 
 
 def _curve(where: FloatArray, values: FloatArray, nodes: FloatArray) -> FloatArray:
-    """Return the cubic spline closest to the points, at nodes; positions and nodes are between 0 and 1."""
+    """Return a least-squares cubic spline through points, at nodes; positions and nodes are between 0 and 1."""
     places, group, count = np.unique(where, return_inverse=True, return_counts=True)
     means = np.bincount(group, values) / count
     pieces = max(1, min(PIECES, places.size // 8))

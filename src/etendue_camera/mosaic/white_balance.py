@@ -3,8 +3,8 @@
 In:  a linearised mosaic (y, x), 1 at clipping; the mask of its filters; whites by channel.
 Out: whites, gains, balanced mosaics, the level shown as white, the angle between two whites.
 Sources: Buchsbaum 1980, J. Franklin Inst. 310 (grey world); Land and McCann 1971, J. Opt. Soc. Am. 61 (white patch);
-Finlayson and Trezzi 2004, Color Imaging Conf. 12 (a power between the two). Each estimate is as good as its assumption
-about the scene.
+Finlayson and Trezzi 2004, Color Imaging Conf. 12 (power means between the two). Each estimate is as good as its
+assumption about the scene.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ def cell_means(
     cell : int, pixel
         Side of the cells, at least 1; rounded up to whole periods of the mask, so that a cell contains every channel.
     ceiling : float
-        Cells that contain a value at or above this one are omitted.
+        Cells that contain a value at or above this level are omitted.
     lowest : float
         Cells whose mean is below this value are omitted.
     first_row, first_column : int
@@ -57,7 +57,8 @@ def cell_means(
     Notes
     -----
     Cells are used or omitted as a whole, so that all channels are averaged over the same places. If pixels were omitted
-    one by one, the channel that clips first would miss bright places, and the estimate would be biased against it.
+    one by one, the channel that clips first would miss bright places, and the estimate would be biased against that
+    channel.
     """
     mosaic = np.asarray(mosaic)
     require.shape(
@@ -168,7 +169,7 @@ def angle_between(one: ArrayLike, other: ArrayLike) -> float:
     Raises
     ------
     ValueError
-        For shapes that differ, a zero vector, or one that is not finite.
+        For shapes that differ, or a vector that is zero or not finite.
 
     Notes
     -----
@@ -206,7 +207,7 @@ def lifted(responses: ArrayLike, floor: float) -> tuple[FloatArray, int]:
     Raises
     ------
     ValueError
-        If no response is above 0, one is not finite, or the floor is out of range. With a floor of 0, also for a
+        If no response is above 0, a response is not finite, or the floor is out of range. With a floor of 0, also for a
         response below 1e-9 of the largest: its gain would be infinite, negative or mere noise.
     """
     found = np.asarray(responses, np.float64)

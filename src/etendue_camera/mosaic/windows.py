@@ -4,9 +4,9 @@ In:  arrays (y, x), any unit.
 Out: sums over windows, in the same unit.
 
 An operation that uses k samples on each side returns an array that is shorter by k at each end. All arrays derived from
-one therefore have the same centre, and `meet` crops them to their common part. Windows are summed by pairs of opposite
-neighbours, so that mirrored arrays have mirrored sums, bit for bit. Running sums are not used: the effect of a sample,
-even NaN, ends with its window.
+the same array therefore have the same centre, and `meet` crops them to their common part. Windows are summed by pairs
+of opposite neighbours, so that mirrored arrays have mirrored sums, bit for bit. Running sums are not used: the effect
+of a sample, even NaN, ends with its window.
 """
 
 from collections.abc import Callable

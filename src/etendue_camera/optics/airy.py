@@ -1,4 +1,4 @@
-"""The Airy pattern and its energy as functions of v = pi r/(lambda N), to rounding for any v.
+"""The Airy pattern and its energy as functions of v = pi r/(lambda N), accurate to rounding for any v.
 
 In:  v, 0 or above (array, dimensionless).
 Out: pattern, slope, energy inside and outside a radius (dimensionless); a polynomial evaluator.
@@ -23,7 +23,7 @@ _ENCIRCLED_SERIES = [
 
 
 def horner(coefficients: list[float], x: Floats) -> Floats:
-    """Evaluate a polynomial, constant term first, in the precision of x."""
+    """Return a polynomial at x, in the precision of x; the constant term is the first coefficient."""
     value = coefficients[-1] + 0.0 * x
     for coefficient in coefficients[-2::-1]:
         value = value * x + coefficient
@@ -63,7 +63,7 @@ def amplitude(v: Floats) -> Floats:
     """Return 2 J1(v)/v for v of 0 or above; 0 at infinity. Below 1e-4 a series is used, because J1 underflows before v
     does.
 
-    Error: 5e-16 relative for v < 1; beyond, 1e-15 v times the envelope 2 sqrt(2/(pi v^3)), up to v = 1e8.
+    Error: 5e-16 relative for v < 1; for v from 1 to 1e8, 1e-15 v times the envelope 2 sqrt(2/(pi v^3)).
     """
     small = v < 1e-4
     bessel = 2.0 * scipy.special.j1(np.where(small, 1.0, v)) / np.where(small, 1.0, v)
@@ -73,7 +73,7 @@ def amplitude(v: Floats) -> Floats:
 def pattern(v: Floats) -> Floats:
     """Return [2 J1(v)/v]^2, the square of `amplitude`; the sign of v does not matter.
 
-    Error: 1e-15 relative for v < 1; beyond, 1e-15 v times the envelope 8/(pi v^3), up to v = 1e8.
+    Error: 1e-15 relative for v < 1; for v from 1 to 1e8, 1e-15 v times the envelope 8/(pi v^3).
     """
     return (amplitude(np.abs(v)) ** 2)[()]
 
@@ -87,17 +87,20 @@ def slope(v: FloatArray) -> FloatArray:
 
 
 def encircled(v: Floats) -> Floats:
-    """Return 1 - J0^2 - J1^2; below v = 1 by its power series. Error: below 2e-15 relative for v from 1e-12 to 1e8."""
+    """Return the energy inside v, 1 - J0^2 - J1^2, below v = 1 from its power series.
+
+    Error: below 2e-15 relative for v from 1e-12 to 1e8.
+    """
     power = np.minimum(v, _SERIES_BELOW) ** 2 / 4.0
     series = power * horner(_ENCIRCLED_SERIES, power)
     return np.where(v < _SERIES_BELOW, series, 1.0 - outside(v))[()]
 
 
 def outside(v: Floats) -> Floats:
-    """Return J0^2 + J1^2. Error: below 3e-15 relative for v from 1e-12 to 1e8.
+    """Return the energy outside v, J0^2 + J1^2. Error: below 3e-15 relative for v from 1e-12 to 1e8.
 
     Squaring library Bessel functions loses digits in proportion to v, because each function rounds its own phase (6e-11
-    at v = 2e6, although the sum of squares hardly depends on the phase). Above 30 the sum of the squared asymptotic
+    at v = 2e6, although the sum of squares hardly depends on the phase). Above v = 30 the sum of the squared asymptotic
     expansions is therefore evaluated in closed form.
     """
     near = np.minimum(v, _ASYMPTOTIC_ABOVE)

@@ -6,7 +6,7 @@ Out: transfer function; without an obstruction it equals the transfer function o
 Sources: O'Neill, Transfer function for an annular aperture, Journal of the Optical Society of America 46 (1956), 285.
 
 The obstruction eps is the diameter of the dark disc over the diameter of the aperture. The f-number refers to the whole
-circle: the fraction eps^2 of light blocked by the disc belongs to the transmittance or the T-number.
+circle: the light blocked by the disc, a fraction eps^2, is counted in the transmittance or the T-number.
 """
 
 from math import factorial
@@ -45,9 +45,9 @@ def annular_otf(frequency: Floats, wavelength: Floats, f_number: Floats, obstruc
 
     Notes
     -----
-    Source: O'Neill 1956, as areas over pi (1 - eps^2): the overlap of the shifted annulus with itself is the overlap of
-    circle and circle, plus hole and hole, minus twice circle and hole. The last area is bounded by two arcs and
-    computed from half angles, which stay accurate where the circles touch.
+    Source: O'Neill 1956. The result is the overlap area of the annulus and its shifted copy, divided by pi (1 - eps^2).
+    This area is circle on circle, plus hole on hole, minus twice circle on hole. The last area is bounded by two arcs
+    and computed from half angles, which stay accurate where the circles touch.
     Error: 1e-15/(1 - eps^2) absolute in float64, from the difference of the areas; 1e-7/(1 - eps^2) in float32, which
     is computed in float64 internally.
     """
@@ -82,8 +82,8 @@ def disc_overlap(distance: Floats, radius: float) -> Floats:
 
     Notes
     -----
-    The sum of two circular segments (y - sin y)/2. sin^2(y/4) is computed from products of differences (Heron) rather
-    than from the law of cosines, to avoid cancellation.
+    The overlap is the sum of two circular segments, whose area in a unit circle is (y - sin y)/2. sin^2(y/4) is
+    computed from products of differences (Heron) rather than from the law of cosines, to avoid cancellation.
     Error: 3e-16 absolute.
     """
     distance = np.asarray(distance, float)

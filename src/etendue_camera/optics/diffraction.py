@@ -146,9 +146,9 @@ def circular_otf(frequency: Floats, wavelength: Floats, f_number: Floats) -> Flo
     Notes
     -----
     Source: Goodman eq. 6-32, (2/pi)(acos nu - nu sqrt(1 - nu^2)) with nu = f lambda N. Near the cut-off the two terms
-    cancel (error 9e-10 of the value at nu = 1 - 1e-4), so above nu = 0.87 it is computed as (y - sin y)/pi with y = 2
-    acos nu, as a series.
-    Error: below 2e-15 (float64) and 1e-6 (float32) relative for a given nu. The rounding error of nu comes on top,
+    cancel (error 9e-10 of the value at nu = 1 - 1e-4), so above nu = 0.88 the function is computed from the series of
+    (y - sin y)/pi with y = 2 acos nu.
+    Error: below 2e-15 (float64) and 1e-6 (float32) relative for a given nu. The rounding error of nu adds to this,
     amplified by 1.5/(1 - nu) near the cut-off.
 
     Examples
@@ -209,15 +209,16 @@ def pixel_airy(row: Floats, column: Floats, pitch: float, wavelength: float, f_n
     Notes
     -----
     The energy in a sector of angle dphi that ends at radius R is the encircled energy times dphi/(2 pi). The fraction
-    is that quantity integrated along the outline of the pixel, with dphi = d ds / (d^2 + s^2) along an edge at distance
-    d. Far from the centre the energy outside R is integrated instead, which preserves the digits of faint pixels;
-    around a closed outline the two differ by 1 if the centre is inside and by 0 if not. Each edge is integrated by
-    Gauss-Legendre quadrature with a number of nodes that grows with pitch/(lambda N).
+    on the pixel is that energy integrated along the outline of the pixel, with dphi = d ds / (d^2 + s^2) along an edge
+    at distance d. Far from the centre the energy outside R is integrated instead, which preserves the digits of faint
+    pixels; around a closed outline the two integrals differ by 1 if the centre is inside and by 0 if not. Each edge is
+    integrated by Gauss-Legendre quadrature with a number of nodes that grows with pitch/(lambda N).
     Error: below 1e-15 absolute. For pixels wider than a dark ring (pitch/(lambda N) of 1 and above: every camera at
     f/1), the relative error is below 1e-14 + 2e-15 x the distance in pixels: 2e-14 at 39 pixels, 4e-13 at 1000, 1e-10
-    at 100 000 (21 pixels against 25 digits, pitch/(lambda N) from 1 to 40). It grows with distance because the four
-    edges exceed their sum by as much. Narrower pixels reach the same except on a dark ring, where relative error is
-    meaningless: 3e-11 for 2e-9 of the energy, for pitch/(lambda N) from 0.003 and up to 39 rows and columns away.
+    at 100 000 (21 pixels against 25 digits, pitch/(lambda N) from 1 to 40). The error grows with distance because the
+    integrals along the four edges increasingly cancel. Narrower pixels, with pitch/(lambda N) from 0.003 and up to 39
+    rows and columns away, reach the same error except on a dark ring, where relative error is meaningless: 3e-11 for
+    2e-9 of the energy.
     """
     scale = np.pi * pitch / spot(wavelength, f_number)
     require.positive("pitch", pitch, " um")
@@ -252,8 +253,8 @@ def two_point_saddle(separation: Floats) -> tuple[Floats, Floats]:
 
     Notes
     -----
-    Source: the paper, figure 2. The spots merge at the Sparrow separation, 0.4735776 lambda/NA. The peak is where the
-    slopes 8 J1 J2 / v^2 of the two spots cancel, found by bisection to the last bit.
+    Source: the paper, figure 2. The spots merge at the Sparrow separation, 0.4735776 lambda/NA. The peak lies where the
+    slopes 8 J1 J2 / v^2 of the two spots cancel; bisection finds it to the last bit.
     Error: below 1e-15 for the ratio. For the offset, 1e-15 times its sensitivity to the separation s, which is s / (2
     (s - s0)) close to the Sparrow separation s0.
     """
@@ -274,7 +275,7 @@ def two_point_saddle(separation: Floats) -> tuple[Floats, Floats]:
 
 
 def spot(wavelength: Floats, f_number: Floats) -> Floats:
-    """Return lambda N in um; a plain float where it is a scalar, so that float32 arrays stay float32."""
+    """Return lambda N in um; a scalar is returned as a plain float, so that float32 arrays stay float32."""
     require.positive("wavelength", wavelength, " um")
     require.positive("f_number", f_number)
     product = np.asarray(wavelength) * f_number

@@ -46,7 +46,8 @@ def magnification_of(focal_length_mm: Floats, focus_distance_mm: Floats) -> Floa
 
 
 def focus_distance_of(focal_length_mm: float, magnification: float) -> float:
-    """Return the focus distance for a magnification, s = f (1 - 1/m), inf for m = 0: the inverse of `magnification_of`.
+    """Return the focus distance (mm) for a magnification, s = f (1 - 1/m); inf for m = 0. Inverse of
+    `magnification_of`.
 
     Parameters
     ----------
@@ -95,7 +96,7 @@ def effective_magnification(magnification: float, focal_length_mm: float, focus_
 
 
 def defocus_mm(focal_length_mm: Floats, focus_distance_mm: Floats, object_distance_mm: Floats) -> Floats:
-    """Return the distance of an object's image behind the sensor, mm, if the lens is focused at another distance.
+    """Return how far behind the sensor (mm) an object is imaged if the lens is focused at another distance.
 
     Parameters
     ----------
@@ -160,7 +161,8 @@ def blur_diameter(
 
     Notes
     -----
-    Source: similar triangles, D' |shift| / (L' + shift), D' = m_p f/N, L' = f (m_p - m). Error: below 2e-15 relative.
+    Source: similar triangles, D' |shift| / (L' + shift); the exit pupil of diameter D' = m_p f/N is L' = f (m_p - m)
+    away. Error: below 2e-15 relative.
     """
     pupil, distance = _exit_pupil(focal_length_mm, f_number, focus_distance_mm, pupil_magnification)
     shift = defocus_mm(focal_length_mm, focus_distance_mm, object_distance_mm)
@@ -219,10 +221,10 @@ def depth_of_field(
 
     Notes
     -----
-    Source: `blur_diameter` = c solved for the shift, and the shift for the distance, s = f + v/(1 + v shift/f^2) with v
-    = s_f - f. Nearly equal numbers are subtracted only at the hyperfocal distance itself. For m_p = 1 this is the
-    well-known s f^2/(f^2 +- N c (s - f)). Error: below 5e-16 relative, multiplied by far/focus for ``far`` (6000 random
-    cases against 50 digits).
+    Source: `blur_diameter` = c is solved for the shift, and the shift for the object distance, s = f + v/(1 + v
+    shift/f^2) with v = s_f - f. Nearly equal numbers are subtracted only at the hyperfocal distance itself. For m_p = 1
+    this is the well-known s f^2/(f^2 +- N c (s - f)). Error: below 5e-16 relative, multiplied by far/focus for ``far``
+    (6000 random cases against 50 digits).
     """
     require.must(
         (np.asarray(circle_of_confusion_mm) > 0) & np.isfinite(circle_of_confusion_mm),

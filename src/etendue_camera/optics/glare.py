@@ -100,8 +100,8 @@ def glare_otf(radial: FloatArray, fraction: float, veil: float, r0: float, power
 
     Notes
     -----
-    The veil is the mean of the frame, which contributes at frequency zero only. On sampled planes it is therefore
-    exactly a transfer function. Contrast falls to 1 - veil at the lowest non-zero frequency.
+    The veil is the mean of the frame, which contributes at frequency zero only. On sampled planes a transfer function
+    therefore describes the veil exactly. Contrast falls to 1 - veil at the lowest non-zero frequency.
     """
     require.that(
         fraction >= 0 and veil >= 0 and fraction + veil <= 1,

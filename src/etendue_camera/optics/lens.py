@@ -15,8 +15,6 @@ import scipy
 from etendue import require
 from etendue_camera.arrays import FloatArray, Floats
 
-"""Full width at half maximum of a Gaussian of standard deviation 1."""
-
 _BLOCK = 2**20  # elements of a block of frequencies x radii, 8 MB
 
 
@@ -50,7 +48,7 @@ def gaussian_otf(fy: FloatArray, fx: FloatArray, sigma: float) -> FloatArray:
 
 
 def mean_square_radius(radius: FloatArray, psf: FloatArray) -> float:
-    """Return the mean squared radius (um^2) of a round point spread function, weighted by the absolute values.
+    """Return the mean squared radius (um^2) of a round point spread function, weighted by its absolute values.
 
     Parameters
     ----------
@@ -98,10 +96,10 @@ def radial_psf_otf(frequency: Floats, radius: FloatArray, psf: FloatArray) -> Fl
     Notes
     -----
     Source: Hankel transform of order zero, the integral of psf J0(2 pi f r) r dr over the integral of psf r dr. The
-    number of Gauss points per piece of the table grows with the phase. Many frequencies (a grid) are interpolated from
-    a Chebyshev series in f, which converges to rounding because the table has a finite extent. Error: below 3e-15
-    absolute for the piecewise linear function, for up to 100 cycles over the table. The table itself deviates from the
-    true function by up to its spacing squared times the second derivative, over 8.
+    number of Gauss points per interval of the table grows with the highest frequency. Many frequencies (a grid) are
+    interpolated from a Chebyshev series in f, which converges to rounding because the table has a finite extent. Error:
+    below 3e-15 absolute for the piecewise linear function, for up to 100 cycles over the table. The table itself
+    deviates from the true function by up to one eighth of its spacing squared times the second derivative.
     """
     frequency = np.asarray(frequency)
     if not np.issubdtype(frequency.dtype, np.floating):

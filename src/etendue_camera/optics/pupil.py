@@ -93,7 +93,7 @@ def cell_centres(samples: int, reach: float = 1.0) -> FloatArray:
 
 
 def amplitude(aperture: Aperture, samples: int, reach: float | None = None) -> FloatArray:
-    """Return the open fraction of each of samples x samples cells of the pupil.
+    """Return the open fraction of each pupil cell, on a grid of samples x samples cells.
 
     Parameters
     ----------
@@ -146,7 +146,8 @@ def disc_cover(y_edges: FloatArray, x_edges: FloatArray, radius: float = 1.0) ->
     Notes
     -----
     The area left of x and below y is the integral over y of x clipped to the half chord sqrt(R^2 - y^2), which has a
-    closed form. The area in a cell is its second difference. Error: 2e-16 R^2 over the area of a cell.
+    closed form. The area inside a cell is the second difference of this integral. Error: 2e-16 R^2 divided by the cell
+    area.
     """
     require.positive("radius", radius)
     y = np.clip(np.asarray(y_edges, float), -radius, radius)[:, None]
@@ -177,8 +178,8 @@ def polygon(blades: int, rotation: float = 0.0, rounding: float = 0.0) -> FloatA
     Returns
     -------
     (k, 2) array
-        Corners y, x, in order from +x towards +y. Rounded blades are approximated by at least 256 chords in total with
-        the same area, within 4e-5 of the radius from the arcs.
+        Corners y, x, in order from +x towards +y. Rounded blades are approximated by at least 256 chords in total,
+        which enclose the same area and deviate from the arcs by at most 4e-5 of the radius.
 
     Raises
     ------
@@ -222,7 +223,7 @@ def polygon_cover(outline: FloatArray, y_edges: FloatArray, x_edges: FloatArray)
     Notes
     -----
     Between neighbouring corners and grid lines both borders are straight, so the area left of x is quadratic there.
-    Error: 1e-15 over the area of a cell.
+    Error: 1e-15 divided by the cell area.
     """
     y_edges, x_edges = np.asarray(y_edges, float), np.asarray(x_edges, float)
     low, high = max(outline[:, 0].min(), y_edges[0]), min(outline[:, 0].max(), y_edges[-1])
@@ -247,9 +248,9 @@ class PolygonOtf:
     Notes
     -----
     Source: the overlap of a convex figure with itself, shifted by s along a direction, is the integral of max(0, L - s)
-    over its parallel chords. Between corners the chord length L is linear, so the integral is exact. Values are
-    tabulated for 256 directions of one angular period, and interpolated linearly between directions and cubically in s
-    over the largest chord.
+    over its parallel chords of length L. L is linear between corners, so the integral is exact. Values are tabulated
+    for 256 directions of one angular period, and interpolated linearly between directions and cubically in s over the
+    largest chord.
     Error: 6e-6 absolute for 3 to 64 blades (measured against the exact integral).
     """
 
@@ -268,7 +269,9 @@ class PolygonOtf:
             values[_TURNS:] = values[:2]
 
     def __call__(self, nu_y: FloatArray, nu_x: FloatArray) -> FloatArray:
-        """Evaluate at frequencies in units of 1/(lambda N), arrays that broadcast; 1 at zero, 0 beyond the cut-off."""
+        """Return the transfer function at frequencies in units of 1/(lambda N), arrays that broadcast; 0 beyond the
+        cut-off.
+        """
         return self.at(2.0 * np.hypot(nu_y, nu_x), self.place(nu_y, nu_x))
 
     def place(self, nu_y: FloatArray, nu_x: FloatArray) -> FloatArray:
@@ -276,7 +279,9 @@ class PolygonOtf:
         return np.mod(np.arctan2(nu_y, nu_x) - self.rotation, self.period) * (_TURNS / self.period)
 
     def at(self, shift: FloatArray, place: FloatArray) -> FloatArray:
-        """Evaluate at shifts (pupil radii) along directions given by their `place`; arrays of one shape."""
+        """Return the transfer function at shifts (pupil radii) in directions given by their `place`, arrays of the same
+        shape.
+        """
         found = np.zeros(shift.shape)
         base = np.minimum(place.astype(np.intp), _TURNS)
         part = place - base
@@ -297,7 +302,7 @@ class PolygonOtf:
 
 
 def lagrange_weights(t: FloatArray, points: int) -> list[FloatArray]:
-    """Return the weights at t of the polynomial through values at 0, 1, ... points - 1."""
+    """Return the weights with which values at 0, 1, ... points - 1 are interpolated at t by a polynomial."""
     weights = []
     for k in range(points):
         weight = np.ones_like(t)
@@ -326,7 +331,7 @@ def _borders(outline: FloatArray, lines: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def _walk(outline: FloatArray, start: np.intp, stop: np.intp) -> FloatArray:
-    """Return the corners from one to another, in order around the outline."""
+    """Return the corners from index ``start`` to index ``stop``, in order around the outline."""
     count = (stop - start) % len(outline) + 1
     return outline[(start + np.arange(count)) % len(outline)]
 
@@ -342,7 +347,9 @@ def _mean_below(border: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def _chords(outline: FloatArray, angle: float) -> tuple[FloatArray, FloatArray]:
-    """Return offsets across a direction and chord lengths along it at every corner; chords are linear in between."""
+    """Return the offset of every corner across a direction, and the chord length there along it; linear between
+    corners.
+    """
     turned_y = outline[:, 0] * cos(angle) - outline[:, 1] * sin(angle)
     turned_x = outline[:, 0] * sin(angle) + outline[:, 1] * cos(angle)
     lines = np.unique(turned_y)

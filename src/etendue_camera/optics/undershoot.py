@@ -29,7 +29,7 @@ cut-off.
 
 @lru_cache(maxsize=4096)
 def undershoot(ratio: float) -> tuple[float, float]:
-    """Return the largest undershoot below zero of samples of light behind a perfect circular lens.
+    """Return how far samples of the light behind a perfect circular lens can fall below zero.
 
     Parameters
     ----------
@@ -53,8 +53,8 @@ def undershoot(ratio: float) -> tuple[float, float]:
     Notes
     -----
     Evaluated on a plane of 128 x 128 samples; with 256 x 256 both values change by 0.2 %. Exactly 0 for ratios of 1 and
-    above. The values hold at the samples. Between samples, which are read where the pixel pitch is not a whole multiple
-    of the spacing, the undershoot of a point is larger.
+    above. The values hold at the samples. Between samples, the undershoot of a point is larger; such values are read if
+    the pixel pitch is not a whole multiple of the spacing.
     """
     require.positive("ratio", ratio)
     if ratio >= 1:

@@ -1,9 +1,9 @@
-"""Wavefront aberrations in the exit pupil: Zernike and Seidel terms, defocus, Strehl ratio.
+"""Wavefront aberrations in the exit pupil: Zernike and Seidel terms, defocus, rms.
 
 In:  pupil coordinates y, x in pupil radii (the f-number's circle), coefficients (um of optical path), image heights.
-Out: optical path (um) over the pupil; its rms; the Strehl ratio.
+Out: optical path (um) over the pupil; its rms.
 Sources: ANSI Z80.28 and OSA standard indices; Noll, Journal of the Optical Society of America 66 (1976), 207; Hopkins,
-Wave Theory of Aberrations (1950); Welford, Aberrations of Optical Systems; Mahajan, JOSA 73 (1983), 860.
+Wave Theory of Aberrations (1950); Welford, Aberrations of Optical Systems.
 
 Signs: a positive optical path W multiplies the pupil by exp(+2 pi i W/lambda) and moves light along its gradient: the
 ray through (y, x) lands 2 N_w grad W away, towards the side on which W increases. Pupil and image axes are parallel.
@@ -89,7 +89,7 @@ def zernike(n: int, m: int, y: Floats, x: Floats) -> Floats:
 
 
 def zernike_orders(count: int, index: Index = "noll") -> list[tuple[int, int]]:
-    """Return (n, m) of the first ``count`` terms.
+    """Return the radial and azimuthal orders (n, m) of the first ``count`` terms in the order of Noll or ANSI.
 
     Raises
     ------
@@ -160,8 +160,9 @@ def defocus(shift: float, f_number: float, y: Floats, x: Floats) -> Floats:
     Notes
     -----
     Source: the path between two spheres for a lens that obeys the sine condition, shift (1 - cos t) with sin t = rho/(2
-    N_w), evaluated without cancellation. The paraxial W020 rho^2, W020 = shift/(8 N_w^2), is smaller by a fraction of
-    1/(16 N_w^2) at the edge: 3.3 % at f/1.4, 0.8 % at f/2.8, 0.1 % at f/8. After refocusing a quarter of that remains.
+    N_w), evaluated without cancellation. The paraxial path W020 rho^2 with W020 = shift/(8 N_w^2) is smaller by a
+    fraction of 1/(16 N_w^2) at the edge: 3.3 % at f/1.4, 0.8 % at f/2.8, 0.1 % at f/8. After refocusing, a quarter of
+    this difference remains.
     Error: 4e-16 relative.
     """
     require.positive("f_number", f_number)
@@ -175,9 +176,9 @@ def defocus(shift: float, f_number: float, y: Floats, x: Floats) -> Floats:
 
 
 def rms(amplitude: FloatArray, path: FloatArray) -> float:
-    """Return the standard deviation of the optical path over the pupil, in its unit.
+    """Return the standard deviation of the optical path over the pupil, in the unit of ``path``.
 
-    Cells are weighted by ``amplitude`` (1), the open fraction of each.
+    Each cell is weighted by its open fraction, ``amplitude`` (1).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The loss of JPEG on a plane: cosine transforms of 8 x 8 pixels, rounded to the steps of a table.
+"""The loss of JPEG coding in one plane: cosine transforms of 8 x 8 pixels, rounded to the steps of a table.
 
 In:  a plane of 8-bit numbers (y, x), a quantisation table, the position of the first block.
 Out: the plane as a decoder returns it.

@@ -70,7 +70,7 @@ class Patches:
 def chart_patches(
     picture: ArrayLike, corners: ArrayLike, rows: int, columns: int, clipped: ArrayLike, gap: float = GAP
 ) -> Patches:
-    """Average the central part of every patch of a grid.
+    """Return the mean over the central part of every patch of a grid, with its covariance.
 
     Parameters
     ----------
@@ -91,7 +91,8 @@ def chart_patches(
     Notes
     -----
     A pixel belongs to a patch if its centre lies in the central half of the patch. The covariance of the mean is the
-    covariance of the means of 4 x 4 parts, divided by their number; neighbouring pixels may therefore be correlated.
+    covariance of the means of 4 x 4 parts, divided by their number; it is valid even if neighbouring pixels are
+    correlated.
     """
     planes, mask = np.asarray(picture, np.float64), np.asarray(clipped, bool)
     turn = homography(corners)
@@ -143,7 +144,7 @@ class ColourErrors:
     delta_e: FloatArray  # (patch,) CIEDE2000
     reach: FloatArray  # (patch,) how far noise can move a measured colour, CIEDE2000
     lab: FloatArray  # (3, patch) measured
-    mean_reach: float  # the same for the mean over patches, and for the largest
+    mean_reach: float  # the same for the mean of delta_e; max_reach: for the largest
     max_reach: float
 
     @property
@@ -175,9 +176,10 @@ def colour_errors(
     Returns
     -------
     ColourErrors
-        The true difference of a patch is within ``reach`` of the measured difference. A fraction ``confidence`` of the
-        draws around the measured colour is closer to it than ``reach``. The interval is wider than necessary, but valid
-        even where the difference is 0. The same holds for the mean and the largest difference over the patches.
+        With this confidence, the true difference of a patch is within ``reach`` of the measured difference: a fraction
+        ``confidence`` of the colours drawn around the measured colour is closer to it than ``reach``. The interval is
+        wider than necessary, but valid even where the difference is 0. The same holds for the mean and the largest
+        difference over the patches.
     """
     goal = np.asarray(reference, np.float64)
     found = lab_of(patches.mean.T)

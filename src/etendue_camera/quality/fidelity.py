@@ -2,7 +2,7 @@
 
 In:  a picture and its reference on the same pixels, (3, y, x) or (y, x), same units.
 Out: decibels, a similarity of at most 1, statistics of a map.
-Sources: Wang, Bovik, Sheikh, Simoncelli 2004 (SSIM); others at each function.
+Sources: Wang, Bovik, Sheikh, Simoncelli 2004 (SSIM); other sources at each function.
 """
 
 from typing import NamedTuple
@@ -124,7 +124,7 @@ def spread(values: ArrayLike) -> MapSpread:
 
 
 def _windowed(planes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the weighted means over the window, where it fits."""
+    """Return the weighted mean over the window, at every position where the window fits."""
     reach = WINDOW // 2
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / SPREAD) ** 2)
     weights /= weights.sum()

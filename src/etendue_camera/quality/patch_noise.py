@@ -24,11 +24,11 @@ class PatchNoise:
     """Results of a patch."""
 
     mean: Estimate  # unit of the plane
-    sigma: Estimate  # the same, about a fitted plane, which removes the slope of the patch
+    sigma: Estimate  # same unit; about a fitted plane, which removes the slope of the patch
     snr: Estimate  # mean over sigma
     slope: float  # change of the fitted plane over the patch, as a fraction of the mean
     uneven: float  # rms of 8 x 8 block means about that plane, over the mean: neither slope nor fine noise
-    uneven_white: float  # expected value of the above if the noise of pixels were independent
+    uneven_white: float  # expected value of ``uneven`` if the noise of pixels were independent
     hidden: bool = (
         False  # rounding hides the size of the noise; the interval of sigma covers every size that is possible
     )
@@ -63,9 +63,9 @@ def patch_noise(
     fixed-pattern noise together. Rounding adds 1/12 of the squared step to the variance if noise is at least 0.6 steps;
     for less noise, the interval covers every standard deviation that is possible before rounding. The interval is a
     jackknife over 8 x 8 blocks of pixels: correlation between neighbours (as in demosaiced or compressed pictures)
-    widens it correctly if it extends over less than a block. In 400 seeds it contained sigma in 94 to 95 % (white
-    noise, 32 x 32 to 128 x 128 pixels), and in 89 (32 x 32) to 94.5 % for noise averaged over 3 x 3 pixels; ``python
-    benchmarks/measure.py`` prints this.
+    widens the interval correctly if it extends over less than a block. Of 400 seeds, 94 to 95 % gave an interval that
+    contained sigma for white noise (32 x 32 to 128 x 128 pixels), and 89 (32 x 32) to 94.5 % for noise averaged over 3
+    x 3 pixels; ``python benchmarks/measure.py`` prints these fractions.
     """
     values = np.asarray(plane, np.float64)
     if values.ndim != 2 or min(values.shape, default=0) < SMALLEST:

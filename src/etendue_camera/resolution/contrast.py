@@ -24,8 +24,8 @@ CUT_OFF = 1e-3  # contrast below which detail counts as not resolved
 
 
 def mean_otf(otf: FloatArray, weights: FloatArray | None) -> FloatArray:
-    """Return the weighted mean over wavelength: (wavelength, f) and (wavelength,) to (f,), 1 where the OTF is 1;
-    negative where contrast is reversed.
+    """Return the weighted mean of an OTF (wavelength, f) over wavelength, (f,): 1 where the OTF is 1, negative where
+    contrast is reversed.
     """
     share = (
         np.full(otf.shape[0], 1 / otf.shape[0])
@@ -81,8 +81,8 @@ def falls_below(response: Response, level: float, grid: FloatArray, values: Floa
     nodes.
 
     The crossing is bracketed on the nodes, estimated on a cubic spline through them, and solved on the response itself
-    at five places about the estimate (inverse interpolation; the error is the fifth power of their distance). A dip
-    narrower than the node step can be missed; no transfer function of a lens, photodiode or pixel has one.
+    at five places about the estimate (inverse interpolation; the error grows as the fifth power of their spacing). A
+    dip narrower than the node step can be missed; no transfer function of a lens, photodiode or pixel has one.
     """
     return _solved(response, [_bracket(level, grid, values, last=False)], grid, values)[0]
 
@@ -105,7 +105,7 @@ def _solved(
     values: FloatArray,
     spline: Spline | None = None,
 ) -> list[float]:
-    """Solve for the crossings of some levels, normally with one call of the response; NaN for None."""
+    """Return the frequency of each bracketed crossing, normally with one call of ``response``; NaN for None."""
     asked = [b for b in brackets if b is not None]
     if not asked:
         return [math.nan] * len(brackets)
@@ -131,7 +131,9 @@ def _about(spline: Spline, level: float, low: float, high: float) -> FloatArray:
 
 
 def _on_spline(spline: Spline, bracket: Bracket, grid: FloatArray) -> float:
-    """Return where the spline itself crosses a level: linear between 65 places of a step; NaN for None."""
+    """Return the frequency at which the spline itself crosses a level, linear between 65 places of a node step; NaN if
+    ``bracket`` is None.
+    """
     if bracket is None:
         return math.nan
     level, i = bracket
@@ -154,7 +156,7 @@ def _inverse(f: FloatArray, v: FloatArray, level: float) -> float:
 
 
 def _narrowed(response: Response, level: float, low: float, high: float) -> float:
-    """Return the last crossing between two frequencies by repeated subdivision; at the lower one contrast is not below
+    """Return the last crossing between two frequencies by repeated subdivision; contrast at ``low`` must not be below
     the level.
     """
     for _ in range(ROUNDS):
@@ -189,7 +191,7 @@ class ContrastCurve:
 
     @cached_property
     def energy(self) -> float:
-        """Return the energy of the line spread, up to the last node."""
+        """Return the energy of the line spread: the integral of the squared contrast up to the last node."""
         return float(self._splines[1].integral(self.grid[0], self.grid[-1]))
 
     def crossings(self, cut_off: float = CUT_OFF, response: Response | None = None) -> tuple[float, float, float]:
@@ -201,8 +203,8 @@ class ContrastCurve:
         cut_off : float
             Contrast below which detail counts as not resolved, between 0 and 1.
         response : callable or None
-            Contrast at frequencies (n,), on which crossings are solved as in `falls_below`; None: on the spline between
-            the nodes, with its error.
+            Maps frequencies (n,) to contrast; crossings are solved on it as in `falls_below`. None: they are solved on
+            the spline between the nodes and have its error.
         """
         require.only(0 < cut_off < 1, "cut_off", cut_off, "a contrast between 0 and 1")
         size = np.abs(self.values)
@@ -215,7 +217,7 @@ class ContrastCurve:
         return fifty, ten, end
 
     def half(self, response: Response | None = None) -> float:
-        """Return the MTF50 only."""
+        """Return the MTF50 alone, cycles/um; ``response`` as in `crossings`."""
         size = np.abs(self.values)
         bracket = _bracket(0.5, self.grid, size, last=False)
         if response is None:

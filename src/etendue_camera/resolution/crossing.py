@@ -14,8 +14,10 @@ NEAR = 0.3  # of a crossing: the range of frequencies used to locate it
 
 
 def falls_to(share: float, frequency: FloatArray, sfr: FloatArray, doubt: FloatArray | None = None) -> float:
-    """Return the lowest crossing: located on the rings, then by a cubic through nearby rings, weighted by their
-    standard error; NaN if there is none.
+    """Return the lowest frequency at which ``sfr`` falls below ``share``, in the unit of the rings; NaN without one.
+
+    The crossing is located between two rings, then refined by a cubic through nearby rings, weighted by 1/``doubt``
+    (equally if it is None).
     """
     below = np.flatnonzero(sfr < share)
     if below.size == 0 or below[0] == 0:

@@ -6,8 +6,8 @@ Out: NEQ (quanta per pixel), bits per pixel, bits per pixel along a line, signal
 Sources: Shannon 1949 (capacity of parallel Gaussian channels); Dainty and Shaw 1974 and ICRU 54 (NEQ); Wagner and
 Brown 1985 (ideal observer); Koren, Electronic Imaging 2024 (signal power of a slanted edge).
 
-All three follow from NEQ as a function of frequency. Detail is relative, a contrast about a mean, so that neither a
-gain nor a pointwise curve that is linear within the noise changes them.
+Capacity and detection follow from NEQ as a function of frequency. Detail is expressed as contrast about a mean, so that
+neither a gain nor a pointwise curve that is linear within the noise changes the results.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ NYQUIST = 0.5  # cycles/pixel
 
 @dataclass(frozen=True)
 class Square:
-    """Nodes in the upper half of the Nyquist square, and weights that sum to 1, its whole area: power is equal at f and
-    -f.
+    """Nodes in the upper half of the Nyquist square, which suffices because power is equal at f and -f. The weights sum
+    to 1, the area of the whole square.
     """
 
     fy: FloatArray  # (m,) cycles/pixel, above 0
@@ -42,7 +42,7 @@ class Square:
 
 
 def nyquist_square(nodes: int = 48) -> Square:
-    """Return Gauss nodes, ``nodes`` along x and half as many along y.
+    """Return Gauss-Legendre nodes: ``nodes`` along x and half as many along y.
 
     Raises
     ------
@@ -75,8 +75,8 @@ def neq(signal: ArrayLike, noise: ArrayLike) -> FloatArray:
     Returns
     -------
     array
-        For photon noise alone the number of photoelectrons, for every gain. 0 without signal, infinite for a signal
-        without noise.
+        For photon noise alone this is the number of photoelectrons, whatever the gain. 0 without signal, infinite for a
+        signal without noise.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def neq_of_channels(signal: ArrayLike, noise: ArrayLike, singular: float = 1e-10
     Returns
     -------
     (...) array, quanta per pixel
-        At least the largest of the single channels; their sum if no noise is shared.
+        At least the largest NEQ of a single channel; the sum over channels if they share no noise.
     """
     s = np.moveaxis(np.asarray(signal, np.complex128), 0, -1)
     w = np.moveaxis(np.asarray(noise, np.complex128), (0, 1), (-2, -1))
@@ -123,7 +123,7 @@ def signal_variance(ratio: float) -> float:
     """Return variance over mean^2 of light uniformly distributed between two levels with this ratio:
     (range/mean)^2 / 12.
 
-    The signal power of Koren: 0.12 for the 4:1 of ISO 12233, and at most 1/3, for an infinite ratio.
+    This is Koren's signal power: 0.12 for the 4:1 of ISO 12233, and at most 1/3, for an infinite ratio.
 
     Raises
     ------
@@ -151,8 +151,8 @@ def capacity(quanta: ArrayLike, square: Square, variance: float) -> float:
         NEQ at the nodes of the square.
     square : Square
     variance : float
-        Variance of the signal over its mean^2, see `signal_variance`: detail with equal power at all frequencies of the
-        square, none beyond.
+        Variance of the signal over its mean^2, see `signal_variance`: detail has equal power at all frequencies in the
+        square and none beyond.
 
     Returns
     -------

@@ -17,15 +17,15 @@ ComplexArray = NDArray[np.complex128]
 
 
 def spectra(responses: ArrayLike, sites: ArrayLike, fy: ArrayLike, fx: ArrayLike) -> ComplexArray:
-    """Return Fourier transforms of impulse responses about the stepped pixel: (place, channel, m, n) at fy (m,), fx
-    (n,).
+    """Return the Fourier transforms of impulse responses, with the changed pixel as origin: (place, channel, m, n) at
+    fy (m,) and fx (n,).
 
     Parameters
     ----------
     responses : (place, channel, y, x) array
-        The response of the picture to a unit step of one pixel, for each place of the cell.
+        The response of the picture to a unit change of one pixel, for each place of the cell.
     sites : (place, 2) array
-        Position of that pixel in the window, y and x.
+        Position of that pixel in the window, y and x, pixels.
     fy, fx : arrays
         Cycles/pixel.
     """
@@ -44,8 +44,9 @@ def spectra(responses: ArrayLike, sites: ArrayLike, fy: ArrayLike, fx: ArrayLike
 
 
 def carried_power(answers: ArrayLike, variance: ArrayLike) -> ComplexArray:
-    """Return the cross power (channel, channel, m, n) of noise with these variances (place,), from `spectra`; the mean
-    over the cell's places.
+    """Return the cross power (channel, channel, m, n) of propagated noise, averaged over the places of the cell.
+
+    ``answers`` are from `spectra`; ``variance`` (place,) is the noise variance of a pixel at each place.
 
     Its integral over the Nyquist square is the covariance of `noise_propagation.carried_covariance`.
     """
@@ -55,10 +56,10 @@ def carried_power(answers: ArrayLike, variance: ArrayLike) -> ComplexArray:
 
 
 def carried_signal(answers: ArrayLike, signal: ArrayLike) -> ComplexArray:
-    """Return the response (channel, m, n) to fine detail of relative contrast 1 after the chain, from `spectra`.
+    """Return the response (channel, m, n) of the chain to fine detail of relative contrast 1, from `spectra`.
 
-    ``signal`` is (place, m, n): the mean of the pixels at each place of the cell times the preceding transfer function.
-    Power that the mosaic moves to other frequencies (aliases, colour fringes) is not included.
+    ``signal`` (place, m, n) is the mean of the pixels at each place of the cell times the transfer function before the
+    chain. Power that the mosaic moves to other frequencies (aliases, colour fringes) is not included.
     """
     return np.asarray(np.einsum("pmn,pcmn->cmn", np.asarray(signal), np.asarray(answers)) / len(np.asarray(answers)))
 
@@ -103,12 +104,12 @@ def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
 
 
 def expected_periodogram(responses: ArrayLike, variance: ArrayLike, block: int) -> ComplexArray:
-    """Return the expected value of `periodograms` for propagated noise: its power spectrum, blurred by the transform of
-    a square of ``block`` pixels.
+    """Return the expected value of `periodograms` for propagated noise: the noise power spectrum, blurred by the
+    transform of a square of ``block`` pixels.
 
-    Exact: the covariance at each lag times the fraction of pixel pairs with that lag in the square (Bartlett's
-    triangle). ``responses`` and ``variance`` as in `spectra` and `carried_power`. Returns (channel, channel, block,
-    block).
+    The result is exact: the covariance at each lag is weighted with the fraction of pixels in the square that have a
+    neighbour at that lag (Bartlett's triangle). ``responses`` and ``variance`` are as in `spectra` and `carried_power`.
+    Returns (channel, channel, block, block).
     """
     h, v = np.asarray(responses, np.float64), np.asarray(variance, np.float64)
     size = [2 * n for n in h.shape[-2:]]

@@ -21,8 +21,8 @@ def response_noise_gain(response: ArrayLike, spectrum: ArrayLike | None = None) 
     Parameters
     ----------
     response : (m, n) array, dimensionless
-        Transfer function at frequencies that divide the square of one cycle per pixel evenly (those of a full discrete
-        transform), real or complex.
+        Transfer function, real or complex, at frequencies evenly spaced over 1 x 1 cycles/pixel (those of a full
+        discrete Fourier transform).
     spectrum : (m, n) array, any unit, or None
         Power spectrum of the noise at the same frequencies, not negative; None: white.
 
@@ -65,7 +65,7 @@ def mtf50_gain(
     system : callable
         Maps frequencies (n,) in cycles/pixel to the transfer function (n,) before the filter.
     response : callable
-        The same for the filter. It works on pixels, so that it is periodic with 1 cycle/pixel.
+        The same for the filter, which works on pixels and is therefore periodic with 1 cycle/pixel.
     highest : float, cycles/pixel
         Upper end of the search.
     nodes : int

@@ -74,13 +74,13 @@ def star_response(
     star : Star
         The outermost 5 % of its radius are not used.
     centre : (float, float) or None, pixels
-        y and x of its centre from the first pixel; None: the middle of the picture. Must be accurate to about a quarter
-        of a cycle at the innermost ring with contrast.
+        y and x of the star's centre from the first pixel; None: the middle of the picture. Must be accurate to about a
+        quarter of a cycle at the innermost ring with contrast.
     refine : bool
         Whether the given centre is refined.
     contrast : float or None
-        Modulation of the star, (light - dark)/(light + dark), above 0 and at most 1. None: the limit of the outer rings
-        towards frequency 0, by a parabola through their logarithms.
+        Modulation of the star, (light - dark)/(light + dark), above 0 and at most 1. None: the modulation of the outer
+        rings is extrapolated to frequency 0, by a parabola through its logarithms.
     highest : float, cycles/pixel
         Frequency of the innermost ring, up to 1.
     sites : (y, x) array of bool or None
@@ -170,7 +170,7 @@ def _check(image: FloatArray, cycles: int, radius: float, contrast: float | None
 
 
 def _edges(inner: float, outer: float) -> FloatArray:
-    """Return the borders of the rings: a fraction of the radius apart, but at least a pixel."""
+    """Return the ascending radii between rings, pixels: a ring is 2 % of its radius wide, but at least one pixel."""
     found = [outer]
     while found[-1] > inner:
         found.append(found[-1] - max(RING * found[-1], NARROWEST))
@@ -229,7 +229,7 @@ def _rings(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges
 
 
 def _refined(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges: FloatArray) -> FloatArray:
-    """Move the centre to where the sines of all rings have a common phase and the smallest residual."""
+    """Return the centre (y, x) at which the sines of all rings have a common phase and the smallest residual."""
     for _ in range(ROUNDS):
         rings = _rings(image, mask, place, cycles, edges)
         phase = np.angle((rings.b + 1j * rings.c).sum())
@@ -248,8 +248,7 @@ def _refined(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edg
 
 
 def at_zero(frequency: FloatArray, modulation: FloatArray, doubt: FloatArray) -> float:
-    """Return the limit of the modulation at frequency 0: exp of a parabola through the logarithms of the outer
-    rings."""
+    """Return the modulation at frequency 0, extrapolated by a parabola through its logarithms in the outer rings."""
     low = (frequency <= max(OUTER * float(frequency[0]), float(frequency[min(5, len(frequency) - 1)]))) & (
         modulation > 3 * doubt
     )

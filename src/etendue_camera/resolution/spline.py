@@ -21,7 +21,7 @@ from etendue_camera.arrays import Array, FloatArray
 
 @dataclass(frozen=True)
 class Spline:
-    """Cubic polynomials in the distance from the place before: (4, n - 1), the constant first."""
+    """A cubic spline: ``terms`` (4, n - 1) are coefficients of the distance from the place before, constant first."""
 
     places: FloatArray
     terms: FloatArray
@@ -62,8 +62,8 @@ def through(places: FloatArray, values: FloatArray) -> tuple[Spline, ...]:
 
     Notes
     -----
-    Through 3 places it is a parabola. Error against ``scipy.interpolate.CubicSpline``: below 1e-13 of the largest
-    value, at up to 4096 places of ``search_nodes``.
+    Through 3 places the spline is a parabola. Error against ``scipy.interpolate.CubicSpline``: below 1e-13 of the
+    largest value, at up to 4096 places of ``search_nodes``.
     """
     require.that(len(places) >= 3, f"a spline needs at least 3 places, not {len(places)}")
     h = np.diff(places)

@@ -22,7 +22,7 @@ from etendue_camera.resolution.siemens import Star, StarResponse, at_zero, star_
 
 RINGS = (0.55, 0.62, 0.69, 0.76, 0.83, 0.9)  # of the radius: where cycles are counted
 FEWEST, MOST = 8, 400
-CLEAR = 3.0  # minimum ratio of the cycles' power to the next strongest non-multiple
+CLEAR = 3.0  # minimum ratio of the power at the star's cycles to the largest power at a non-multiple
 
 
 class Bootstrap(NamedTuple):
@@ -124,7 +124,7 @@ def star_resolution(
 
 
 def _between(values: list[float], confidence: float) -> tuple[float, float]:
-    """Return the central percentiles; a draw that does not reach the level ranks above all other draws."""
+    """Return the limits of the central interval; a draw that does not reach the level ranks above all other draws."""
     ordered: FloatArray = np.sort(np.where(np.isfinite(values), values, np.inf))
     cut = math.floor(0.5 * (1 - confidence) * (len(ordered) - 1))
     return float(ordered[cut]), float(ordered[len(ordered) - 1 - cut])

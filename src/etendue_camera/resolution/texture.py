@@ -58,17 +58,18 @@ def texture_response(
     picture : (y, x) array, any linear unit
         At least 64 x 64.
     original : (y, x) array
-        For ``"cross"`` the texture at the same positions, to a few pixels; for ``"power"`` any part of the same texture
-        with that shape. It must itself be free of aliasing: rendered with a softness of at least 0.7 pixels.
+        For ``"cross"``, the texture at the positions of the picture, to within a few pixels; for ``"power"``, any part
+        of the same texture with the shape of the picture. The original must be free of aliasing: render it with a
+        softness of at least 0.7 pixels.
     method : {"cross", "power"}
         ``"cross"``: cross spectrum over the original's power, unaffected by noise, aliases and anything else that the
         original does not explain. ``"power"``: root of the ratio of powers, where all of these count as contrast.
     known : callable or None
-        Transfer function in cycles/pixel that the original already includes, such as its softness: the response
-        includes it again. None: 1.
+        Transfer function, by cycles/pixel, that the original already includes, such as its softness: the response is
+        multiplied by it. None: 1.
     noise : (y, x) array, number or None
-        For ``"power"``: a uniformly lit part of a picture from the same camera, of at least 64 x 64 pixels, or the rms
-        of white noise, whose power is subtracted.
+        For ``"power"``: the noise whose power is subtracted, as a uniformly lit part of a picture from the same camera,
+        of at least 64 x 64 pixels, or as the rms of white noise.
     gain : float or None
         Picture over original at frequency 0; None: the ratio of their means, for which 0 must mean no light in both.
     rings : int or None
@@ -85,13 +86,13 @@ def texture_response(
 
     Notes
     -----
-    Both are windowed and transformed, the shift between them is found from the cross spectrum's phase and removed, and
-    powers are summed over rings. The response of a ring is at its mean frequency, weighted by the original's power.
-    Error for 400 x 400 pixels, leaves of 4 to 60 pixels, Gaussians of 0.45 to 1.5 pixels rms: cross, MTF50
-    within 0.5 % noise-free and 1 % with noise of 5 % of the mean. Power, with known noise and the same chart: within 1
-    % for MTF50 up to 0.32 cycles/pixel, and 6 % at 0.42, where aliases count as contrast. With another part of such a
-    chart: 13 %, because a few large leaves dominate its power (``python benchmarks/resolution.py``). For linear
-    processing only: content-dependent denoising or sharpening has no transfer function, and the two methods then
+    Picture and original are windowed and Fourier transformed, the shift between them is found from the cross spectrum's
+    phase and removed, and powers are summed over rings. The response of a ring is at its mean frequency, weighted by
+    the original's power. Error for 400 x 400 pixels, leaves of 4 to 60 pixels, Gaussians of 0.45 to 1.5 pixels rms:
+    cross, MTF50 within 0.5 % noise-free and 1 % with noise of 5 % of the mean. Power, with known noise and the same
+    chart: within 1 % for MTF50 up to 0.32 cycles/pixel, and 6 % at 0.42, where aliases count as contrast. With another
+    part of such a chart: 13 %, because a few large leaves dominate its power (``python benchmarks/resolution.py``). For
+    linear processing only: content-dependent denoising or sharpening has no transfer function, and the two methods then
     differ.
 
     """
@@ -169,14 +170,14 @@ def _window(shape: tuple[int, ...]) -> FloatArray:
 
 
 def _spectrum(image: FloatArray) -> np.ndarray:
-    """Return the transform of the windowed picture about its weighted mean, over the root of the window's energy."""
+    """Return the transform of the picture minus its weighted mean, windowed, over the root of the window's energy."""
     window = _window(image.shape)
     mean = (window * image).sum() / window.sum()
     return np.fft.rfft2(window * (image - mean)) / math.sqrt((window**2).sum())
 
 
 def _noise_power(noise: ArrayLike | None, shape: tuple[int, ...], count: int) -> FloatArray:
-    """Return the noise power summed over the rings of a picture of a shape."""
+    """Return the noise power in each ring, (count,), for a picture of this shape."""
     if noise is None:
         return np.zeros(count)
     flat = np.asarray(noise, np.float64)

@@ -3,7 +3,7 @@
 In:  a real transfer function of radial frequency (cycles/um), photon weights by wavelength, separations (um).
 Out: brightness midway over the brightness of a peak (1), Sparrow's and Rayleigh's separation (um).
 Sources: Sparrow 1916: the second derivative midway vanishes. Rayleigh 1879: one point lies on the first dark ring of
-the other. Without a dark ring, the separation with the same dip as two Airy discs have at that distance is used.
+the other. Without a dark ring: the separation at which the dip equals that of two Airy discs at Rayleigh's separation.
 `diffraction` has the closed forms for the Airy disc.
 """
 
@@ -28,7 +28,7 @@ RAYLEIGH_SADDLE = 0.735031662423275
 """Brightness midway over that of a peak, for two Airy discs at the Rayleigh separation."""
 DARK = 1e-3  # relative to the peak; below it a ring counts as dark
 NODES = 400
-STEP = 1 / 16  # of 1/highest, step of the search for a sign change: the spread has no finer ripple than 1/2
+STEP = 1 / 16  # step of the search for a sign change, times 1/highest; the finest ripple is 1/2 on the same scale
 AT_ONCE = 24
 MOST = 400  # largest number of places at which a peak is searched
 RINGS = 33  # distances from a dark ring to twice its radius at which the next bright one is searched
@@ -36,7 +36,7 @@ RINGS = 33  # distances from a dark ring to twice its radius at which the next b
 
 @dataclass(frozen=True)
 class SpreadFunction:
-    """The image of one point from its transfer function: value and derivatives at distances (n,) in um.
+    """The image of one point, computed from a transfer function: value and derivatives at distances (n,) in um.
 
     It is the integral of 2 pi f H J0(2 pi f r), on Gauss-Legendre nodes.
     """
@@ -125,7 +125,7 @@ def two_point_saddle(
     *,
     nodes: int = NODES,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the depth of the dip between the images of two equal incoherent points.
+    """Return the depth of the dip between the images of two equal incoherent points, and the place of the peaks.
 
     Parameters
     ----------
@@ -136,9 +136,9 @@ def two_point_saddle(
     Returns
     -------
     ratio : (...) array, 1
-        Brightness midway over the brightness of a peak; 1 if the two have merged.
+        Brightness midway over the brightness of a peak; 1 if the images have merged.
     offset : (...) array, um
-        Distance of a peak from the midpoint; 0 if the two have merged.
+        Distance of a peak from the midpoint; 0 if the images have merged.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def _rayleigh(spread: SpreadFunction, sparrow: float, within: float = 0.0) -> fl
 def _first_rise(
     spread: SpreadFunction, derivative: Callable[[FloatArray], FloatArray], within: float = 0.0
 ) -> float | None:
-    """Return the first distance above 0 at which a derivative that starts below 0 rises through it."""
+    """Return the first distance (um) at which a derivative that starts negative rises through 0; None without one."""
     step, last = STEP / spread.highest, int(0.5 * len(spread.frequency) / STEP)
     for start in range(1, last, AT_ONCE):
         r = step * np.arange(start, min(start + AT_ONCE, last) + 1)
@@ -216,8 +216,8 @@ def _first_rise(
 
 
 def _saddle(spread: SpreadFunction, separation: float, within: float = 0.0) -> tuple[float, float]:
-    """Return ratio and offset of a peak. The ratio is stationary at the peak, so an error of sqrt(within) in its place
-    suffices.
+    """Return ratio and offset as in `two_point_saddle`. The ratio is stationary at the peak, whose place therefore
+    needs an accuracy of sqrt(within) only.
     """
     half = 0.5 * separation
 

@@ -50,7 +50,7 @@ def wiener_gain(transfer: ArrayLike, noise_to_signal: ArrayLike) -> NDArray:
     Parameters
     ----------
     transfer : (...) array, dimensionless
-        H, real or complex, of any size including 0.
+        H, real or complex, of any magnitude including 0.
     noise_to_signal : (...) array, dimensionless
         Noise power over the power of the undisturbed signal at the same frequencies, at or above 0.
 
@@ -67,7 +67,8 @@ def wiener_gain(transfer: ArrayLike, noise_to_signal: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Both terms are divided by max(|Re H|, |Im H|) first, because |H|^2 underflows to 0 for |H| below 1e-162.
+    Numerator and denominator are divided by max(|Re H|, |Im H|) first, because |H|^2 underflows to 0 for |H| below
+    1e-162.
     Error: below 1e-15 relative (reference values wiener_gain).
     """
     transfer = np.asarray(transfer)
@@ -205,11 +206,11 @@ def richardson_lucy_periodic(
 
     Notes
     -----
-    x <- x H^T(y / Hx), where 0/0 is 0. Ratios are limited to the largest of the first iteration, max(y) / mean(y).
-    They stay bounded even where a band-limited kernel, which has negative parts, makes Hx 0 or less. Values below 0
-    become 0 and the sum is restored; neither changes anything for a kernel without negative parts. Stopping between two
-    iterations makes the result continuous in the data. Error: below 3e-14 of the largest value after 20 iterations
-    (reference richardson_lucy_1d).
+    x <- x H^T(y / Hx), where 0/0 is 0. The ratios y/Hx are limited to the largest ratio of the first iteration, max(y)
+    / mean(y), so that they stay bounded even where a band-limited kernel, which has negative parts, makes Hx 0 or less.
+    Values below 0 become 0 and the sum is restored; neither changes anything for a kernel without negative parts.
+    Stopping between two iterations makes the result continuous in the data. Error: below 3e-14 of the largest value
+    after 20 iterations (reference richardson_lucy_1d).
     """
     data = _floating(data)
     seen = tuple(slice(size) for size in frame or data.shape)
@@ -315,7 +316,7 @@ def richardson_lucy(
             whole = whole.astype(np.float64)
         own = transfer[channel]
         if float(whole.max()) + wanted > HOT * (float(whole.mean(dtype=np.float64)) + wanted):
-            # its rounding in a Fourier transform is spread over all that is darker, and each iteration magnifies it
+            # a Fourier transform spreads rounding of a hot pixel over all darker pixels; each iteration magnifies it
             whole, own = whole.astype(np.result_type(whole.dtype, np.float64), copy=False), given[channel]
         lift = whole.dtype.type(wanted)
         # if the pedestal equals the smallest value, rounding must not leave it below 0
@@ -340,15 +341,15 @@ def richardson_lucy_response(transfer: ArrayLike, iterations: float, start: str 
     transfer : (...) array, dimensionless
         H, |H| < sqrt 2.
     iterations : float
-        From 0. Between whole numbers, the mixture of both, as when a residual stops the iteration.
+        From 0. Between whole numbers, the two neighbouring responses are mixed, as when a residual stops the iteration.
     start : {"mean", "data"}
         As in `richardson_lucy_periodic`.
 
     Returns
     -------
     (...) array, dimensionless
-        (1 - (1 - |H|^2)^n) / H: n conj(H) where H is small, 1/H where n is large, 1 where H is 1 and n >= 1.
-        Started from the data, plus (1 - |H|^2)^n: 1 for n = 0.
+        (1 - (1 - |H|^2)^n) / H: n conj(H) where H is small, 1/H where n is large, 1 where H is 1 and n >= 1. If the
+        iteration starts from the data, (1 - |H|^2)^n is added, which gives 1 for n = 0.
 
     Raises
     ------
@@ -357,8 +358,8 @@ def richardson_lucy_response(transfer: ArrayLike, iterations: float, start: str 
 
     Notes
     -----
-    Source: with x = c (1 + e) and y = c (1 + d), the iteration is to first order e <- e + H^T (d - H e), which is
-    Landweber's. The sum of powers is computed as -expm1(n log1p(-|H|^2)) / |H|^2.
+    Source: with x = c (1 + e) and y = c (1 + d), the iteration is to first order e <- e + H^T (d - H e), the Landweber
+    iteration. The sum of powers is computed as -expm1(n log1p(-|H|^2)) / |H|^2.
     """
     require.amount("iterations", iterations)
     transfer = np.asarray(transfer)

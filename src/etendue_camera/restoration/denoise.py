@@ -6,9 +6,9 @@ Sources: J.-S. Lee, IEEE Trans. PAMI 2 (1980) 165 (linear minimum mean-square er
 He, J. Sun, X. Tang, IEEE Trans. PAMI 35 (2013) 1397 (coefficients averaged over the windows that contain a pixel, by
 box sums).
 
-Advantages over a bilateral filter: its one constant is the noise variance, known at every pixel, so nothing needs
-tuning; it takes five box means for any window size; it is linear in each window and therefore does not reverse
-gradients; it keeps the sum.
+Advantages of this filter over a bilateral filter: its only constant is the noise variance, which is known at every
+pixel, so nothing needs tuning; it takes five box means for any window size; it is linear in each window and therefore
+does not reverse gradients; it keeps the sum.
 """
 
 from __future__ import annotations

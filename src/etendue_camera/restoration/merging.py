@@ -20,7 +20,7 @@ NEAR = 0.95  # of the saturation level: values from here on may be clipped
 
 
 def usable(frames: NDArray, level: ArrayLike, margin: int) -> NDArray[np.bool_]:
-    """Return a mask: true where no channel is clipped at the pixel or around it, as demosaicing spreads clipped values.
+    """Return a mask: true where no channel is clipped at or around the pixel, since demosaicing spreads clipped values.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def merged(
     sigmas: float,
     margin: int,
 ) -> tuple[NDArray, NDArray]:
-    """Merge several frames to one picture of light per time; return it and its variance.
+    """Merge several frames into one picture of light per time; return the picture and its variance.
 
     Parameters
     ----------

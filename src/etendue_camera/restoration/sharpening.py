@@ -17,7 +17,7 @@ from etendue import require
 LAPLACIAN = np.array([[-1.0, -1.0, -1.0], [-1.0, 8.0, -1.0], [-1.0, -1.0, -1.0]])
 LAPLACIAN.setflags(write=False)
 BLOCK = 1 << 16  # pixels whose temporaries stay in the cache
-REACH = 7.0  # standard deviations: as the radius grows, a new tap enters at e^-24.5 of the middle one
+REACH = 7.0  # standard deviations: as the radius grows, a new tap enters at e^-24.5 of the middle tap
 
 
 def sharpen(planes: NDArray, strength: float) -> NDArray:
@@ -42,8 +42,8 @@ def sharpen(planes: NDArray, strength: float) -> NDArray:
 
     Notes
     -----
-    Source: eq. 11. The box sum is 9 + 3 dx + 3 dy + dx dy with second differences dx, dy. In this form it is
-    separable, and gives exactly 0 for a constant.
+    Source: eq. 11. The box sum is 9 + 3 dx + 3 dy + dx dy with second differences dx, dy. In this form the Laplacian is
+    separable, and exactly 0 for a constant.
     Error: below 4e-15 (1 + k) of the largest value in float64, against direct convolution.
     """
     planes = np.asarray(planes)
@@ -188,8 +188,8 @@ def unsharp(planes: NDArray, radius: float, amount: float, threshold: float = 0.
     amount : float, dimensionless
         Finite, at or above 0.
     threshold : float, unit of planes
-        Differences are first reduced in magnitude by the threshold, and smaller differences to 0, so that flat areas
-        keep their noise.
+        Differences are first reduced in magnitude by the threshold, or to 0 if they are smaller, so that noise in flat
+        areas is not amplified.
 
     Returns
     -------
@@ -203,8 +203,9 @@ def unsharp(planes: NDArray, radius: float, amount: float, threshold: float = 0.
 
     Notes
     -----
-    The taps come from `gaussian_taps`. Reducing differences by the threshold is continuous; setting only small ones to
-    0 would create steps. Error: below 2e-15 (1 + amount) of the largest value in float64 against direct convolution.
+    The taps come from `gaussian_taps`. Reducing differences by the threshold is continuous; setting only small
+    differences to 0 would create steps. Error: below 2e-15 (1 + amount) of the largest value in float64 against direct
+    convolution.
     """
     planes = np.asarray(planes)
     require.shape(planes.ndim >= 2, "planes", planes, "(..., y, x)")

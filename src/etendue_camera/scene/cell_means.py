@@ -20,7 +20,7 @@ Paint = Callable[[FloatArray, FloatArray], FloatArray]  # y and x that broadcast
 
 TAIL = 10.0  # rms widths beyond which a soft step is 0 or 1 in float64
 SUBCELLS = 8  # along each side of a cell that needs a finer quadrature
-CLOSER = 1e-5  # difference between two quadratures from which a cell needs it
+CLOSER = 1e-5  # difference between two quadratures above which a cell needs a finer one
 
 
 def step_mean(distance: FloatArray, softness: float, cell: float) -> FloatArray:
@@ -71,8 +71,8 @@ def half_plane_mean(distance: FloatArray, angle: float, softness: float, cell: f
     Projected onto the normal, a square is a trapezoid: the convolution of two intervals a >= b. For hard borders the
     trapezoid is integrated piece by piece, exact to 1e-15. For soft borders, if b is below the softness, the exact mean
     over a is integrated over b by Gauss-Legendre quadrature; otherwise second differences of the second integral of the
-    normal distribution are taken. Error: 1e-12, and 1e-7 for a softness below 1e-7 of a cell together with a tilt below
-    that.
+    normal distribution are taken. Error: 1e-12; 1e-7 if the softness is below 1e-7 of a cell and the tilt from an axis
+    is below 1e-7 rad.
     """
     a, b = (0.5 * float(cell) * size for size in sorted((abs(np.cos(angle)), abs(np.sin(angle))), reverse=True))
     if softness == 0:
@@ -121,8 +121,9 @@ def averaged(paint: Paint, y: FloatArray, x: FloatArray, cell: float) -> FloatAr
 
     Notes
     -----
-    5 x 5 Gauss-Legendre nodes per cell; 24 x 24 nodes where 3 x 3 nodes differ from them by 1e-5. Error where the
-    function is smooth over a cell: below 1e-6. For a hard border of height 1 in a cell: below 0.01 there.
+    5 x 5 Gauss-Legendre nodes per cell; 24 x 24 nodes in cells where the means from 5 x 5 and 3 x 3 nodes differ by
+    more than 1e-5. Error: below 1e-6 where the function is smooth over a cell, below 0.01 in a cell with a hard border
+    of height 1.
     """
     value = _quadrature(paint, y[:, None], x[None, :], cell, 5)
     rows, columns = np.nonzero(np.abs(value - _quadrature(paint, y[:, None], x[None, :], cell, 3)) > CLOSER)
@@ -132,7 +133,7 @@ def averaged(paint: Paint, y: FloatArray, x: FloatArray, cell: float) -> FloatAr
 
 
 def closely(paint: Paint, y: FloatArray, x: FloatArray, cell: float) -> FloatArray:
-    """Return the mean over single cells, (n,) centres each, from 8 x 8 parts with 3 x 3 nodes."""
+    """Return the means over n cells with centres y and x, (n,), by quadrature with 3 x 3 nodes in 8 x 8 parts."""
     within = (np.arange(SUBCELLS) + 0.5) / SUBCELLS - 0.5
     total = np.zeros(y.shape, dtype=np.result_type(y, x))
     for down in within:

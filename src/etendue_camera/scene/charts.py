@@ -5,10 +5,10 @@ Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, within the ra
 Sources: ISO 12233 (slanted edge, star, wedge), Loebich et al. (2007) (sinusoidal star); Gaussian softening
 in closed form.
 
-All charts take positions and a ``Rendering``, and raise ``ValueError`` for an argument outside its range.
-Softening is exact for straight edges and Gaussian spots: slanted edge, step wedge, points, patches. For
-the star and the zone plate it is the transfer at the local frequency, and the rim is softened as if it were
-straight; each docstring gives the error relative to the exact convolution.
+All charts take positions and a ``Rendering``, and raise ``ValueError`` for an argument outside its range. Softening is
+exact for straight edges and Gaussian spots: slanted edge, step wedge, points, patches. For the star and the zone plate,
+contrast is multiplied by the transfer at the local frequency, and the rim is softened as if it were straight; each
+docstring gives the error relative to the exact convolution.
 """
 
 from dataclasses import dataclass
@@ -153,9 +153,9 @@ def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float,
 
     Notes
     -----
-    Local approximation: contrast at distance r is exp(-2 pi^2 softness^2 f^2) with f = cycles / (2 pi r).
-    The contrast differs from the contrast of the exact convolution of an endless star, a pair of Bessel functions, by
-    less than 1 / cycles^2 (1 to 288 cycles, all radii): 7.6e-4 for 36 cycles. Means over cells are quadratures, see
+    Local approximation: contrast at distance r is exp(-2 pi^2 softness^2 f^2) with f = cycles / (2 pi r). The exact
+    convolution of an endless star has a contrast given by a pair of Bessel functions; the approximation differs from it
+    by less than 1 / cycles^2 (1 to 288 cycles, all radii): 7.6e-4 for 36 cycles. Means over cells are quadratures, see
     ``cell_means.averaged``.
     """
     y, x = require_axes(y, x)
@@ -239,7 +239,7 @@ def step_wedge(
 
     Notes
     -----
-    Exact, also for means over cells: a product of integrals of Gaussians.
+    Exact, also for means over cells: the reflectance is a product of integrals of Gaussians.
     """
     y, x = require_axes(y, x)
     require_positive(width=width, height=height)

@@ -253,10 +253,10 @@ def composite(
     Notes
     -----
     All panels lie on one grey, which is the mean of each, so there are no seams between regions; all borders have the
-    softness of the rendering. Squares, wedge and patches are exact convolutions, including corners, as long as
-    panels are many softnesses apart (their distance is a tenth of a panel). Star and zone plate are local
-    approximations, see ``charts``. Means over cells are exact, except at the corners of the tilted squares
-    (hard: below 0.01 in eight cells) and in the star and the zone plate, which are quadratures.
+    softness of the rendering. Squares, wedge and patches are exact convolutions, including corners, as long as panels
+    are many softnesses apart (their distance is a tenth of a panel). Star and zone plate are local approximations, see
+    ``charts``. Means over cells are exact, except at the corners of the tilted squares (error below 0.01 in eight cells
+    for hard borders) and in the star and the zone plate, which are quadratures.
     """
     y, x = require_axes(y, x)
     low, high = drawn.low, drawn.high
@@ -277,7 +277,7 @@ def composite(
     }
     # A tilted corner leaves its region by less than 0.02 of the panel; the tenth between panels has room for it.
     reach = TAIL * float(drawn.softness) + 0.05 * panel + float(drawn.cell)
-    background = 0.5 * (float(low) + float(high))  # also that of each panel: outside its borders it adds nothing
+    background = 0.5 * (float(low) + float(high))  # also around each panel, which adds nothing outside its borders
     grey = np.full((y.size, x.size), background, dtype=x.dtype)
     for name, paint in painters.items():
         top, bottom, left, right = regions[name]
@@ -298,7 +298,9 @@ def _centre(region: Region) -> tuple[float, float]:
 
 
 def _tilted_squares(y: FloatArray, x: FloatArray, panel: float, angle_deg: float, drawn: Rendering) -> FloatArray:
-    """Return a dark square in a light one on grey. The Gaussian is round, so tilted squares stay separable."""
+    """Return the reflectance of a tilted dark square inside a light square on grey. The softening Gaussian is round, so
+    tilted squares stay separable.
+    """
     angle = np.deg2rad(float(angle_deg))
     outer, inner = (
         _square(y, x, angle, side * panel, drawn.softness, drawn.cell) for side in (OUTER_SQUARE, INNER_SQUARE)

@@ -93,7 +93,7 @@ def leaves(chart: LeafChart) -> Leaves:
 
 
 def _mean_power(smallest: float, largest: float, exponent: float, power: int) -> float:
-    """Return the mean of radius^power over the density."""
+    """Return the mean of radius^power over the density of the radii."""
     nodes, weights = np.polynomial.legendre.leggauss(64)
     t = 0.5 * math.log(largest / smallest) * (nodes + 1)  # logarithm of the radius
     density = weights * np.exp((1 - exponent) * t)
@@ -113,8 +113,8 @@ def dead_leaves(
     softness : float, um
     cell : float, um
     oversampling : int, 1 to 32
-        How many times finer than the positions the cells are on which the chart is drawn; on these, the area that a
-        disc covers is a first-order approximation.
+        Number of drawn cells per position along each axis. The area of a drawn cell that a disc covers is computed to
+        first order.
 
     Returns
     -------
@@ -166,7 +166,7 @@ def _weights(
     first = origin - fine * math.ceil((origin - float(position.min()) + reach) / fine)
     count = math.ceil((float(position.max()) + reach - first) / fine)
     borders = first + fine * np.arange(count + 1)
-    spread = softness**2 - fine**2 / 6  # a drawn cell is averaged, and uniform: two boxes
+    spread = softness**2 - fine**2 / 6  # a drawn cell holds a mean and is uniform: two box filters of its width
     width = math.sqrt(spread) if spread > fine**2 / 3 else softness
     distance = borders - position.astype(np.float64)[:, None]
     passed = step_mean(distance, width, cell) if cell > 0 else soft_step(distance, width)

@@ -7,8 +7,9 @@ Sources: Bayer, US patent 3971065 (1976). Quad-Bayer: each site of a Bayer cell 
 Hamilton, US patent 8139130 (2012), with panchromatic pixels on a checkerboard. X-Trans: the 6 x 6 cell of Fujifilm's X
 sensors, as used by raw converters. RCCC: one red and three clear pixels, of driver-assistance cameras.
 
-A letter is a name, and the column of a sensitivity table: R, G, B, W or C for clear, anything else by table. Masks are
-periodic and belong to the sensor: pixel (i, j) has the letter at (i mod rows, j mod columns) for any window.
+A letter names a channel and its column in a sensitivity table: R, G, B, W or C for clear, or any other letter that the
+table has. Masks are periodic and belong to the sensor: pixel (i, j) has the letter at (i mod rows, j mod columns) for
+any window.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class Mask:
 
     @property
     def bayer(self) -> str | None:
-        """Return the name of the Bayer order, or None."""
+        """Return the name of the Bayer order; None for any other array."""
         name = "".join(self.rows)
         return name if self.period == (2, 2) and name in BAYER else None
 
@@ -147,7 +148,7 @@ def parse_rows(text: str) -> Mask:
 
 
 def tint(channel: str) -> tuple[float, float, float]:
-    """Return red, green, blue of a letter, for pictures of a mosaic; grey for unknown letters."""
+    """Return the display colour (red, green, blue) of a letter in pictures of a mosaic; grey for unknown letters."""
     known = {
         "R": (1.0, 0.0, 0.0),
         "G": (0.0, 1.0, 0.0),
@@ -204,7 +205,7 @@ def channel_index(
     rows, columns : int
         Size of the window, at or above 0.
     first_row, first_column : int
-        Its first pixel on the sensor, of any sign.
+        First pixel of the window on the sensor, of any sign.
 
     Returns
     -------
@@ -219,7 +220,7 @@ def channel_index(
 def frames_of_channel(
     frames: NDArray, mask: Mask | str, channel: str, first_row: int = 0, first_column: int = 0
 ) -> NDArray:
-    """Return the pixels of one channel, taken apart into one frame for each position in the period; these frames are
+    """Return the pixels of one channel as one frame for each position of the channel in the period; these frames are
     stacked vertically.
 
     Parameters
@@ -321,6 +322,6 @@ def continued(size: int, period: int, margin: int) -> NDArray[np.intp]:
 
 
 def _turned(position: NDArray[np.intp], period: int) -> NDArray[np.intp]:
-    """Reverse the order of blocks of one period about 0, each unchanged inside."""
+    """Reverse the order of blocks of one period about 0, without changing the order inside a block."""
     block, offset = np.divmod(position, period)
     return (-1 - block) * period + offset

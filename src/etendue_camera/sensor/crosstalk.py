@@ -44,7 +44,7 @@ def times(depth: float, length: float) -> FloatArray:
 def shares(
     t: FloatArray, absorption: float, depletion: float, depth: float, length: float, back: photodiode.Back = "absorbing"
 ) -> tuple[float, FloatArray]:
-    """Split the collected charge into the part kept at once and parts by diffusion time.
+    """Split the collected charge into the part collected at once and parts by diffusion time.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def shares(
     Raises
     ------
     ValueError
-        As for `photodiode.collection`; also if all charge would come from infinitely far.
+        As for `photodiode.collection`; also if all charge would come from infinite depth.
 
     Notes
     -----
@@ -96,7 +96,7 @@ def shares(
 
 
 def _half_space(t: FloatArray, absorption: float) -> FloatArray:
-    """Return arrivals per t and per absorption at the top of a half-space: 1/sqrt(pi t) - a erfcx(a sqrt t)."""
+    """Return arrivals per t and per absorption a at the top of a half-space: 1/sqrt(pi t) - a erfcx(a sqrt(t))."""
     x = absorption * np.sqrt(t)
     far = 1.0 / np.maximum(2.0 * x * x, 1.0)
     series = far * (1.0 - 3.0 * far * (1.0 - 5.0 * far * (1.0 - 7.0 * far)))
@@ -105,7 +105,7 @@ def _half_space(t: FloatArray, absorption: float) -> FloatArray:
 
 
 def _slab(t: FloatArray, absorption: float, depth: float, back: str) -> FloatArray:
-    """Return arrivals at the top of a slab, by its modes; all terms are positive."""
+    """Return arrivals per t and per absorption at the top of a slab, a sum over its modes; all terms are positive."""
     n = np.arange(1, MODES + 1)
     if back == "absorbing":
         k = n * math.pi / depth

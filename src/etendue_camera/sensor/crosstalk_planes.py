@@ -14,7 +14,7 @@ from etendue_camera.sensor.cfa import Mask, channel_index, continued
 
 
 def neighbours(mask: Mask, count: int) -> FloatArray:
-    """Count neighbours: (collecting channel, filter channel, rows, columns of the cell).
+    """Return the number of neighbours, (collecting channel, filter channel, rows, columns of the cell).
 
     Each entry is the number of pixels of the first channel that receive charge from the second at this displacement
     down and right, modulo the cell.
@@ -46,19 +46,19 @@ def channel_transfer(
         As in `crosstalk.kernels`: (channel,), (channel, n), (n, 2 reach + 1).
     mask : Mask
     fy, fx : (m,), (n,) arrays, cycles/pixel
-        Frequencies of the light on the photodiodes, at any phase of the pixels: they repeat after 1 cycle/pixel.
+        Frequencies of the light on the photodiodes; the result is periodic with 1 cycle/pixel.
 
     Returns
     -------
     (channel that collects, channel of the filter, m, n) array
-        Equals `crosstalk.mixing` at 0. The Fourier transform of `plane_kernels` as wide as the tables; complex where
-        they are not even.
+        The Fourier transform of `plane_kernels` as wide as the tables: `crosstalk.mixing` at 0, complex where the
+        kernels are not even.
 
     Notes
     -----
     The origin of charge repeats with the cell of the mask, so that the fraction of a channel is a sum of waves with
-    this period. Each wave shifts the spectrum of the kernel, which is a sum of products along y and x. Error: 1e-13 of
-    `plane_kernels`, transformed.
+    this period. Each wave shifts the spectrum of the kernel, which is a sum of products along y and x. Error: 1e-13
+    against the transform of `plane_kernels`.
     """
     height, width = mask.period
     count = len(kept)
@@ -79,7 +79,7 @@ def channel_transfer(
 
 
 def _spectra(along: FloatArray, frequency: FloatArray) -> NDArray:
-    """Return Fourier transforms (n, m) of rows (n, 2 r + 1) about their centres; real where these are even."""
+    """Return Fourier transforms (n, m) of rows (n, 2 r + 1) about their centres; real if the rows are even."""
     r = (along.shape[1] - 1) // 2
     right, left = along[:, r + 1 :], along[:, :r][:, ::-1]
     phase = 2 * np.pi * np.arange(1, r + 1)[:, None] * frequency

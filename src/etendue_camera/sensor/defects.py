@@ -24,7 +24,7 @@ def drawn_map(uniform: NDArray, hot: float, dead: float, stuck: float) -> NDArra
     Parameters
     ----------
     uniform : (y, x) array, dimensionless
-        0 <= u < 1, belonging to the sensor.
+        0 <= u < 1, fixed for the sensor.
     hot, dead, stuck : float
         Fractions of all pixels, at or above 0, together at most 1.
 
@@ -36,7 +36,7 @@ def drawn_map(uniform: NDArray, hot: float, dead: float, stuck: float) -> NDArra
     Raises
     ------
     ValueError
-        If a share is negative or the sum is above 1.
+        If a fraction is negative or the sum is above 1.
     """
     shares = np.array([hot, dead, stuck], dtype=float)
     require.that(
@@ -108,7 +108,7 @@ def read_list(file: str | Path) -> tuple[tuple[int, int, int], ...]:
 
 
 def hot_rates(uniform: NDArray, mean_rate: float) -> NDArray:
-    """Return the dark current of hot pixels: exponentially distributed with a mean.
+    """Return the dark current of hot pixels, exponentially distributed with the given mean.
 
     Parameters
     ----------

@@ -78,9 +78,9 @@ def collection(
     depletion : float, um
         Thickness Ld of the depletion layer at the surface, 0 or above; may be infinite.
     diffusion_depth : float, um
-        Thickness L of the field-free silicon below it, 0 or above; may be infinite.
+        Thickness L of the field-free silicon below the depletion layer, 0 or above; may be infinite.
     diffusion_length : float, um
-        Ln of the electrons there, above 0; may be infinite.
+        Diffusion length Ln of electrons in the field-free silicon, above 0; may be infinite.
     back : {"absorbing", "reflecting"}
         Boundary at depth Ld + L: carriers vanish (a contact, a highly doped substrate), or are reflected (an
         epitaxial layer).
@@ -154,7 +154,7 @@ def collection_per_absorption(
     diffusion_length: float,
     back: Back = "absorbing",
 ) -> Floats:
-    """Return D(f)/alpha, um, which has a limit at alpha = 0; inf for weakly absorbing silicon without end or
+    """Return D(f)/alpha, um, which has a limit at alpha = 0; inf at alpha = 0 for infinitely deep silicon without
     recombination.
 
     Parameters, errors and accuracy as in `collection`.
@@ -173,7 +173,7 @@ def collection_mtf_bands(
     back: Back = "absorbing",
     nodes: int = 4096,
 ) -> FloatArray:
-    """Return `collection_mtf` for many absorptions on a frame of frequencies, from one table of radii.
+    """Return `collection_mtf` for many absorptions on a frame of frequencies, from one table over radial frequency.
 
     Parameters
     ----------
@@ -192,11 +192,11 @@ def collection_mtf_bands(
 
     Notes
     -----
-    Cubic Hermite polynomials on even nodes of v = ln(1 + s/s0), s = 1/L_f = hypot(1/Ln, 2 pi f), s0 the smallest of the
-    rates 1/L (or alpha, for endless silicon) on which D depends: D is analytic in v within a strip of half-width 1.2
-    about the axis for any lengths. Error: decreases with the fourth power of the number of nodes; with 4096 below 4e-14
-    for silicon from 0.38 to 0.78 um, below 1e-12 over the box of `collection` up to 10 cycles/um. Values at the nodes
-    are exact, so that the result decreases with frequency to within that error.
+    Cubic Hermite polynomials on evenly spaced nodes of v = ln(1 + s/s0), s = 1/L_f = hypot(1/Ln, 2 pi f), s0 the
+    smallest of the rates 1/L (or alpha, for endless silicon) on which D depends: D is analytic in v within a strip of
+    half-width 1.2 about the axis for any lengths. Error: decreases with the fourth power of the number of nodes; with
+    4096 below 4e-14 for silicon from 0.38 to 0.78 um, below 1e-12 over the box of `collection` up to 10 cycles/um.
+    Values at the nodes are exact, so that the result decreases with frequency to within that error.
     """
     frequency = np.asarray(frequency, dtype=float)
     alphas = np.ravel(np.asarray(absorption, dtype=float))
@@ -238,8 +238,8 @@ def collection_mtf_bands(
 
 
 def _every_mtf(frequency: FloatArray, diodes: list[tuple[float, float, float, float, Back]]) -> FloatArray:
-    """Return `collection_mtf` of diodes that differ only in absorption, (n, ...), all at once, bit-identical to each
-    alone.
+    """Return `collection_mtf` of diodes that differ only in absorption, (n, ...), computed together and bit-identical
+    to separate calls.
     """
     _, depletion, depth, length, back = diodes[0]
     if not (0.0 < depth < np.inf and depletion < np.inf and frequency.size <= FEW):
@@ -267,7 +267,7 @@ def _constants(diodes: list[tuple[float, float, float, float, Back]]) -> list[Fl
 
 
 def _depleted(absorption: float, depletion: float) -> tuple[float, float]:
-    """Return the charge generated in the depletion layer over alpha, um, and the fraction of light that passes it."""
+    """Return the charge generated in the depletion layer divided by alpha, um, and the fraction of light passing it."""
     # as a product it would be a subnormal number of few digits, and the quotient wrong by several per cent
     weak = absorption == 0.0 or absorption * depletion < np.finfo(float).tiny * 2.0**53
     depleted = depletion if weak else float(-np.expm1(-absorption * depletion)) / absorption
@@ -275,7 +275,7 @@ def _depleted(absorption: float, depletion: float) -> tuple[float, float]:
 
 
 def _slopes(values: FloatArray) -> FloatArray:
-    """Return derivatives by the node number along the last axis, of fourth order, also at the ends."""
+    """Return fourth-order derivatives with respect to the node number, along the last axis, including the ends."""
     slopes = np.empty_like(values)
     v = values
     slopes[:, 2:-2] = (8.0 * (v[:, 3:-1] - v[:, 1:-3]) - (v[:, 4:] - v[:, :-4])) / 12.0
@@ -320,13 +320,12 @@ def _collection_per_absorption(
 
 def _field_free(x: FloatArray, a: Floats, back: str) -> FloatArray:
     """Return the charge from the field-free layer: the integral of exp(-a y) g(x, y) over y in 0..1, for x = L/L_f and
-    a scalar or (n, 1).
+    a = alpha L, a scalar or (n, 1).
 
-    g is the probability to reach the top from depth y: sinh(x(1 - y))/sinh(x) over an absorbing back and
-    cosh(x(1 - y))/cosh(x) over a reflecting one. With E1(u) = (1 - exp(-u))/u, which is 1 at 0, both are
-    [E1(a + x) -+ T] / (1 -+ exp(-2x)), T = E1(|x - a|) exp(-x - min(x, a)), without overflow or a
-    singularity at a = x. The difference cancels for small x; there sinh is expanded, which leaves a sum of
-    positive moments.
+    g is the probability to reach the top from depth y: sinh(x(1 - y))/sinh(x) over an absorbing back and cosh(x(1 -
+    y))/cosh(x) over a reflecting back. With E1(u) = (1 - exp(-u))/u, which is 1 at 0, both are [E1(a + x) -+ T] / (1 -+
+    exp(-2x)), T = E1(|x - a|) exp(-x - min(x, a)), without overflow or a singularity at a = x. The difference cancels
+    for small x; there sinh is expanded, which leaves a sum of positive moments.
     """
     if back == "reflecting":
         return (_decline(a + x) + _returning(x, a)) / (1.0 + np.exp(-2.0 * x))

@@ -2,7 +2,7 @@
 call that needs it.
 
 In:  nothing, or the kind and name of a table.
-Out: its tables as plain float64 arrays; ValueError with the nearest names for unknown ones.
+Out: its tables as plain float64 arrays; ValueError with the nearest names for an unknown name.
 Sources: the data and matrices of colour-science; CIE 15:2018 for interpolation.
 
 A smooth table with rows coarser than 1 nm is interpolated to 1 nm by Sprague's quintic. Negative values that result at

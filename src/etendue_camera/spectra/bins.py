@@ -101,7 +101,7 @@ def table_from_csv(
     Raises
     ------
     ValueError
-        If the file is invalid, naming file and line, or lacks a column.
+        If the file is invalid (the message names file and line), or lacks a column.
     """
     checked = checked_edges(edges)
     names, nodes, values = _read_csv(Path(spectrum(str(path)) or path))

@@ -10,7 +10,7 @@ Farther out
 
 - reflectances keep their end value: a surface does not turn black where its measurement ends;
 - sensitivities and filters are 0, since the camera's response there is unmeasured, and an end value extended over the
-  infrared would be most of the signal; the note gives the signal concerned;
+  infrared would be most of the signal; the note gives the fraction of the signal concerned;
 - lens curves by wavelength (falloff, angles, distortion) keep their end columns;
 - an illuminant raises an error for rendered wavelengths; for the luminance of the whole light it keeps its end value
   (`luminance`);
@@ -63,7 +63,8 @@ def cut_off_note(
 ) -> list[str]:
     """Return the note on a table (rows, k) that counts as 0 beyond its rows, although it does not end at 0.
 
-    The fraction is relative to the signal for equally many photons at every wavelength, with the end values extended.
+    The note gives the fraction of the signal beyond the rows if the end values were extended, for equally many photons
+    at every wavelength.
     """
     sides = beyond(rows, lowest, highest)
     curves = np.asarray(values, dtype=float).reshape(len(rows), -1)

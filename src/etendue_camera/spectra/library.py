@@ -99,8 +99,8 @@ def illuminant_rows(name: str) -> tuple[FloatArray, FloatArray]:
 
 
 def _planck(temperature: float, edges: tuple[float, ...]) -> FloatArray:
-    """Integrate Planck's law by Gauss-Legendre: five points per panel of at most 1 nm, or 1/400 of longer
-    wavelengths.
+    """Return means of Planck's law over bins by Gauss-Legendre quadrature: five points per panel, which is at most 1 nm
+    wide, or 1/400 of the wavelength above 400 nm.
     """
     require.that(
         LOWEST_TEMPERATURE <= temperature < np.inf,

@@ -32,7 +32,7 @@ def luminance_of(name: str) -> float:
     Returns
     -------
     float, cd m-2
-        For a radiance with the values of `illuminant`, W m-2 sr-1 nm-1; 0 for an invisible line.
+        Luminance of a radiance that has the values of `illuminant` in W m-2 sr-1 nm-1; 0 for an invisible line.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def luminance_of(name: str) -> float:
     V is linear between its rows at 1 nm, and a table is linear between its own rows. Three Gauss points per interval of
     both are exact for their product, for any bins of a pipeline. A table that ends inside 360-830 nm keeps its end
     value. Error: 2e-16 for D65, A and FL11 (against exact fractions), 1.2e-15 for Planck radiators of 1000, 3200 and
-    1e5 K (40 digits). Sums over bins of products of means differ from the result: for D65 by 2e-5, 8e-5, 2.3e-4, 3e-3
+    1e5 K (40 digits). A sum of products of bin means would differ from the result: for D65 by 2e-5, 8e-5, 2.3e-4, 3e-3
     and 1.1e-2 with bins of 5, 10, 20 (380-780 nm), 50 and 100 nm (400-700 nm), for the lines of FL11 by 2.8e-4, 1.0e-3
     and 3.1e-3 with 5, 10 and 20 nm.
     """
@@ -61,7 +61,7 @@ def luminance_of(name: str) -> float:
 
 @lru_cache(maxsize=256)
 def _luminance_of(name: str, lowest: float, highest: float, state: tuple[int, int]) -> tuple[float, float]:
-    """Return the luminance between two wavelengths, and its part outside the rows of a table."""
+    """Return the luminance (cd m-2) between two wavelengths (nm), and the part of it outside the rows of a table."""
     eye, efficiency = _efficiency()
     lowest, highest = max(lowest, float(eye[0])), min(highest, float(eye[-1]))
     if not lowest < highest:
@@ -96,7 +96,8 @@ def _efficiency() -> tuple[FloatArray, FloatArray]:
 
 
 def light_of_luminance(name: str, edges: Edges, luminance: float) -> FloatArray:
-    """Return the spectral radiance of a white diffuser under a light, at the luminance of the whole light.
+    """Return the spectral radiance of a white diffuser under a light, scaled to a luminance over the light's full
+    spectrum.
 
     Parameters
     ----------
@@ -125,7 +126,8 @@ def light_of_luminance(name: str, edges: Edges, luminance: float) -> FloatArray:
 
 
 def light_of_radiance(name: str, edges: Edges, radiance: float) -> FloatArray:
-    """Return the spectral radiance of a white diffuser under a light, at a radiance over the rendered wavelengths.
+    """Return the spectral radiance of a white diffuser under a light, scaled to a radiance over the rendered
+    wavelengths.
 
     Parameters
     ----------
@@ -144,7 +146,7 @@ def light_of_radiance(name: str, edges: Edges, radiance: float) -> FloatArray:
 
 
 def check_luminance(name: str) -> None:
-    """Raise ValueError for a light whose luminance is 0 or unknown; avoid colour-science where the range suffices."""
+    """Raise ValueError for a light whose luminance is 0 or unknown; a table is read only if its range is short."""
     line = line_of(name)
     if line is not None:
         if not EYE[0] <= line <= EYE[1]:
@@ -165,8 +167,7 @@ def _unseen(name: str) -> str:
 def luminance_notes(name: str, lowest: float, highest: float) -> list[str]:
     """Return notes on a light of known luminance of which only ``lowest`` to ``highest`` (nm) is rendered.
 
-    colour-science, which is slow to import, is used only if the light or the rendered range may end within the visible
-    range.
+    Tables are read only if the light or the rendered range may end within the visible range.
     """
     if line_of(name) is not None:
         return []

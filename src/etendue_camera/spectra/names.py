@@ -87,8 +87,8 @@ def brought() -> list[str]:
 
 
 def state_of(name: str) -> tuple[int, int]:
-    """Return time and size of the file of a table, which identify its content together with its name; (0, 0) for a
-    library table.
+    """Return the modification time (ns) and size (bytes) of a table's file, which identify its content together with
+    its name; (0, 0) for a library table.
     """
     found = os.stat(path) if (path := spectrum(name)) else None
     return (found.st_mtime_ns, found.st_size) if found else (0, 0)
@@ -102,10 +102,10 @@ def check_camera(name: str) -> None:
 
 @cache
 def rgb_space_names() -> frozenset[str]:
-    """Return the RGB spaces of colour-science."""
+    """Return the names of the RGB spaces of colour-science."""
     return frozenset(row["name"] for row in _rows_of("rgb_space"))
 
 
 def check_rgb_space(name: str, besides: Collection[str] = ()) -> None:
-    """Raise ValueError for a name that is neither an RGB space nor one of the other given names."""
+    """Raise ValueError for a name that is neither an RGB space nor in ``besides``."""
     require_name(name, [*rgb_space_names(), *besides], "RGB space", ", ".join(map(repr, besides)))

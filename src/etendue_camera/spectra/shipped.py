@@ -80,7 +80,7 @@ def digest_of(data: bytes) -> str:
 
 @lru_cache(maxsize=16)
 def _places(kind: str) -> Document:
-    """Return name to row, or to the slice of rows, of a kind."""
+    """Return the row, or the slice of rows, of every table of a kind, by name."""
     names = arrays()[f"{kind}/names"].tolist()
     if f"{kind}/sizes" not in arrays():
         return {name: place for place, name in enumerate(names)}
@@ -101,7 +101,7 @@ def curve(kind: str, name: str, besides: str = "") -> tuple[FloatArray, FloatArr
     Raises
     ------
     ValueError
-        For an unknown name, with the nearest ones.
+        For an unknown name; the message gives the nearest names.
     """
     place = _places(kind).get(name)
     rows = arrays()[f"{kind}/rows"][place] if place is not None else authority.rows(kind, name, besides)
@@ -109,7 +109,7 @@ def curve(kind: str, name: str, besides: str = "") -> tuple[FloatArray, FloatArr
 
 
 def space(name: str) -> Document:
-    """Return an RGB space, as `authority.space_of`; unknown names raise ValueError."""
+    """Return an RGB space, as `authority.space_of` does; unknown names raise ValueError."""
     place = _places("space").get(name)
     if place is None:
         return authority.space_of(name)
@@ -117,7 +117,7 @@ def space(name: str) -> Document:
 
 
 def white(name: str) -> FloatArray | None:
-    """Return the published chromaticity (2,) of an illuminant (1931 observer); None if it has no such table."""
+    """Return the published chromaticity (2,) of an illuminant (1931 observer); None if none is published."""
     place = _places("white").get(name)
     return None if place is None else arrays()["white/xy"][place]
 

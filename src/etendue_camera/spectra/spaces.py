@@ -28,10 +28,10 @@ def rgb_space_primaries(name: str) -> tuple[tuple[tuple[float, float], ...], tup
 
 
 def rgb_space_white(name: str) -> str:
-    """Return the illuminant name of the white of a space in ``colour.RGB_COLOURSPACES``, or ``name`` if it is no
-    illuminant.
+    """Return the name of the illuminant that is the white of a space in ``colour.RGB_COLOURSPACES``; if its white is no
+    illuminant, return ``name``.
 
-    A white counts as an illuminant's if its chromaticity is the published one.
+    A white counts as an illuminant if its chromaticity is the illuminant's published one.
     """
     space = shipped.space(name)
     published = white_chromaticity(str(space["white_name"]))
@@ -52,6 +52,6 @@ def white_chromaticity(name: str) -> tuple[float, float] | None:
 def adaptation_matrix(name: str) -> FloatArray:
     """Return the matrix from XYZ to sharpened cone responses, (3, 3), by name: "Von Kries", "Bradford", "CAT02", ...
 
-    A name in ``colour.adaptation.CHROMATIC_ADAPTATION_TRANSFORMS``; others raise ValueError.
+    ``name`` is one of ``colour.adaptation.CHROMATIC_ADAPTATION_TRANSFORMS``; other names raise ValueError.
     """
     return frozen(shipped.adaptation(name))

@@ -20,8 +20,8 @@ from etendue_camera.spectra.names import EYE
 
 
 def whole_axis(edges: tuple[float, ...]) -> tuple[float, ...]:
-    """Extend bin edges over the visible range with bins as wide as those at the ends. A scene of a part of the
-    spectrum then has the same basis spectra and matrices as one of all of it.
+    """Extend bin edges over the visible range with bins as wide as those at the ends. A scene rendered over a part of
+    the spectrum then has the same basis spectra and matrices as over the whole.
     """
     first, last = edges[1] - edges[0], edges[-1] - edges[-2]
     below = min(math.ceil(max(0.0, edges[0] - EYE[0]) / first - 1e-9), math.ceil(edges[0] / first - 1e-9) - 1)
@@ -48,8 +48,8 @@ def srgb_to_xyz(edges: Edges) -> FloatArray:
     Notes
     -----
     The four digits of IEC 61966-2-1 describe a white of (0.9505, 1, 1.0890); sums over bins give a slightly different
-    one. This matrix keeps the chromaticities of the primaries and maps (1, 1, 1) to the white of the bins: the largest
-    difference from the standard's is 2.2e-4 (1 nm bins), 3.6e-4 (5 nm) or 7.9e-4 (10 nm).
+    white. This matrix keeps the chromaticities of the primaries and maps (1, 1, 1) to the white of the bins: the
+    largest difference from the standard's matrix is 2.2e-4 (1 nm bins), 3.6e-4 (5 nm) or 7.9e-4 (10 nm).
 
     """
     return _srgb_to_xyz(whole_axis(checked_edges(edges)))
@@ -84,8 +84,8 @@ def upsampling_basis(edges: Edges) -> FloatArray:
     Returns
     -------
     (n, 3) array, dimensionless
-        The values in a bin do not depend on which similar bins are rendered with it. Columns sum to 1 in every bin, so
-        that grey photographs get flat spectra.
+        The values in a bin do not depend on which other bins of the same grid are rendered. Columns sum to 1 in every
+        bin, so that grey photographs get flat spectra.
 
     Raises
     ------
@@ -94,11 +94,11 @@ def upsampling_basis(edges: Edges) -> FloatArray:
 
     Notes
     -----
-    Source: the basis of Mallett & Yuksel (2019, https://doi.org/10.2312/sr.20191216), Sprague to 1 nm, means
-    over the bins, held outside 380-780 nm. Two corrections: each row is divided by its sum (which is 1 within 1e-5),
-    and a 3 x 3 matrix makes the round trip exact for the full spectrum in these bins (`whole_axis`), that is
-    sum(basis x D65 x observer) = ``srgb_to_xyz(edges)``. Together they change the basis by at most 1.2e-3 (5 nm bins),
-    4.6e-3 (10 nm) and 2.2e-2 (20 nm).
+    Source: the basis of Mallett & Yuksel (2019, https://doi.org/10.2312/sr.20191216), interpolated to 1 nm (Sprague),
+    averaged over the bins, with its end values outside 380-780 nm. Two corrections: each row is divided by its sum
+    (which is 1 within 1e-5), and a 3 x 3 matrix makes the round trip exact for the full spectrum in these bins
+    (`whole_axis`), that is sum(basis x D65 x observer) = ``srgb_to_xyz(edges)``. Together they change the basis by at
+    most 1.2e-3 (5 nm bins), 4.6e-3 (10 nm) and 2.2e-2 (20 nm).
     Error: round trip below 1e-15, sum of columns within 2e-15 of 1. Values within [0.0029, 0.978] for 10 nm
     bins over 380-780 nm, so that RGB inside [0, 1] gives reflectances inside [0, 1]; bins of 20 nm reach
     -0.0064.

@@ -102,8 +102,8 @@ def _patterns(model: SensorModel, gain: Estimate) -> None:
 
 
 def _growth(model: SensorModel) -> Estimate | None:
-    """Add the rms spread of the dark current to the model if a test finds it significant; return its contribution to
-    the dark pattern, DN.
+    """Add the rms spread of the dark current over the pixels to the model if a test finds it significant. Return the
+    dark pattern (DN) that this spread causes, or None.
     """
     growth, current = model.growth, model.values.get("dark_current")
     if growth is None or current is None:
@@ -134,8 +134,8 @@ def _growth(model: SensorModel) -> Estimate | None:
 
 
 def _widen_black(model: SensorModel) -> None:
-    """Widen the interval of the black level by the uncertainty that row and column patterns cause. A mean over a few
-    lines varies more than a mean over as many independent pixels.
+    """Widen the interval of the black level by the uncertainty from row and column patterns. The frame has fewer lines
+    than pixels, so these patterns average out less than independent pixels do.
     """
     one, gain, shape = model.values["black_level"], model.response.gain, model.curve.dark[0].shape
     wide = (one.high - one.low) / 2

@@ -109,7 +109,7 @@ def _verdicts(rows: list[Document], scatter: float) -> Document:
         "spatial_error_at_stack": stack["spatial_error"] / stack["spatial"] if stack else math.nan,
     }
     # Limits apply to the camera alone: the sampling error of variances and the scatter of the light are subtracted.
-    # ``chance`` is the mean square that 97.5 % of cameras exactly at the limit stay below.
+    # ``chance`` is the 97.5 % quantile of the mean square for cameras exactly at the limit.
     most = (sampling / 1.96) ** 2 + LIMITS["variance_rms"] ** 2
     chance = float(scipy.special.chdtri(max(variance.size, 1), 0.025)) / max(variance.size, 1)
     judged_by = {
@@ -139,7 +139,7 @@ def _simulated(sensor: SimulatedSensor, time: float, light: float, count: int) -
 
 
 def _drift(curve: Curve) -> float:
-    """Return the standard deviation of the means of dark levels, DN, about a straight line over exposure time."""
+    """Return the standard deviation (DN) of the dark means about a straight line over exposure time."""
     means = np.array([one.mean[0] for one in curve.dark])
     if len(means) < 4:
         return max(one.drift for one in curve.dark)
@@ -149,7 +149,7 @@ def _drift(curve: Curve) -> float:
 
 
 def _interval(own: LevelMoments, curve: Curve) -> tuple[float, float]:
-    """Return the statistical 95 % interval of a variance."""
+    """Return the 95 % interval of the temporal variance of a level, DN^2, from sampling errors alone."""
     wide = 1.96 * own.variance_error(curve.line_noise)
     return float(own.variance[0]) - wide, float(own.variance[0]) + wide
 
@@ -167,9 +167,9 @@ def _distance(one: Array, other: Array) -> float:
 
 
 def _chance(own: LevelMoments, other: Array, moved: float) -> float:
-    """Return the 95 % quantile of the distance between two samples from one distribution, one of them shifted by a
-    normal deviate with standard deviation ``moved`` (DN). A fixed pattern is the same in all frames, so each pixel
-    counts once.
+    """Return the Kolmogorov-Smirnov distance that two samples from one distribution exceed in 5 % of cases. One sample
+    is shifted by a normal deviate with standard deviation ``moved`` (DN). A fixed pattern is the same in all frames, so
+    each pixel counts once.
     """
     codes = np.arange(other.size)
     mean = float((codes * other).sum() / other.sum())
@@ -180,8 +180,8 @@ def _chance(own: LevelMoments, other: Array, moved: float) -> float:
 
 
 def _lines(plane: Array) -> tuple[float, float]:
-    """Return the power of row means and of column means, relative to the power expected for white noise: 1 without line
-    patterns.
+    """Return the variance of the row means and of the column means, each relative to its value for white noise: 1
+    without line patterns.
     """
     total = float(plane.var())
     if total <= 0:

@@ -80,8 +80,8 @@ def _dark_current(model: SensorModel, gain: Estimate, interval: Jackknife) -> fl
 
 
 def _slope_error(model: SensorModel) -> float:
-    """Return the half width (DN/s) of the 95 % interval of the slope of the dark means that row and column noise
-    causes.
+    """Return the uncertainty that row and column noise adds to the slope of the dark means: half of a 95 % interval,
+    DN/s.
     """
     curve, weight = model.curve, _weight(model)
     times = np.array([one.time for one in curve.dark])
@@ -93,8 +93,8 @@ def _slope_error(model: SensorModel) -> float:
 
 
 def _dark_slope(model: SensorModel, slopes: Array, gain: Estimate, interval: Jackknife) -> float:
-    """Add the dark current from dark frames at several exposure times to the model; return their mean dark
-    charge, DN.
+    """Measure the dark current from dark frames at several exposure times and add it to the model. Return the mean dark
+    charge of these frames, DN.
     """
     curve = model.curve
     slope = interval.of(slopes, "")
@@ -116,7 +116,9 @@ def _dark_slope(model: SensorModel, slopes: Array, gain: Estimate, interval: Jac
 
 
 def _hidden_noise(model: SensorModel, gain: Estimate) -> None:
-    """Add the read noise as derived from light levels, for frames whose dark noise is clipped or lost in rounding."""
+    """Add the read noise to the model. It is extrapolated from light levels, because the noise of the dark frames is
+    clipped or lost in rounding.
+    """
     why, floor, wide = model.curve.hidden, model.response.floor or 0.0, 1.96 * model.response.errors["floor"]
     model.needs |= {"row_noise": why, "column_noise": why}
     if floor > wide:
@@ -127,8 +129,8 @@ def _hidden_noise(model: SensorModel, gain: Estimate) -> None:
 
 
 def _read_noise(model: SensorModel, gain: Estimate, interval: Jackknife, charge: float) -> None:
-    """Add the temporal noise of dark frames, without the shot noise of a dark ``charge`` (DN), and its row and column
-    parts.
+    """Add read noise, row noise and column noise to the model. The read noise is the temporal noise of dark frames,
+    without row and column noise and without the shot noise of the dark ``charge`` (DN).
     """
     curve, weight = model.curve, _weight(model)
     row, column = (_lines(model, axis) for axis in ("row", "column"))
@@ -149,7 +151,7 @@ def _read_noise(model: SensorModel, gain: Estimate, interval: Jackknife, charge:
 
 
 def _size(model: SensorModel, axis: str) -> tuple[int, int]:
-    """Return the number of lines and their length, pixels."""
+    """Return the number of rows or columns, and the length of each, pixels."""
     rows, columns = model.curve.dark[0].shape
     return (rows, columns) if axis == "row" else (columns, rows)
 

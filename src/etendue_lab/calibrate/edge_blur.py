@@ -24,7 +24,7 @@ from etendue_lab.frames.frame_set import FrameSet, Window, sha256
 from etendue_lab.frames.moments import Site
 from etendue_lab.frames.reading import frame_of
 
-METHOD = 5e-4  # fraction of MTF50: error of the method, added to that by noise
+METHOD = 5e-4  # error of the method, as a fraction of MTF50; added to the error by noise
 BEND = 3  # degree of the polynomial that follows the edge, which distortion bends
 
 
@@ -43,15 +43,15 @@ class EdgeBlur:
     """Blur of a lens, measured at one edge."""
 
     sigma: Estimate  # um, rms width of its point spread function along one axis
-    mtf50: Estimate  # cycles/pixel, of lens and pixel
+    mtf50: Estimate  # cycles/pixel, of lens and pixel together
     angle: float  # degrees from the nearer axis of the raster
-    misfit: float  # largest difference of the response from that of the blur, up to the Nyquist frequency
+    misfit: float  # largest difference between measured response and fitted blur, up to the Nyquist frequency
     file: str
     digest: str
 
 
 def pixel_otf(frequency: Array | float, angle: float, aperture: float) -> Array:
-    """Return the response of a square pixel along the normal of an edge.
+    """Return the transfer function of a square pixel along the normal of an edge.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def pixel_otf(frequency: Array | float, angle: float, aperture: float) -> Array:
     angle : float, degrees
         From an axis of the raster.
     aperture : float, pitches
-        Side of the light-sensitive square.
+        Side of the light-sensitive square, in units of the pixel pitch.
 
     Returns
     -------
@@ -70,8 +70,8 @@ def pixel_otf(frequency: Array | float, angle: float, aperture: float) -> Array:
 
 
 def width_of(mtf50: float, angle: float, aperture: float) -> float:
-    """Return the rms width (pixels) of the Gaussian that, together with a pixel, reduces contrast to one half at a
-    frequency; 0 if the pixel alone does so at a lower frequency.
+    """Return the rms width (pixels) of a Gaussian blur from the MTF50 (cycles/pixel) of Gaussian and pixel together; 0
+    if the MTF50 of the pixel alone is lower.
 
     exp(-2 pi^2 sigma^2 f^2) P(f) = 1/2, solved for sigma.
     """

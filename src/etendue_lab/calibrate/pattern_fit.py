@@ -77,7 +77,7 @@ def fit(found: Pattern, shaded: bool) -> PatternFit:
     result.outliers = int(outliers.sum())
     if result.outliers:
         result.outlier_values = rest.mean[outliers]
-    # without outliers the mean is another
+    # removing outliers changes the mean
     centre = rest.groups.mean(axis=(1, 2), where=mask, keepdims=True)
     rest = Pattern(np.where(mask, rest.groups - centre, 0.0), rest.frames)
     white = rest.variance()
@@ -117,7 +117,7 @@ def square(one: Estimate) -> Estimate:
 
 
 def less(one: Estimate, other: Estimate) -> Estimate:
-    """Return a variance minus the variance of an independent part."""
+    """Return a variance minus the variance of an independent part, with the interval of the difference."""
     value = one.value - other.value
     low = math.hypot(one.value - one.low, other.high - other.value)
     high = math.hypot(one.high - one.value, other.value - other.low)
@@ -136,7 +136,7 @@ def smooth(plane: Array) -> Array:
 
 
 def drawn(surface: Array, shape: tuple[int, ...]) -> Array:
-    """Return the surface that belongs to Legendre coefficients."""
+    """Return the surface (y, x) with the given Legendre coefficients."""
     by, bx = (np.polynomial.legendre.legvander(np.linspace(-1, 1, size), DEGREE) for size in shape)
     return np.asarray(by @ surface @ bx.T)
 
@@ -144,14 +144,14 @@ def drawn(surface: Array, shape: tuple[int, ...]) -> Array:
 def _outliers(plane: Array) -> tuple[Array, Array]:
     middle = np.median(plane)
     robust = 1.4826 * float(np.median(np.abs(plane - middle)))
-    # among this many normally distributed pixels, none is expected beyond
+    # among this many normally distributed pixels, none is expected beyond this limit
     most = max(OUTLIER, float(-scipy.special.ndtri(0.5 * LEVEL / plane.size)))
     outliers = np.abs(plane - middle) > most * robust
     return ~outliers, outliers
 
 
 def _without_waves(rest: Pattern, result: PatternFit) -> Pattern:
-    """Subtract waves one by one while the largest line of the spectrum is too high to be noise."""
+    """Subtract waves one by one, as long as the highest peak of the spectrum is too high to be noise."""
     shape = rest.mean.shape
     for number in range(MOST_WAVES):
         plane = rest.mean - rest.mean.mean()
@@ -176,13 +176,13 @@ def _without_waves(rest: Pattern, result: PatternFit) -> Pattern:
 
 
 def _beside(power: Array, at: tuple[np.intp, ...]) -> float:
-    """Return the median noise power on the axis on which a spectral line lies."""
+    """Return the background power on the frequency axis that contains a peak, from the median."""
     own = power[:, 0] if at[1] == 0 else power[0]
     return float(np.median(own)) / math.log(2)
 
 
 def _refined(plane: Array, start: tuple[float, float]) -> Wave:
-    """Return the least-squares wave near a frequency."""
+    """Return the wave that fits a plane best (least squares), with a frequency close to ``start``."""
     y, x = np.arange(plane.shape[0]), np.arange(plane.shape[1])
 
     def transform(f: Array) -> complex:

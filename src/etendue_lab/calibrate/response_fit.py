@@ -103,7 +103,7 @@ def fit(curve: Curve) -> ResponseFit:
 
 
 def _charge(curve: Curve, used: Array) -> tuple[Array, float]:
-    """Return the dark charge of light levels, and its mean over the dark levels, DN."""
+    """Return the dark charge of each light level, and the mean dark charge of the dark levels, DN."""
     if curve.dark_slope is None:
         return np.zeros(np.count_nonzero(used)), 0.0
     slope = max(float(curve.dark_slope[0]), 0.0)
@@ -114,8 +114,8 @@ def _charge(curve: Curve, used: Array) -> tuple[Array, float]:
 
 
 def _after(curve: Curve, used: Array) -> Array:
-    """Return the difference between each exposure time and the only exposure time of the dark frames, s; all 0 if the
-    dark current cannot be derived from these differences.
+    """Return each exposure time minus the exposure time of the dark frames, which all have the same, s. Return zeros if
+    the dark current cannot be derived from these differences.
     """
     times = np.array([one.time for one in curve.moments])[used]
     known = np.array([one.time for one in curve.dark])
@@ -129,8 +129,8 @@ def _after(curve: Curve, used: Array) -> Array:
 
 
 def _scatter(light: Array, signal: Array, statistical: Array) -> float:
-    """Return the relative scatter of means about a smooth response, in excess of sampling errors, from neighbouring
-    levels.
+    """Return the relative scatter of the means about a smooth response, without sampling errors. It is estimated from
+    neighbouring levels.
     """
     if light.size < 6:
         return 0.0
@@ -171,16 +171,16 @@ class _Problem:
         )
 
     def expected(self, fit: ResponseFit) -> Array:
-        """Return the expected variances of the levels."""
+        """Return the expected temporal variances of the levels, DN^2."""
         return fit.variance_at(self.signal, self.dark - fit.gain * self.usual, self.charge)
 
     def flexible(self, loss: str = "linear") -> ResponseFit:
-        """Return the model with all parameters, which has the smallest residuals."""
+        """Return the best fit with all additional parameters, over all orders of the bend."""
         return min((self.fitted(one, self.extras, loss) for one in (0.0, *ORDERS)), key=lambda one: one[1])[0]
 
     @property
     def extras(self) -> tuple[str, ...]:
-        """The additional parameters that these data may determine."""
+        """Names of the additional parameters that can be fitted to these data."""
         return tuple(one for one in EXTRAS if one != "leak" or self.after.any())
 
     def names(self, fit: ResponseFit) -> list[str]:
@@ -204,8 +204,8 @@ class _Problem:
         return replace(self, sound=sound)
 
     def with_own_scatter(self, fit: ResponseFit | None = None) -> _Problem:
-        """Increase the errors of means and variances to match their actual scatter, by the same fraction of every
-        level.
+        """Increase the errors of means and variances until they match the actual scatter about a fit. The added error
+        is the same fraction of the value at every level.
         """
         fit = fit or self.flexible()
         variances = (self.variance - self.expected(fit)) / self.variance
@@ -233,7 +233,7 @@ class _Problem:
         return ResponseFit(order=order or 1.0, full=self.full, brightest=float(self.light.max()), **known)
 
     def fitted(self, order: float, extras: tuple[str, ...], loss: str = "linear") -> tuple[ResponseFit, float]:
-        """Return the best model with these parameters, and its sum of squares."""
+        """Return the least-squares model with these parameters, and its sum of squared residuals."""
         rate = float((self.signal * self.light).sum() / (self.light**2).sum())
         gain = float(np.median((self.variance - self.dark) / self.signal))
         most = 0.95 / (order + 1) if order else 0.0
@@ -253,8 +253,8 @@ class _Problem:
         """Start from constant gain and add every parameter that an F test accepts: a bend of one of three orders, and
         `EXTRAS`.
 
-        Also return the other models that the data do not exclude: with a bend of another order, or with a lamp that is
-        not proportional to its labels.
+        Also return the tests as text, and the other models that the data do not exclude: a bend of another order, or
+        light that is not proportional to its labels.
         """
         share, tests = LEVEL / (len(ORDERS) + len(self.extras)), list[str]()
         # Test the bend together with parameters that resemble one, except the lamp, which can be tested only once the
@@ -283,7 +283,7 @@ class _Problem:
         return 2 * self.light.size - 2 - bool(order) - len(extras) - self.hidden
 
     def _bend(self, extras: tuple[str, ...], share: float, tests: list[str]) -> float:
-        """Return the order of the bend, 0 for none."""
+        """Return the order of the bend that an F test accepts; 0 for none."""
         bends = {one: self.fitted(one, extras) for one in ORDERS}
         likely = min((one for one in ORDERS if bends[one][0].bend > 0), key=lambda one: bends[one][1], default=0.0)
         if not likely:
@@ -334,8 +334,8 @@ class _Problem:
         return np.asarray(np.sqrt((PARTS - 1) / PARTS * ((values - values.mean(0)) ** 2).sum(0)))
 
     def covariance(self, fit: ResponseFit, lack: tuple[float, float]) -> Array:
-        """Return the covariance of the parameters; errors of means and of variances are each scaled up by their lack of
-        fit.
+        """Return the covariance of the parameters. The errors of means are scaled up by the lack of fit of the means,
+        those of variances by the lack of fit of the variances.
         """
         names = self.names(fit)
         values = [getattr(fit, name) for name in names]
@@ -355,7 +355,9 @@ class _Problem:
 
 
 def _extra(away: Array, own: Array, freedom: int) -> float:
-    """Return the scatter in excess of known errors; 0 if a chi-squared test at 1 % finds none."""
+    """Return the rms scatter that must be added to the known errors to explain the residuals; 0 if a chi-squared test
+    at 1 % accepts the known errors.
+    """
     freedom = max(freedom, 1)
     if float((away**2 / own**2).sum()) <= float(scipy.special.chdtri(freedom, LEVEL)):
         return 0.0
@@ -366,7 +368,7 @@ def _extra(away: Array, own: Array, freedom: int) -> float:
 
 
 def _p_random(residuals: Array) -> float:
-    """Return the p value that successive residuals are independent (von Neumann's ratio, one-sided)."""
+    """Return the p value for independence of successive residuals (von Neumann's ratio, one-sided)."""
     n = residuals.size
     if n < 6:
         return 1.0
@@ -376,7 +378,7 @@ def _p_random(residuals: Array) -> float:
 
 
 def _p_value(without: float, with_: float, freedom: int) -> float:
-    """Return the p value of one more parameter."""
+    """Return the p value of an F test for one more parameter."""
     if freedom < 1 or with_ <= 0:
         return 1.0
     return float(scipy.special.fdtrc(1, freedom, max(without - with_, 0.0) / (with_ / freedom)))

@@ -39,7 +39,7 @@ class ResponseFit:
     freedom: float = 1.0
 
     def straight(self, light: Array) -> Array:
-        """Return the signal before the bend."""
+        """Return the signal that a sensor without non-linearity would give, DN."""
         return np.asarray(self.rate * light * (1 + self.lamp * light / self.brightest) + self.offset)
 
     def mean(self, light: Array, charge: Array | float = 0.0, after: Array | float = 0.0) -> Array:

@@ -39,7 +39,7 @@ class _Writer:
         ]  # fmt: skip
 
     def put(self, key: str, name: str, scale: float = 1.0, unit: str = "", table: str = "camera") -> None:
-        """Write the mean over channels, with an interval that contains the intervals of all channels."""
+        """Write the mean of a value over the channels, with an interval that contains the intervals of all channels."""
         found = [model.values[name] for model in self.models if name in model.values]
         if not found:
             return
@@ -55,7 +55,9 @@ def text(
     models: list[SensorModel], frames: FrameSet, pitch: float | None, aperture: float, digests: dict[str, str],
     blur: EdgeBlur | None = None,
 ) -> str:  # fmt: skip
-    """Return the sensor file of a calibration; charges are per pixel and do not depend on pitch and aperture."""
+    """Return the text of the sensor file of a calibration. Measured charges are per pixel and do not depend on pitch
+    and aperture.
+    """
     area, file = (pitch or PITCH) ** 2, _Writer(models)
     about = f"{len(frames.frames)} frames of {frames.shape[1]} x {frames.shape[0]} pixels"
     file.lines += [
@@ -157,7 +159,7 @@ def _put_full_well(
 
 
 def _put_efficiency(models: list[SensorModel], entry: Callable[..., None]) -> None:
-    """Write the quantum efficiency for the light used, if every channel has one."""
+    """Write the quantum efficiency for the light of the calibration, if it is known for every channel."""
     efficiency = [model.values["quantum_efficiency"].value for model in models if "quantum_efficiency" in model.values]
     if len(efficiency) == len(models):
         letters = _by_letter(models, efficiency)
@@ -223,5 +225,5 @@ def quoted(value: str) -> str:
 
 
 def number(value: float) -> float | None:
-    """Return a number for JSON."""
+    """Return a number as JSON allows it: None if it is not finite."""
     return value if math.isfinite(value) else None

@@ -38,7 +38,7 @@ class SensorModel:
 
 
 def over_gain(one: Estimate, gain: Estimate, unit: str) -> Estimate:
-    """Divide an estimate in DN by the gain, and include the error of the gain."""
+    """Divide an estimate in DN by the gain (DN/electron), and include the error of the gain in the interval."""
     value = one.value / gain.value
     own = value * (gain.high - gain.value) / gain.value
     low = value - math.hypot((one.value - one.low) / gain.value, own)

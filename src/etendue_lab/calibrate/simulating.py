@@ -40,7 +40,7 @@ class SimulatedSensor:
             self.offset += wave.drawn(shape) / gain
 
     def _add_outliers(self, plane: Array, found: PatternFit, scale: float) -> None:
-        """Give the measured outlier values to random pixels; the fraction of outliers is as measured."""
+        """Add measured outlier values to random pixels. The fraction of outliers is the measured fraction."""
         if found.outliers:
             count = self._rng.binomial(plane.size, found.outliers / found.pixels)
             where = self._rng.integers(0, plane.size, count)
@@ -57,7 +57,7 @@ class SimulatedSensor:
         return float(response.bent(np.array(well), max(fit.bend, 0.0), fit.order, fit.full / fit.gain)) * fit.gain
 
     def light_of(self, signal: float) -> float:
-        """Return the light for which the mean is this signal, DN above the dark."""
+        """Return the light, in the unit of the calibration, that gives a mean signal (DN above the dark)."""
         fit = self.model.response
         straight = response.unbent(signal / fit.gain, max(fit.bend, 0.0), fit.order, fit.full / fit.gain) * fit.gain
         proportional = max((float(straight) - fit.offset) / fit.rate, 0.0)
@@ -68,7 +68,7 @@ class SimulatedSensor:
         return 2 * proportional / (1 + math.sqrt(max(1 + share, 0.0)))
 
     def frames(self, time: float, light: float, count: int) -> Array:
-        """Return frames of one exposure; ``light`` in the unit of the calibration, 0 in the dark."""
+        """Return frames of one exposure, DN. ``light`` has the unit of the calibration; 0 gives dark frames."""
         fit, rng = self.model.response, self._rng
         dark = max(self.value("dark_current") * time, 0.0) if time == time else 0.0
         photo = float(fit.straight(np.array(light))) / fit.gain if light > 0 else 0.0

@@ -43,8 +43,8 @@ def camera_of(
 
 
 def values_of(asked: AxisRequest, nodes: Sequence[Node], registry: Registry) -> tuple[Any, list[str]]:
-    """Return the values of the axis: the requested values, otherwise all installed alternatives, with notes on
-    alternatives that cannot be used.
+    """Return the values of the axis: the requested values or, if there are none, all installed alternatives. Also
+    return notes on alternatives that cannot be used.
     """
     if asked.values is None and asked.key == SENSOR:
         return preset_names(), []
@@ -75,7 +75,7 @@ def wanted_of(branched: Branched) -> tuple[StageVariable, ...]:
 def planned(
     branched: Branched, wanted: tuple[StageVariable, ...], asked: AxisRequest, values: Any, registry: Registry
 ) -> tuple[Plan, Any, list[ComparedRow]]:
-    """Return the plan of all compatible alternatives, the axis values of these, and a ``refused`` row for each
+    """Return the plan of all compatible alternatives, their values on the axis, and a ``refused`` row for each
     incompatible alternative.
     """
     pipeline = wanting(branched.pipeline, wanted, kept=True)
@@ -120,7 +120,7 @@ def keeping_inputs(plan: Plan, asked: AxisRequest) -> Plan:
 
 
 def _as_asked(error: RequestError, asked: AxisRequest) -> RequestError:
-    """Return the same faults, with the option or line in which the axis was written as their place."""
+    """Return the same faults, located at the option ``--axis`` where they concern the axis."""
     key = f"sweep.{asked.key}"
     own = f"--axis {asked.key}"
     wrong = [f for f in error.faults if f.place.startswith(key)]

@@ -44,7 +44,7 @@ class AxisRequest:
 
     @property
     def named(self) -> bool:
-        """Whether its values are the names of stages, sensors, bodies or lenses."""
+        """Whether the values of the axis are names of stages, sensors, bodies or lenses."""
         return self.swaps or self.key in preset_keys()
 
     @property
@@ -80,7 +80,7 @@ def parse_axis(text: str, value_of: Callable[[str], Any]) -> AxisRequest:
 
 
 def labels_of(values: Sequence[Any], units: str) -> list[str]:
-    """Return labels for values of a parameter: as given, with the unit, all different."""
+    """Return a different label for each value of a parameter: the value as written, with its unit."""
     unit = "" if units in ("", "1") else f" {units}"
     labels: list[str] = []
     for value in values:
@@ -115,8 +115,8 @@ def _split(text: str) -> list[str]:
 
 
 def check_axis(asked: AxisRequest, pipeline: PipelineFile) -> AxisRequest:
-    """Return the axis under its full name, after checks that need no plan: the stage exists, and values are given where
-    needed.
+    """Check what can be checked without a plan: that the stage exists, and that values are given where needed. Return
+    the axis under its full name.
     """
     names = [entry.name for entry in pipeline.stages]
     place = f"--axis {asked.key}"
@@ -210,14 +210,14 @@ def without_sweep(pipeline: PipelineFile) -> tuple[PipelineFile, Document]:
 
 
 def _first(written: Any) -> Any:
-    """Return the first value of an axis as written; None if there is none."""
+    """Return the first value of a sweep axis as the file writes it; None if there is none."""
     if isinstance(written, Mapping):
         return written.get("from")
     return written[0] if isinstance(written, list | tuple) and written else None
 
 
 def one_camera(pipeline: PipelineFile) -> tuple[PipelineFile, list[str]]:
-    """Return the camera without its sweep, and a note with the values taken instead, if it has one."""
+    """Return the pipeline without its sweep and, if it had one, a note with the values that replace the sweep."""
     alone, taken = without_sweep(pipeline)
     used = "value used instead" if len(taken) == 1 else "values used instead"
     return alone, [

@@ -57,7 +57,9 @@ class Branched:
     notes: tuple[str, ...]
 
     def axes(self, key: str, values: Sequence[object] | None) -> Document:
-        """Return the sweep entries that apply an axis to both branches. No stage depends on more than one of them."""
+        """Return the sweep entries that apply an axis to both branches: one for the compared stage and one for its copy
+        in the reference, if there is one.
+        """
         name = key.rpartition(".")[2]
         return {key: values} | ({f"{self.counterpart}.{name}": values} if self.counterpart else {})
 
@@ -94,8 +96,8 @@ def _read(node: Node) -> set[str]:
 
 
 def noise_free(pipeline: PipelineFile, nodes: tuple[Node, ...], registry: Registry) -> PipelineFile:
-    """Return a pipeline that computes expected values: a replacement for the stage that makes ``mosaic_linear``
-    bypasses all stages between the mosaic and this stage.
+    """Return a pipeline that computes expected values. The stage that makes ``mosaic_linear`` is replaced by an ideal
+    exposure that reads ``photocurrent`` directly and so bypasses noise and converter.
     """
     linear = makes(nodes, MOSAIC)
     if linear is None or writer(nodes, CHARGE) is None or linear.kind.role == REFERENCE:
@@ -176,8 +178,8 @@ class ReferenceBranch:
             self.notes.append(f"the reference uses {use} as in the file, for all values of {self.key}")
 
     def planes(self, light: Node, demosaic: Node, needless: Collection[str] = ()) -> None:
-        """Add the stages from the light to camera channels: every channel at every pixel, corrected plane by plane,
-        except for the stages in ``needless``.
+        """Add the reference's stages from the light to the camera channels, with every channel at every pixel.
+        Corrections of the mosaic are applied plane by plane, except the stages in ``needless``.
         """
         before = self.nodes[: self.nodes.index(demosaic)]
         source = self.in_front_of_mask(before[self.nodes.index(light) :], light.name)
@@ -250,7 +252,7 @@ class ReferenceBranch:
             restores = reads == {CAMERA} and CAMERA in node.writes and node.kind.role in RESTORING
             if (
                 node.name == self.compared and restores
-            ):  # a picture that it only improves is compared with what needs none
+            ):  # a restored picture is compared with a reference that needs no restoration
                 self.twin[node.name] = next(self.twin[s] for _, s, v in node.inputs[0] if v == CAMERA)
                 self.without = node.name
                 self.notes.append(

@@ -30,7 +30,7 @@ class ComparedRow:
     version: str = ""
     psnr: float | None = None  # dB, on the result of the alternatives
     rmse: float | None = None
-    psnr_white: float | None = None  # the same, with the brightest value of the own reference as full scale
+    psnr_white: float | None = None  # the same, with the brightest value of the alternative's reference as full scale
     psnr_encoded: float | None = None
     ssim: float | None = None
     delta_e: float | None = None  # mean CIEDE2000
@@ -89,7 +89,7 @@ class Reader:
         return ""
 
     def shared_faults(self) -> list[str]:
-        """Return stages that failed for all alternatives."""
+        """Return the failures of stages that do not depend on the compared axis."""
         own = {node.name for node in self.plan.nodes if self.dims & set(node.axes)}
         return [
             f"{r.stage} failed: {r.message.strip().rpartition(chr(10))[2]}"
@@ -112,7 +112,9 @@ class Reader:
         return {i: ours[i] for i in both}, {i: theirs[i] for i in both}
 
     def planes(self, branched: Branched, positions: Iterable[int]) -> dict[int, Plane]:
-        """Return the pixel positions of those pictures on the image plane."""
+        """Return the positions (um) of the rows and columns of the pictures on the image plane, by position on the
+        axis.
+        """
         name, variable = (branched.display or branched.linear).ours
         found = {}
         for i in positions:

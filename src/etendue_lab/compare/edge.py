@@ -58,7 +58,7 @@ def measure(
     registry: Registry,
     options: Options,
 ) -> EdgeFigures:
-    """Run the edge and measure it; a failure becomes a note, not an exception.
+    """Run the cameras on a slanted edge and measure MTF50. A failure becomes a note, not an exception.
 
     ``white``: the largest value of a white surface over the axis, 1 where pixels saturate; 0: unknown.
     """
@@ -128,8 +128,8 @@ def _named(matrix: tuple[Any, Any]) -> tuple[tuple[Any, str], ...]:
 
 
 def _luminance(variable: str, channels: int, matrix: Any, white: Any) -> Any:
-    """Return the weights of the channels in the luminance Y if known, else a weight of 1 for the middle
-    channel alone.
+    """Return the weights of the channels in the luminance Y. If they are unknown, the middle channel has weight 1 and
+    the others 0.
     """
     if variable == CAMERA and matrix is not None and white is not None:
         return np.asarray(matrix, np.float64)[1] / np.asarray(white, np.float64)
@@ -143,7 +143,9 @@ def _pixels(sigma: float, plan: Plan, position: int) -> float:
 
 
 def pitches_of(plan: Plan) -> list[float]:
-    """Return every pixel pitch on the axis in order, given directly or by sensors; else the pitch of the camera."""
+    """Return the pixel pitch (um) of each value of the axis if the pitch or the sensor is swept, else the single pitch
+    of the camera.
+    """
     for axis in plan.axes:
         if axis.key == "pixel_pitch" or "pixel_pitch" in axis.gives:
             return [float(axis.value("pixel_pitch", position)) for position in range(len(axis.values))]
@@ -151,7 +153,8 @@ def pitches_of(plan: Plan) -> list[float]:
 
 
 def crossing(picture: Array, sigma: float) -> float:
-    """Return the lowest frequency of half contrast from a picture of an edge drawn with a Gaussian of ``sigma`` pixels.
+    """Return the lowest frequency (cycles/pixel) of half contrast in a picture of an edge. The edge was drawn with a
+    Gaussian of rms width ``sigma`` pixels, which is divided out.
 
     NaN if the contrast does not fall to half below 1 cycle/pixel. The frequency is interpolated linearly between
     samples 1/400 cycles/pixel apart, with a relative error of 1e-5.
@@ -170,8 +173,8 @@ def crossing(picture: Array, sigma: float) -> float:
 def edge_and_field(
     base: PipelineFile, nodes: tuple[Node, ...], plan: Plan, white: float, registry: Registry
 ) -> tuple[PipelineFile, str, float]:
-    """Return the pipeline with two scenes, an edge and a uniform field, in place of its own; the dim along which the
-    scenes lie; and the rms softness of the edge, um.
+    """Return the pipeline with two scenes, an edge and a uniform field, in place of its own scene. Also return the dim
+    of the two scenes, and the rms softness of the edge, um.
     """
     sources = [n for n in nodes if n.is_source and "radiance" in n.writes]
     pixel = next((n for n in nodes if n.ends_in_sum), None)

@@ -24,8 +24,8 @@ def inside(picture: Array, border: int = BORDER) -> Array:
 
 
 def linear_figures(picture: Array, reference: Array, own_white: bool) -> dict[str, float | None]:
-    """Return PSNR and RMSE for full scale 1. With ``own_white``, also return PSNR relative to the brightest value of
-    the reference, by which pictures of different exposure can be ranked.
+    """Return PSNR (dB) and RMSE for full scale 1. With ``own_white``, also return PSNR relative to the brightest value
+    of the reference; pictures of different exposure can be ranked by this value.
     """
     ours, theirs = inside(picture), inside(reference)
     found = fidelity.psnr(ours, theirs)

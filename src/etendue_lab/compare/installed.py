@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 
 def serving(registry: Registry, role: str, reads: str, writes: str, dims: tuple[str, ...] = ()) -> str:
-    """Return the stage of a role that reads one variable, with these dims if given, and writes another variable; '' if
-    there is none.
+    """Return the installed stage that has a role, reads one variable (with these dims if given) and writes another
+    variable; '' if there is none.
     """
 
     def fits(kind: type[Stage]) -> bool:

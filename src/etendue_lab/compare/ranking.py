@@ -118,7 +118,7 @@ def print_comparison(found: Comparison, files: list[Path]) -> None:
 
 
 def _table_of(found: Comparison, shown: list[Column]) -> Table:
-    """Return the table; the last line holds the MTF50 of the reference, if it is the same for all rows."""
+    """Return the table of alternatives. If MTF50 of the reference is the same for all rows, the last line shows it."""
     height, width = found.size
     title = f"{escape(found.pipeline)}: {escape(found.key)} by {_ranked_by(found)}, {width} x {height} pixels"
     rows = [{"rank": number} | vars(row) for number, row in enumerate((r for r in found.rows if r.psnr is not None), 1)]
@@ -158,7 +158,7 @@ def _columns(found: Comparison) -> list[Column]:
 
 
 def _remarks(found: Comparison, origins: dict[int, str]) -> list[tuple[str, str]]:
-    """Return the lines below the table: a word, and its explanation."""
+    """Return the lines below the table, each as a keyword and its explanation."""
     lines = []
     for row in found.rows:
         if row.status != "done":
@@ -225,7 +225,7 @@ def write_files(found: Comparison, folder: Path) -> list[Path]:
 
 
 def _plot(found: Comparison) -> bytes:
-    """Plot error against run time, for the ranking metric; empty if there is nothing to plot."""
+    """Plot the error of the ranking metric against run time; empty if there is nothing to plot."""
     points = []
     for row in found.rows:
         if row.seconds_per_mpixel and row.error:  # neither can be 0 on logarithmic axes
@@ -241,8 +241,8 @@ def _plot(found: Comparison) -> bytes:
 
 
 def _crops(found: Comparison) -> bytes:
-    """Show the best alternatives side by side with the reference of the best alternative, each with its size; pictures
-    whose place on the image plane is unknown are named in a note.
+    """Show the best alternatives side by side with the reference of the best one. Pictures of another size whose place
+    on the image plane is unknown are left out and named in a note.
     """
     best = [(row, row.position) for row in found.rows if row.position is not None and row.position in found.pictures]
     if not best:

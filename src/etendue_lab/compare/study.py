@@ -60,17 +60,17 @@ class Comparison:
     reference: StageVariable
     without: str
     noise: str  # 1 frame, or expected values
-    size: tuple[int, int]  # pixels along y and x, of the best
+    size: tuple[int, int]  # pixels along y and x, of the best alternative
     at: dict[str, AxisValue]  # values used in place of the file's own sweep
     notes: list[str]
-    first: tuple[str, ...] = ()  # keys of ``at`` whose value is the first of the sweep, because the file gives no other
+    first: tuple[str, ...] = ()  # keys of ``at`` that have the sweep's first value: the file gives no other
     units: str = ""  # of the axis
     rank_by: str = "psnr"  # metric that ranks the rows
     own_reference: bool = False  # whether each value has its own reference
     named: bool = False  # whether the request names the values; otherwise they are all installed alternatives
     pictures: dict[int, Array] = field(default_factory=dict)  # by position: (3, y, x), encoded
     reference_pictures: dict[int, Array] = field(default_factory=dict)
-    planes: dict[int, Plane] = field(default_factory=dict)  # position of their pixels
+    planes: dict[int, Plane] = field(default_factory=dict)  # positions of the pixels of these pictures
 
     @property
     def failed(self) -> bool:
@@ -200,8 +200,8 @@ def _references(reader: Reader, branched: Branched, file: str) -> dict[int, Arra
 
 
 def rank_by(rows: Iterable[ComparedRow]) -> str:
-    """Return the metric for rows whose references differ. It uses the encoded picture, because on a common linear scale
-    a darker picture has smaller errors.
+    """Return the metric that ranks rows whose references differ: PSNR of the encoded picture if all rows have it, else
+    `psnr_white`. On a common linear scale a darker picture would have smaller errors.
     """
     return "psnr_encoded" if all(row.psnr_encoded is not None for row in rows if row.psnr is not None) else "psnr_white"
 
@@ -264,7 +264,9 @@ def _row(reader: Reader, branched: Branched, position: int, label: str, repeat: 
 
 
 def _viewing_white(reader: Reader, branched: Branched, position: int) -> Array:
-    """Return the white to which the viewing eye is adapted: the target of the balance, else the white of the scene."""
+    """Return the white to which the viewer's eye is adapted: the target of the white balance, else the white of the
+    scene.
+    """
     assert branched.colour is not None
     name = branched.colour.ours[0]
     stage = reader.plan.cells[reader.ref(name, position)].stage
@@ -298,7 +300,7 @@ def seconds_of(reader: Reader, position: int, repeat: int) -> float | None:
 def _on_the_references(
     references: dict[int, Array], rows: list[ComparedRow], reader: Reader, branched: Branched
 ) -> list[str]:
-    """Return notes on properties of the pictures behind the table."""
+    """Return notes on pictures that are clipped, too small, or cannot be compared directly."""
     labels = {row.position: row.label if reader.own_reference else "" for row in rows if row.position in references}
     notes, variable = [], branched.linear.reference[1]
     over = {i: float((r > 1).any(axis=0).mean()) if variable == "rgb_camera" else 0.0 for i, r in references.items()}

@@ -128,7 +128,9 @@ def converging(holdings: Holdings, asked: PlotRequest) -> Plot:
 
 
 def yield_curve(holdings: Holdings, asked: PlotRequest) -> Plot:
-    """Plot the share of units whose metric is at least, or at most, a limit over that limit, with Wilson's interval."""
+    """Plot the yield over a varying limit: the share of units whose metric is at least, or at most, the limit, with
+    Wilson's interval.
+    """
     samples = samples_in(holdings)
     metric = _metric(samples, asked)
     values = np.sort(metric.values[units_of(samples) & np.isfinite(metric.values)])

@@ -16,7 +16,7 @@ from etendue.types.arrays import Array
 RESAMPLED = 999
 LEVEL = 0.95
 OWN_STREAM = 0x5E5A  # resampling must not use the random numbers that drew the points
-MOST_COUNTS = 4_000_000  # numbers in the counts of one batch of resampled points
+MOST_COUNTS = 4_000_000  # largest number of values in one batch of resampled points
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Terms:
         return _ratio(weights @ self.above - mean * (weights @ self.moved), variance)
 
     def errors(self, weights: Array, ratios: Array) -> Array:
-        """Return the standard errors of the indices: first-order errors of a ratio of means."""
+        """Return the standard errors of the indices, from the linearised error of a ratio of means."""
         below = (weights @ self.below)[..., None]
         square = weights @ self.above**2 - 2 * ratios * (weights @ (self.above * self.below[:, None]))
         square = square + ratios**2 * (weights @ self.below**2)[..., None]

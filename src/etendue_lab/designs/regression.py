@@ -50,9 +50,9 @@ def rank_correlations(factors: Array, metric: Array) -> Array:
 
 
 def main_effect(factor: Array, metric: Array) -> float:
-    """Return the share of the variance that the mean of a metric over a factor explains, minus the share explained by
-    chance (epsilon squared). The mean of the metric is taken over all rows with one value of the factor if each value
-    occurs several times, else over groups of rows of equal size.
+    """Return the share of the variance that one factor explains alone, minus the share expected by chance (epsilon
+    squared). The explained variance is that of group means of the metric. Rows with the same value of the factor form a
+    group if values repeat; otherwise rows are sorted by the factor and split into groups of equal size.
     """
     values, group = np.unique(factor, return_inverse=True)
     if 4 * len(values) > len(factor):
@@ -68,8 +68,8 @@ def main_effect(factor: Array, metric: Array) -> float:
 
 
 def pairs(factors: Array, metric: Array) -> Array:
-    """Return the share of the variance that the product of every two standardised factors explains in addition to both
-    factors.
+    """Return (factors, factors): the share of the variance that the product of two standardised factors explains,
+    beyond linear and squared terms.
     """
     count, scaled = factors.shape[1], standardised(factors)
     found = np.zeros((count, count))

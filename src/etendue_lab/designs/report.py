@@ -24,7 +24,7 @@ from etendue_lab.designs.sensitivity import sensitivity
 from etendue_lab.designs.stored import STUDY
 from etendue_lab.designs.terminal import interval_text
 
-MOST_COLUMNS = 9  # of a scatter matrix that can be read on a page
+MOST_COLUMNS = 9  # largest number in a scatter matrix that is readable on a page
 
 
 def section(tree: xarray.DataTree) -> list[Document]:

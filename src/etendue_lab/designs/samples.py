@@ -47,7 +47,7 @@ class Factor:
     units: str
     values: Array
     distribution: Distribution | None = None  # None: of a list
-    subject: str = ""  # role of the first stage that it is a parameter of
+    subject: str = ""  # role of the first stage that has the factor as a parameter
 
     @property
     def numeric(self) -> bool:
@@ -55,7 +55,7 @@ class Factor:
 
     @property
     def codes(self) -> Array:
-        """Numbers for the values: the values themselves or, for names, the position of each name in the list."""
+        """The values as numbers. A name is replaced by its position in the sorted list of names."""
         if self.numeric:
             return self.values.astype(float)
         return np.unique(self.values, return_inverse=True)[1].astype(float)
@@ -69,7 +69,7 @@ class Metric:
     title: str
     units: str
     at: AxisValues
-    said: str  # the same in words; '' without other axes
+    said: str  # the values in ``at`` as text; '' without other axes
     values: Array
 
 
@@ -122,7 +122,7 @@ class Samples:
         return Metric(held.name, held.title, held.units, place, said, values)
 
     def draws(self, metric: Metric) -> list[str]:
-        """Return the stages whose noise differs from row to row and is part of a metric; () if noise is a factor."""
+        """Return the stages whose noise differs from row to row and affects a metric; [] if noise is a factor."""
         if DRAWS in self.asked.factors:
             return []
         behind = self.behind(metric)
@@ -169,8 +169,8 @@ def samples_of(folder: Path, name: str = "") -> Samples:
 
 
 def subject_of(key: str, pipeline: PipelineFile, registry: Registry) -> str:
-    """Return the role of the first stage, in the order of the light, that has a factor among its parameters; stages
-    that compute metrics come last.
+    """Return the subject of a factor: the role of the first stage of the pipeline that has the factor as a parameter.
+    Stages that compute metrics count only if there is no other such stage.
     """
     if key == DRAWS:
         return DRAWS
@@ -210,9 +210,7 @@ def _coordinates(key: str, held: Sequence[HeldVariable]) -> Iterator[xarray.Data
 
 
 def by_place(samples: Samples, names: Sequence[str], at: AxisValues) -> list[list[Metric]]:
-    """Return several metrics together, at every combination of the other axes that affect at least one of the
-    metrics.
-    """
+    """Return the values of several metrics at every combination of the other axes that affect at least one of them."""
     every = [samples.metrics(name, _own(samples, name, at)) for name in names]
     axes: dict[str, dict[Any, None]] = {}
     for some in every:
@@ -228,7 +226,7 @@ def by_place(samples: Samples, names: Sequence[str], at: AxisValues) -> list[lis
 
 
 def _own(samples: Samples, name: str, at: AxisValues) -> Document:
-    """Return the part of a request that applies to a metric."""
+    """Return the requested axis values, without those of axes that a metric does not have."""
     held = samples.holdings.find(name, "figure")
     words = {word: value for word, value in at.items() if _has(held, word)}
     return words

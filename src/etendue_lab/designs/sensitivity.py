@@ -18,9 +18,9 @@ from etendue_lab.designs.indices import Indices, indices, mixed_of
 from etendue_lab.designs.regression import coefficients, main_effect, pairs, rank_correlations, with_interval
 from etendue_lab.designs.samples import DRAWS, Metric, Samples
 
-FEWEST = 8  # rows or points; of fewer, nothing is said
-WIDE = 0.4  # an interval that leaves open what matters
-TOLD = 0.01  # a product of two factors that explains less is not listed
+FEWEST = 8  # smallest number of rows or points that is evaluated
+WIDE = 0.4  # width of an interval above which a note says that more samples are needed
+TOLD = 0.01  # smallest share of the variance for which a product of two factors is listed
 
 
 def sensitivity(samples: Samples, names: Sequence[str], at: AxisValues | None = None) -> Document:
@@ -89,9 +89,9 @@ def _of_metric(samples: Samples, metric: Metric) -> Document:
 
 
 def subjects_of(rows: Sequence[Document]) -> list[Document]:
-    """Return the sums of first-order indices, else of main effects, by subject. Also return the share of the variance
-    that the factors of a subject explain together (the closed index of the group), if the design determines it: for a
-    subject with one factor, with all factors, or with all factors but one.
+    """Return for each subject the sum of the first-order indices of its factors or, without indices, of their main
+    effects. Also return the closed index: the share of the variance that these factors explain together. It is known if
+    the subject has one factor, all factors, or all factors but one.
 
     For all factors but one, this share is 1 minus the total index of the remaining factor.
     """

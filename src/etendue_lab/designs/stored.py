@@ -22,7 +22,7 @@ from etendue.types.documents import Document
 
 STUDY = "sensitivity"
 SHARE = "share of the variance"
-COLUMNS = {  # by name of an array: where the document has it, and what it is
+COLUMNS = {  # array name: its key in the document, and its description
     "first_order": ("first", "first-order index: share of the variance explained by the factor alone"),
     "total": ("total", "total index: share explained by the factor alone and in interaction with others"),
     "main_effect": ("main_effect", "share of the variance explained by the mean over the factor"),
@@ -45,7 +45,7 @@ def store(folder: Path, place: Path | str, document: Document) -> Document:
 
 
 def _name(one: Document) -> str:
-    """Return the name of the group of a metric, at its place on other axes."""
+    """Return the name of the group that stores a metric: the metric's name and its values on other axes."""
     at = "".join(f",{dim}={value}" for dim, value in one["at"].items() if dim != "stage")
     return re.sub(r"[^\w.,=+-]", "_", f"{one['metric']}{at}")
 

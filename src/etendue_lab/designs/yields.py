@@ -22,8 +22,8 @@ from etendue.types.arrays import Array
 from etendue.types.documents import AxisValues, Document
 from etendue_lab.designs.samples import Factor, Metric, Samples, by_place
 
-TIGHTER = 0.1  # share of a spread that is taken away
-QUANTILE = 1.959963984540054  # of the normal distribution, for 95 %
+TIGHTER = 0.1  # fraction by which a spread is reduced
+QUANTILE = 1.959963984540054  # of the normal distribution, for a 95 % interval
 FEWEST = 8
 _FORM = re.compile(r"\s*([\w.]+)\s*(>=|<=|>|<)\s*(.+?)\s*")
 
@@ -49,7 +49,9 @@ class Requirement:
             raise RequestError([Fault(f"--require '{self.text}'", str(error))]) from None
 
     def margin(self, metric: Metric) -> Array:
-        """Return the margin by which every unit meets the requirement; a unit with a negative margin fails."""
+        """Return the margin by which each unit meets the requirement, in the unit of the metric; negative for a failed
+        unit.
+        """
         limit = self.value(metric.units)
         return metric.values - limit if self.sign.startswith(">") else limit - metric.values
 
@@ -152,7 +154,9 @@ def _at_place(samples: Samples, requirements: Sequence[Requirement], metrics: Se
 
 
 def weights_of(samples: Samples, factor: Factor, share: float = TIGHTER) -> Array:
-    """Return the ratio by which each row would occur more often if the spread of one factor were reduced by a share."""
+    """Return the weight of each row for a smaller spread of one factor: its probability density with the smaller
+    spread, divided by its present density. ``share``: the fraction by which the spread is reduced.
+    """
     now = factor.distribution
     assert now is not None
     then = now.tightened(share)
@@ -171,8 +175,8 @@ def weights_of(samples: Samples, factor: Factor, share: float = TIGHTER) -> Arra
 
 
 def _of_copula(samples: Samples, factor: Factor, then: Distribution) -> Array:
-    """Return the ratio of the joint densities of correlated factors before and after one factor changes its
-    distribution.
+    """Return the ratio of the copula densities of correlated factors: with the new distribution of one factor over the
+    present one.
     """
     keys = list(samples.asked.factors)
     scores = np.zeros((len(samples.numbers), len(keys)))
@@ -189,7 +193,7 @@ def _of_copula(samples: Samples, factor: Factor, then: Distribution) -> Array:
 
 
 def _scores(of: Distribution, factor: Factor) -> Array:
-    """Return the normal quantiles of the values of a factor."""
+    """Return the values of a factor transformed to standard normal scores."""
     from scipy.special import ndtri
 
     shares = np.array([of.share_below(float(value)) for value in factor.values])

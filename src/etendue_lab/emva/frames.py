@@ -78,7 +78,7 @@ def measured(path: Path, window: str | None, pattern: str | None) -> Document:
 
 
 def print_measured(document: Document) -> None:
-    """Print measured values with their intervals; for missing values, print the frames that would determine them."""
+    """Print measured values with their intervals. For each missing value, print which frames would determine it."""
     console = _out()
     console.print(
         f"{escape(document['measurement'])}: {document['frames']} frames of {document['columns']} x {document['rows']} "

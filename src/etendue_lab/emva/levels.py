@@ -1,5 +1,5 @@
-"""From a plan with raw frames to exposure levels: stacks of uniform light and of the dark, by time, for each camera of
-a sweep.
+"""Sort the raw frames of a plan into exposure levels: stacks of light and dark frames by exposure time, for each camera
+of a sweep.
 
 In:  a plan, and a function that reads the raw frames of its cells.
 Out: a measurement for each channel, with the values that the sensor's stages declare.
@@ -76,7 +76,7 @@ def of_plan(
 def _by_camera(
     plan: Plan, cells: list[Cell], light: str, timed: list[str]
 ) -> dict[tuple[tuple[str, Any], ...], dict[Any, list[Cell]]]:
-    """Group the cells of each light by the values of all other axes."""
+    """Group cells by camera (the values of all axes other than light and time), and for each camera by light level."""
     found: dict[tuple[tuple[str, Any], ...], dict[Any, list[Cell]]] = {}
     for cell in cells:
         labels = plan.labels(cell.ref)
@@ -129,7 +129,7 @@ def _measured(
 
 
 def _stacks(cells: list[Cell], times: Mapping[CellRef, Any], read: Read) -> dict[float, list[Any]]:
-    """Return frames by time."""
+    """Return the frames of each exposure time (s)."""
     found: dict[float, list[Any]] = {}
     for cell in cells:
         raw, own = read(cell.ref), np.atleast_1d(times[cell.ref])
@@ -140,8 +140,8 @@ def _stacks(cells: list[Cell], times: Mapping[CellRef, Any], read: Read) -> dict
 
 
 def _times(plan: Plan, cells: list[Cell], options: Options | None) -> dict[CellRef, Any]:
-    """Return the exposure time of every cell, or of each frame if a stage sets it: from its axis, else from the
-    camera.
+    """Return the exposure time (s) of every cell: from the stage that sets it for each frame, else from the sweep axis,
+    else from the camera.
     """
     series = [node for node in plan.nodes if TIME in node.writes]
     if not series:
@@ -162,7 +162,7 @@ def _camera_time(plan: Plan, cell: Cell) -> float:
 
 
 def _at(plan: Plan, node: Node, cell: Cell) -> CellRef:
-    """Return the cell of a node on which a cell depends."""
+    """Return the cell of ``node`` that the given cell depends on."""
     behind = ancestry(plan, [cell.ref])
     return next(own.ref for own in plan.of(node.name) if own.ref in behind)
 
@@ -179,8 +179,8 @@ def mask_of(stages: list[Stage]) -> cfa.Mask:
 
 
 def known(stages: list[Stage]) -> dict[str, float]:
-    """Combine the declarations of stages about their sensor: variances of noises and patterns are added, and the
-    smallest full well is used.
+    """Combine what stages declare about their sensor. Variances of noise and patterns are added, as are dark currents;
+    gains are multiplied; the smallest full well is used.
     """
     found: dict[str, float] = {}
     for stage in stages:
@@ -198,7 +198,9 @@ def known(stages: list[Stage]) -> dict[str, float]:
 
 
 def photon_rates(plan: Plan, cell: Cell, mask: cfa.Mask, options: Options | None) -> dict[str, float]:
-    """Return photoelectrons per second by channel before a cell; NaN if no stage writes photocurrent."""
+    """Return the photoelectrons per second of each channel, for the pixels that a cell reads; NaN if no stage writes
+    photocurrent.
+    """
     own = _last(plan, cell, "photocurrent")
     if own is None:
         return dict.fromkeys(mask.channels, math.nan)
@@ -208,7 +210,7 @@ def photon_rates(plan: Plan, cell: Cell, mask: cfa.Mask, options: Options | None
 
 
 def photon_flux(plan: Plan, cell: Cell, options: Options | None) -> float:
-    """Return photons per second on the area of a pixel, from all light before it; 0 if unknown."""
+    """Return the photons per second that fall on the area of a pixel, over all wavelengths; 0 if unknown."""
     own = _last(plan, cell, "irradiance")
     pitch = next((p for s in _stages(plan, cell) if isinstance(p := getattr(s, "pixel_pitch", None), float)), 0.0)
     if own is None or not pitch:
@@ -224,21 +226,21 @@ def photon_flux(plan: Plan, cell: Cell, options: Options | None) -> float:
 
 
 def _last(plan: Plan, cell: Cell, variable: str) -> Cell | None:
-    """Return the last cell before a given cell that writes a variable."""
+    """Return the last cell that writes a variable, among those that a given cell depends on."""
     behind = ancestry(plan, [cell.ref])
     found = [own for node in plan.nodes if variable in node.writes for own in plan.of(node.name) if own.ref in behind]
     return found[-1] if found else None
 
 
 def lit(plan: Plan, options: Options | None) -> dict[str, float]:
-    """Return photoelectrons per second by channel, for the unscaled light."""
+    """Return the photoelectrons per second of each channel in the light of the scene, before the lamp is scaled."""
     cell = plan.of(raw_node(plan).name)[0]
     return photon_rates(plan, cell, mask_of(_stages(plan, cell)), options)
 
 
 def saturation(plan: Plan) -> tuple[float, float, float]:
-    """Return the charge of a full pixel (electron), a dark current that nearly all pixels stay below (electron/s), and
-    the camera's integration time (s).
+    """Return the full well (electron), a dark current that few pixels exceed (electron/s), and the camera's integration
+    time (s).
     """
     stages = _stages(plan, plan.of(raw_node(plan).name)[0])
     sheet = known(stages)

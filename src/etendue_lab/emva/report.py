@@ -31,9 +31,9 @@ FIGURES = (
 )
 # range over metrics of the share of intervals that held the true value: benchmarks/emva.py, 900 sensors of 2 kinds
 SIMULATED = (0.93, 0.97)
-HIDDEN = ("read_noise", "dark_current", "dsnu")  # metrics distorted by rounding where it hides the noise of the dark
+HIDDEN = ("read_noise", "dark_current", "dsnu")  # metrics that are wrong if rounding hides the dark noise
 SHEET = ("gain", "read_noise", "dark_current", "full_well", "prnu", "quantum_efficiency")
-# Metrics that are uncertain by a step between levels, which the interval over pixels does not include.
+# Metrics whose uncertainty includes the step between levels, which the interval over pixels does not contain.
 STEPPED = (
     "saturation_capacity",
     "dynamic_range",
@@ -58,7 +58,7 @@ class Expected(dict[str, float]):
 
     @classmethod
     def of(cls, sheet: Mapping[str, float], time: float) -> Expected:
-        """Derive the expected values from the declarations of stages; ``time``: exposure time of the level at which
+        """Derive the expected values from what stages declare. ``time``: exposure time (s) of the level at which
         patterns are measured.
         """
         found = cls({name: sheet[name] for name in SHEET if name in sheet})

@@ -53,7 +53,7 @@ AT_FIRST, AT_LAST = (
     0.05,
     0.3,
 )
-DIM = 1e-3  # relative to the best channel; below it a channel counts as blind
+DIM = 1e-3  # sensitivity relative to the best channel, below which a channel counts as blind
 Told = Callable[[Plan], Progress] | None
 
 
@@ -130,8 +130,8 @@ def of_archive(folder: Path, registry: Registry) -> EmvaReport:
 
 
 def _on_the_bench(pipeline: PipelineFile, registry: Registry) -> PipelineFile:
-    """Return the bench: a lamp in place of the scene, nothing that changes light by position, sound pixels, and no
-    stage after the raw frame.
+    """Return the pipeline of the virtual bench: a lamp in place of the scene, no stage that changes light by position,
+    no defective pixels, and no stage after the raw frame.
     """
     kinds = {entry.name: registry.load(entry.use) for entry in pipeline.stages if entry.use in registry}
     raw = [name for name, kind in kinds.items() if any(d.variable == RAW for d in writes_of(kind).values())]
@@ -148,8 +148,8 @@ def _on_the_bench(pipeline: PipelineFile, registry: Registry) -> PipelineFile:
 
 
 def _windowed(pipeline: PipelineFile, registry: Registry, pixels: int) -> PipelineFile:
-    """Return the pipeline with a window of ``pixels`` and a light of that size; unchanged if the pixel stage has no
-    rows and columns.
+    """Return the pipeline with a window of ``pixels`` x ``pixels`` and a scene just large enough for it. The pipeline
+    is unchanged if the pixel stage has no parameters rows and columns.
     """
     asked = replace(_asking(pipeline, registry, (1.0,), ()), wanted=("photocurrent",))
     plan = make_plan(asked, registry, leave_out_allowed=False)
@@ -190,8 +190,8 @@ def _asking(
 def _lamp(
     pipeline: PipelineFile, registry: Registry, plan: Plan, options: Options | None, notes: list[str]
 ) -> PipelineFile:
-    """Set the lamp to fill the best channel in the camera's integration time, with times that take every channel to
-    saturation.
+    """Set the lamp so that the most sensitive channel reaches its full well in the camera's integration time. Choose
+    exposure times that take every channel to saturation.
     """
     rates = lit(plan, options)
     well, dark, time = saturation(plan)

@@ -91,7 +91,9 @@ def _opened(path: Path, member: str) -> IO[bytes]:
 
 
 def _labels(path: Path, member: str) -> Any:
-    """Return exposure times or light of levels: a small array, whose size is checked before it is decompressed."""
+    """Return the exposure times, or the light, of the levels. The size of the array is checked before it is
+    decompressed.
+    """
     with _opened(path, member) as file:
         shape, dtype, _ = _header(file, path, member)
         size = math.prod(shape)

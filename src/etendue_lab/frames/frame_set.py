@@ -73,7 +73,7 @@ class Window:
 
     @classmethod
     def read(cls, text: str, option: str = "--window") -> Window:
-        """Read X,Y,WIDTH,HEIGHT."""
+        """Parse a window from a text X,Y,WIDTH,HEIGHT."""
         parts = text.split(",")
         if len(parts) != 4 or not all(one.strip().isdecimal() for one in parts):
             raise RequestError(f"{option} {text}: give X,Y,WIDTH,HEIGHT in whole pixels, such as 100,200,512,512")
@@ -132,7 +132,7 @@ class FrameSet:
         return np.asarray(found // found.dtype.type(self.step))
 
     def windowed(self, window: Window | None) -> FrameSet:
-        """Return the same frames with a window, which must lie within them."""
+        """Return the frames with a window, which must lie inside every frame."""
         rows, columns = self.frames[0].source.shape
         if window and not (0 < window.width <= columns - window.x and 0 < window.height <= rows - window.y):
             raise RequestError(
@@ -142,7 +142,9 @@ class FrameSet:
         return replace(self, window=window)
 
     def unshifted(self) -> FrameSet:
-        """Return the same frames in steps of the converter, if all codes are multiples of a power of two."""
+        """Return the frames with codes divided by 2^n if all codes are multiples of 2^n, so that 1 DN is one step of
+        the converter.
+        """
         known: set[int] = set()
         for frame in (self.frames[i] for i in {0, len(self.frames) // 3, len(self.frames) // 2, len(self.frames) - 1}):
             known.update(int(one) for one in np.unique(self.cut(frame).ravel()[:MANY_PIXELS]))

@@ -58,7 +58,9 @@ class LevelMoments:
 
 
 def sites(frames: FrameSet) -> dict[str, Site]:
-    """Return the sites of a 2 x 2 mosaic by name; greens are Gr and Gb by the colour of their row."""
+    """Return the sites of a 2 x 2 mosaic by channel name. The green sites are named Gr and Gb after the other colour in
+    their row.
+    """
     if frames.pattern == "mono":
         return {"W": MONO}
     letters = frames.pattern.upper()
@@ -150,7 +152,7 @@ def _moments(
     for band in range(BLOCKS):
         rows = slice(edges[0][band], edges[0][band + 1])
         still = total[rows] / count - centre
-        # exact integers below 2^53, so the difference keeps its digits
+        # the sums are exact integers below 2^53, so the difference is exact
         moving = (squares[rows].astype(float) - total[rows].astype(float) ** 2 / count) / (count - 1)
         for kind, plane in enumerate((still, still**2, moving)):
             sums[kind, band] = np.add.reduceat(plane.sum(axis=0), edges[1][:-1])

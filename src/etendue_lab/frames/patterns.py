@@ -1,4 +1,4 @@
-"""Fixed patterns of a measurement, in the dark and of the response, from all frames.
+"""Fixed patterns of a measurement, from all frames: the dark pattern and the pattern of the response.
 
 In:  frames of many levels.
 Out: mean patterns of groups of frames; their variance from products of different groups, free of temporal noise.
@@ -19,7 +19,7 @@ from etendue_lab.frames.moments import MONO, Site
 
 GROUPS = 8
 FEWEST = 4  # minimum number of groups from whose scatter drifting patterns are recognised
-LARGEST = 1 << 10  # rows and columns; of larger frames, only the centre is used
+LARGEST = 1 << 10  # maximum rows and columns; only the centre of larger frames is used
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ class Pattern:
         return np.asarray(self.groups.mean(axis=0))
 
     def without(self, part: Array) -> Pattern:
-        """Return the pattern minus a part that all groups have in common."""
+        """Return the pattern minus a plane (y, x), which is subtracted from every group."""
         return Pattern(self.groups - part, self.frames)
 
     def less(self, other: Pattern, scale: float) -> Pattern:
-        """Return the pattern minus another, group by group. The noise of each group of the other pattern then enters
-        only one group, so products of different groups stay free of noise.
+        """Subtract ``scale`` times another pattern, group by group. The noise of a group of the other pattern then
+        enters only one group, so noise cancels in products of different groups.
         """
         k = min(len(self.groups), len(other.groups))
         one, own = (np.stack([groups[i::k].mean(axis=0) for i in range(k)]) for groups in (self.groups, other.groups))
@@ -78,11 +78,10 @@ class Pattern:
 
 
 def pattern(frames: FrameSet, levels: Iterable[tuple[Level, float, float]], site: Site = MONO) -> Pattern | None:
-    """Return the pattern of levels, each given with a signal and the weight of one of its frames.
+    """Return the fixed pattern in some levels. Each level comes with its signal and the weight of each of its frames.
 
-    A group is the sum of weight x (frame - its mean) / signal over its frames, divided by the sum of the weights. With
-    a signal in DN the pattern is relative, as for the pattern of the response; with a signal of 1 it is in DN. Return
-    None for fewer than two frames.
+    The pattern of a group is the weighted mean of (frame - mean of the frame) / signal. With a signal in DN the pattern
+    is relative, as PRNU is; with a signal of 1 it is in DN. Return None for fewer than two frames.
     """
     first, left, step = site
     given = [(frame, signal, weight) for level, signal, weight in levels for frame in level.frames]
@@ -113,24 +112,26 @@ class DarkPatterns:
 
     @property
     def grows(self) -> bool:
-        """Whether the growth is significant at 1 %."""
+        """Whether the growth with exposure time is significant at 1 %."""
         return self.growth is not None and self.growth.variance(0.98).low > 0
 
     def at(self, time: float) -> Pattern:
-        """Return the pattern at an exposure time, derived from all frames; the mean pattern if it does not grow."""
+        """Return the pattern (DN) at an exposure time (s), derived from all frames; the mean pattern if there is no
+        growth.
+        """
         if self.growth is None or not self.grows or not np.isfinite(time):
             return self.mean
         return Pattern(self.mean.groups + self.growth.groups * (time - self.times)[:, None, None], self.mean.frames)
 
 
 def differ(times: Array) -> bool:
-    """Return whether exposure times differ by more than one part in a million, their rounding."""
+    """Return whether exposure times differ by more than their rounding, one part in a million."""
     return bool(times.size and np.ptp(times) > 1e-6 * times.max())
 
 
 def dark_patterns(frames: FrameSet, levels: Iterable[Level], site: Site = MONO) -> DarkPatterns | None:
-    """Return the pattern of the dark levels and its growth with time, a least-squares slope in every group. Return None
-    for fewer than two frames.
+    """Return the dark pattern (DN) and its growth with exposure time (DN/s), a least-squares slope in every group of
+    frames. Return None for fewer than two frames.
     """
     first, left, step = site
     given = [frame for level in levels for frame in level.frames]
@@ -167,5 +168,5 @@ def _centre(codes: Array) -> Array:
 
 
 def smallest(shape: tuple[int, int]) -> bool:
-    """Return whether a pattern has enough pixels for its blocks."""
+    """Return whether each side of a pattern has at least one pixel per block."""
     return min(shape) >= BLOCKS

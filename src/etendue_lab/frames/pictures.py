@@ -76,7 +76,7 @@ class PictureFrame:
         return as_codes(plane, self.path)
 
     def time(self) -> float:
-        """Return the exposure time of its EXIF data, s; NaN if there is none."""
+        """Return the exposure time (s) in the EXIF data of the file; NaN if there is none."""
         from PIL import Image
 
         try:

@@ -70,7 +70,7 @@ def _file(path: Path) -> FrameSet:
 
 
 def _sources(path: Path) -> list[tuple[Source, int]]:
-    """Return the frames of one file, each as its source and its index there."""
+    """Return the frames of one file, each as a source and the index of the frame in it."""
     if path.is_dir() or not path.exists():
         raise RequestError(f"{path}: {'is a folder' if path.is_dir() else 'file not found'}; a frame is needed")
     if path.suffix.lower() == ".npy":

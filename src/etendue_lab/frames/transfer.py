@@ -58,7 +58,7 @@ class Curve:
 
     @property
     def full(self) -> float:
-        """Signal at saturation, DN; without saturation, the signal of the brightest level."""
+        """Signal at saturation, DN; if no level is saturated, the signal of the brightest level."""
         return float(self.signal[0, self.peak])
 
     @property
@@ -85,7 +85,7 @@ class Curve:
         return max(rows, 0.0), max(columns, 0.0)
 
     def line_error(self, frames: Array | float) -> Array:
-        """Return the variance (DN^2) that row and column noise gives to the mean of this many frames."""
+        """Return the variance (DN^2) that row and column noise causes in the mean of ``frames`` frames."""
         rows, columns = self.line_noise
         return np.asarray((rows / self.dark[0].shape[0] + columns / self.dark[0].shape[1]) / frames)
 
@@ -135,8 +135,9 @@ def curve(frames: FrameSet, site: Site = MONO) -> Curve:
 
 
 def _dark(dark: list[LevelMoments], times: Array) -> tuple[Array, Array, Array | None, Array]:
-    """Return the dark mean and variance at the times of the light levels, from dark frames of the same time or else
-    from a line over time; and slope and origin of that line.
+    """Return the dark mean (DN) and variance (DN^2) at the exposure times of the light levels. They come from dark
+    frames of the same time; without these, the mean comes from a line over time and the variance is averaged. Also
+    return slope (DN/s) and origin (DN) of the line.
     """
     own = np.array([one.time for one in dark])
     mean, variance = np.stack([one.mean for one in dark], 1), np.stack([one.variance for one in dark], 1)
@@ -220,7 +221,7 @@ def figures(frames: FrameSet, found: Curve, site: Site = MONO, confidence: float
     relative = wide / value
 
     def by_gain(values: Array, unit: str) -> Estimate:
-        """Divide by K, and include its lack of fit in the interval."""
+        """Divide an estimate in DN by K. The interval includes the lack of fit of K."""
         own, error = float(values[0] / gain[0]), interval.t * interval.error(values / gain)
         error = math.hypot(error, own * relative)
         return Estimate(own, own - error, own + error, unit)
@@ -310,7 +311,7 @@ def _efficiency(
 
 
 def _linearity(x: Array, signal: Array) -> Array:
-    """Return the mean relative deviation from the line that minimises relative deviations."""
+    """Return the mean relative deviation of the signal from a straight line, fitted with weights 1/signal^2."""
     weight = 1 / signal[0] ** 2
     mean_x = (weight * x).sum() / weight.sum()
     mean = (weight * signal).sum(1) / weight.sum()
@@ -326,10 +327,10 @@ def _errors(found: Curve, used: Array) -> Array:
 
 
 def _slope(x: Array, v: Array, errors: Array, interval: Jackknife) -> tuple[Array, float, float]:
-    """Return K by replicate, the half width of its interval, and the lack of fit.
+    """Return the gain K (DN/electron) of each replicate, the half width of the interval of K, and the lack of fit.
 
-    The interval combines the jackknife over pixels, scaled by the lack of fit, with the difference between K and the
-    slope of a parabola at zero, if the curvature of the parabola is significant at 1 %.
+    The interval combines two errors: the jackknife over pixels, scaled by the lack of fit; and, if the curvature of a
+    fitted parabola is significant at 1 %, the difference between K and the parabola's slope at zero.
     """
     gain = (x * v).sum(1) / (x**2).sum(1)
     residual = (v[0] - gain[0] * x[0]) / errors

@@ -3,8 +3,8 @@
 In:  a camera viewing a grey card, the pictures to measure.
 Out: by picture and channel the response across the edge at given frequencies, cycles/pixel.
 
-A uniform field of the same light divides fall-off out; the contrast that the rendering of the edge removes is divided
-out too.
+The picture of the edge is divided by that of a uniform field, which removes fall-off. The blur with which the edge is
+rendered is divided out too.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def edge_contrast(
 
 
 def _sites(plan: Plan, place: StageVariable, channel: str) -> Any:
-    """Return a mask of a channel's pixels in the window of the edge."""
+    """Return a mask (y, x) of the pixels of a channel, in the window that shows the edge."""
     node = plan.node(place[0])
     grid = plan.cells[node.name, (0,) * len(node.axes)].grids[MOSAIC]
     y, x = grid.line("y"), grid.line("x")

@@ -80,7 +80,7 @@ class FineDetail(FlatField):
             )
 
     def _look_at_light(self) -> None:
-        """Compute the contribution of each band to each channel."""
+        """Compute the share of each wavelength band in the photoelectrons of each channel."""
         cell, arrays = self.plan.cells[self.pixel, ()], self.arrays[0]
         self.edges = cell.input_grids[cell.inputs[0][0]].bands().edges
         stage = self.lens[self.pixel]
@@ -105,7 +105,7 @@ class FineDetail(FlatField):
 
     @cached_property
     def dark(self) -> float:
-        """Charge of a pixel without light, electron."""
+        """Dark charge of a pixel, electron."""
         node = next(
             (n for n in self.plan.nodes if CHARGE in n.writes and CURRENT in {v for _, _, v in n.inputs[0]}), None
         )
@@ -119,13 +119,13 @@ class FineDetail(FlatField):
         return 0.0 if made.failed else float(np.mean(made.arrays[CHARGE]))
 
     def contrast(self, channel: str, fy: Array, fx: Array, without: Collection[str] = ()) -> FloatArray:
-        """Return the (m, n) transfer function of a channel before the mosaic, without some of its stages."""
+        """Return the transfer function (m, n) of a channel up to the mosaic, without the stages in ``without``."""
         bands = self.band_contrast(fy, fx, [n for n in self.lens if n not in without])
         return self.mean(channel, bands, fy, fx, [n for n in self.moved if n not in without])
 
     def mean(self, channel: str, bands: Array, fy: Array, fx: Array, moved: Collection[str]) -> FloatArray:
-        """Return the (m, n) transfer function of a channel from the transfer functions of its bands (wavelength, m, n),
-        including the charge that some stages move between pixels.
+        """Return the transfer function (m, n) of a channel from those of the wavelength bands (wavelength, m, n). The
+        stages in ``moved``, which move charge between pixels, are included.
         """
         if not moved:
             return np.tensordot(self.colours[channel], bands, 1)
@@ -138,7 +138,7 @@ class FineDetail(FlatField):
         return np.asarray(found)
 
     def band_contrast(self, fy: Array, fx: Array, names: Collection[str]) -> Array:
-        """Return the (wavelength, m, n) transfer function of some stages together."""
+        """Return the product (wavelength, m, n) of the transfer functions of some stages."""
         product = Product(tuple(self.lens[name] for name in names), self.edges)
         found = product.at(np.asarray(fy)[:, None] / self.pitch, np.asarray(fx)[None, :] / self.pitch)
         return np.broadcast_to(found, (len(self.edges) - 1, len(fy), len(fx)))
@@ -153,8 +153,8 @@ class FineDetail(FlatField):
         return light + sum(v for name, v in self.added(channel).items() if name not in without)
 
     def added(self, channel: str) -> dict[str, float]:
-        """Return the variance added to the shot noise of the light, by stage, electron^2; for a stage of shot noise
-        only the shot noise of the dark charge is included.
+        """Return the variance (electron^2) that each stage adds to the shot noise of the light. A stage of shot noise
+        adds only the shot noise of the dark charge.
         """
         charge, light = self.signal()[channel], self.electrons[channel]
         return {
@@ -163,10 +163,11 @@ class FineDetail(FlatField):
         }
 
     def quanta(self, fy: Array, fx: Array, without: Collection[str] = ()) -> Array:
-        """Return the (m, n) NEQ of the mosaic: all its pixels together, each with its own noise.
+        """Return the NEQ (m, n) of the mosaic, in quanta per pixel: all pixels together, each with the noise of its
+        channel.
 
-        It is the mean over the positions of the mosaic cell: the ideal observer of one wave knows every pixel's filter.
-        ``without``: stages whose blur or noise is ignored.
+        It is the mean NEQ over the positions of the mosaic cell, because the ideal observer knows the filter of every
+        pixel. ``without``: stages whose blur or noise is ignored.
         """
         total = np.zeros((len(fy), len(fx)))
         for channel in self.channels:
@@ -186,7 +187,7 @@ class FineDetail(FlatField):
 
     @cached_property
     def full(self) -> float:
-        """Electrons of a pixel that reads 1."""
+        """Charge (electron) of a pixel whose linear mosaic value is 1."""
         scale = self.before[self.first.name]
         assert isinstance(scale, Scaled)
         return scale.electrons()
@@ -199,7 +200,7 @@ class FineDetail(FlatField):
         return self.responses(self.flat_mosaic([self.window(self.arrays[0][self.ref][MOSAIC])]), {}, True)
 
     def sites(self, shape: tuple[int, ...]) -> Array:
-        """Return (place, 2): positions of the stepped pixels in the windows of the responses."""
+        """Return (place, 2): the row and column of the stepped pixel in each response window."""
         corner = [shape[i] - (REACH + 4) for i in (-2, -1)]  # windows may be cut at the near border, not at the far one
         return np.array([[corner[0] + y, corner[1] + x] for y, x in self.order])
 
@@ -273,7 +274,7 @@ def fine_detail(
 
 
 def small(plan: Plan) -> Mapping[CellRef, tuple[str, ...]]:
-    """Return the variables that stages after the light write, and the variables of light without position."""
+    """Return the variables to keep, by cell: all except spectral pictures (wavelength, y)."""
     return {
         (n.name, ()): own
         for n in plan.nodes
@@ -284,8 +285,8 @@ def small(plan: Plan) -> Mapping[CellRef, tuple[str, ...]]:
 def frames(
     detail: FineDetail, registry: Registry, count: int, expected: Collection[str] = ()
 ) -> list[dict[StageVariable, Any]]:
-    """Return the pictures and the mosaic of noise frames inside the window. All frames have the same light, each has
-    its own fixed patterns.
+    """Return the mosaic and the linear pictures of noise frames, cut to the window. All frames have the same light;
+    each has its own noise and fixed patterns.
 
     ``expected``: stages that return expected values instead of random draws or rounded values.
     """

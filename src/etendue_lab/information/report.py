@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from etendue.types.documents import Document
 
 ENDS = (0.0, 0.25, 0.5)  # cycles/pixel at which the table shows NEQ
-FAINTEST = 1e-2  # relative to the largest NEQ; below it measured and predicted are not compared
+FAINTEST = 1e-2  # fraction of the largest NEQ below which measured and predicted are not compared
 
 
 @dataclass
@@ -37,15 +37,15 @@ class NeqCurve:
     frequency: tuple[float, ...]  # cycles/pixel
     predicted: tuple[float, ...]
     found: tuple[float, ...]
-    periodograms: int  # number averaged into each value, per row of frequencies
-    standard_error: float  # relative, of the measured noise power
+    periodograms: int  # number of periodograms averaged into each value, per row of frequencies
+    standard_error: float  # relative standard error of the measured noise power
     bits_predicted: float  # per pixel of a line
     bits_found: float
 
     @property
     def apart(self) -> float:
-        """Largest |measured / predicted - 1| where NEQ exceeds a hundredth of its maximum: below are zeros of the
-        picture's response.
+        """Largest |measured / predicted - 1| over the frequencies at which the predicted NEQ exceeds a hundredth of its
+        maximum. Smaller values lie near zeros of the picture's response.
         """
         least = FAINTEST * max(self.predicted, default=0.0)
         return max((abs(f / p - 1) for f, p in zip(self.found, self.predicted, strict=True) if p > least), default=0.0)
@@ -58,7 +58,7 @@ class InformationReport:
     pipeline: str
     reflectance: float
     ratio: float
-    size: float  # of the spot, pixels at half maximum
+    size: float  # full width of the spot at half maximum, pixels
     contrast: float  # of the spot
     electrons: dict[str, float]
     block: int

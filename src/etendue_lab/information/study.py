@@ -4,8 +4,8 @@ In:  a pipeline as written, the reflectance of its grey card, the contrast of th
 Out: information capacity, NEQ and SNRi from the light to the last picture, predicted from the camera's parameters; NEQ
      measured in its pictures.
 
-Measured are noise power in periodograms of frames of the grey card, contrast across a slanted edge without noise, and
-the mean of the card. These measurements do not use the transfer functions and variances of the prediction.
+Three quantities are measured: noise power in periodograms of frames of the grey card, contrast across a noise-free
+slanted edge, and the mean of the card. They do not use the transfer functions and variances of the prediction.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from etendue_lab.information.report import InformationReport, NeqCurve, StageRow
 from etendue_lab.noise.flat_field import MOSAIC
 
 BLOCK = 16  # pixels, side of a periodogram
-ROWS = 3  # of a periodogram, next to fy = 0, that are averaged
-ENOUGH = 400  # periodograms per value; below it a note is added
+ROWS = 3  # rows of a periodogram next to fy = 0 that are averaged
+ENOUGH = 400  # number of periodograms per value below which a note is added
 
 
 def information(
@@ -60,8 +60,8 @@ def information(
     reflectance : float
         Reflectance of the card, greater than 0 and at most 1.
     ratio : float
-        Brightest to darkest detail, greater than 1: the signal is uniformly distributed in between, with the same
-        power at all frequencies.
+        Ratio of the brightest to the darkest detail, greater than 1. The signal is uniformly distributed between them,
+        with the same power at all frequencies.
     size, contrast : float
         Full width at half maximum (pixels) and peak contrast of the Gaussian spot that the ideal observer detects.
     count : int
@@ -194,8 +194,8 @@ class _Found:
     # -- noise ------------------------------------------------------------------------------------------------------
 
     def _mosaic(self, frames: Array, contrast: Document) -> list[NeqCurve]:
-        """Measure by channel: each position of the mosaic cell on its own lattice, whose spectrum repeats beyond its
-        Nyquist frequency.
+        """Measure the NEQ of each channel of the mosaic. The pixels at one position of the mosaic cell form a coarser
+        lattice, whose spectrum repeats beyond its Nyquist frequency.
         """
         detail, period = self.detail, self.detail.mask.shape
         block = [max(2, BLOCK // p) for p in period]
@@ -243,7 +243,9 @@ class _Found:
 
     @staticmethod
     def _band(power: Array) -> Any:
-        """Return power along x: the mean of the three rows next to fy = 0."""
+        """Return the noise power along fx: the mean of three rows of a power spectrum, at fy = 0 and on both sides of
+        it.
+        """
         return (power[0] + power[1] + power[-1]) / ROWS
 
     def _curve(self, place: StageVariable, channel: str, expected: Array, found: Any, count: int) -> NeqCurve:
@@ -265,6 +267,6 @@ class _Found:
     # -- contrast ---------------------------------------------------------------------------------------------------
 
     def _normal(self) -> tuple[Any, Any]:
-        """Return frequencies along the normal of the edge."""
+        """Return the components (fy, fx) of the frequencies along the normal of the edge, cycles/pixel."""
         turn = math.radians(ANGLE)
         return math.sin(turn) * self.frequency, math.cos(turn) * self.frequency

@@ -36,7 +36,7 @@ COLUMNS = (
 
 
 def print_information(document: Document) -> None:
-    """Print the loss of bits at every stage, and the differences between measurement and prediction."""
+    """Print how many bits are lost at every stage, and how measurement and prediction differ."""
     console = _out()
     electrons = ", ".join(f"{channel} {value:.0f}" for channel, value in document["electrons"].items())
     console.print(

@@ -36,8 +36,8 @@ def losses_at(
     """Return the Shapley values of the camera at given values of its axes, ``{dim: value}``; if they cannot be
     computed, the reason under ``why``.
 
-    Cameras are computed with a grey card and, for colour, at most ``runs`` cameras with the scene; the archive itself
-    is not recomputed.
+    One camera is run with a grey card and, for colour, at most ``runs`` cameras with the scene. The archive itself is
+    not recomputed.
     """
     try:
         found: Document = finite(losses(camera_at(folder, at), installed_stages(), runs=runs, told=told).document())
@@ -78,7 +78,9 @@ def camera_at(folder: Path, at: AxisValues) -> PipelineFile:
 
 
 def _taken(pipeline: PipelineFile, key: str) -> bool:
-    """Return whether a value of an axis applies; a stage chosen by another axis may not have the parameter."""
+    """Return whether the value of an axis applies. It does not if another axis has chosen a stage without this
+    parameter.
+    """
     stage, _, name = key.rpartition(".")
     uses = [entry.use for entry in pipeline.stages if entry.name == stage]
     stages = installed_stages()

@@ -1,5 +1,5 @@
-"""Losses of a camera in which some stages are real and the others ideal: contrast and signal-to-noise ratio, from its
-own parameters.
+"""Loss of contrast and of signal-to-noise ratio in a camera with some real stages and all others ideal, from the
+parameters of the camera.
 
 In:  a camera viewing a grey card (`FineDetail`).
 Out: the loss in decibels for any set of real stages.
@@ -35,12 +35,12 @@ class Game:
 
     name: str
     unit: str  # of the shared loss
-    figure: str  # name of the metric shown beside it
+    figure: str  # name of the metric shown beside the loss
     shares: Shares
     ideal: float  # metric without any of the stages
     camera: float  # with all of them
-    without: Mapping[str, float]  # stage -> metric without it alone
-    # loss minus that without both: predicted from shares, and actual
+    without: Mapping[str, float]  # stage -> metric if only this stage is ideal
+    # decrease of the loss without both stages: predicted from shares, and actual
     pairs: Mapping[tuple[str, str], tuple[float, float]]
 
 
@@ -92,11 +92,10 @@ class Contrast:
 
 
 class SignalToNoise:
-    """SNR of the grey card in one channel, relative to the SNR for the shot noise of its light alone.
+    """SNR of the grey card in one channel, relative to its SNR with shot noise alone.
 
     A stage that adds noise before the mosaic contributes its variance; a later stage contributes the factor by which it
-    changes the noise power.
-    ``gains``: transmission of stages that absorb light.
+    changes the noise power. ``gains``: transmission of each stage that absorbs light.
     """
 
     def __init__(self, detail: FineDetail, gains: Mapping[str, float]) -> None:
@@ -124,7 +123,7 @@ class SignalToNoise:
         return 20 * math.log10(self.snr(frozenset()) / self.snr(present))
 
     def _added(self, light: float, present: frozenset[str]) -> float:
-        """Return the variance in addition to the shot noise of light, electron^2."""
+        """Return the variance (electron^2) that the real stages add to the shot noise of the light."""
         charge = light + self.detail.dark
         every = {
             n: stage.variance(charge) - (light if stage.role == SHOT else 0.0)
@@ -135,21 +134,23 @@ class SignalToNoise:
     def _mosaic(
         self, place: StageVariable, light: Mapping[str, float], variance: Mapping[str, float]
     ) -> tuple[FloatArray, float]:
-        """Return noise power and signal of the demosaicer's picture or, without it, of full planes."""
+        """Return noise power and signal of the demosaiced picture or, if the demosaicer is ideal, of full planes."""
         if place != self.places[0]:
             return np.full(self.square.weight.shape, variance[self.channel]), light[self.channel]
         shares, level = self._carried[place]
         return self._weighed(shares, variance), float(self._weighed(level, light))
 
     def _weighed(self, values: FloatArray, numbers: Mapping[str, float]) -> FloatArray:
-        """Return the sum of values at the places of the mosaic cell, each times the number of its channel."""
+        """Return the weighted sum of values over the positions of the mosaic cell. The weight of a position is the
+        number given for its channel.
+        """
         channels = [str(self.detail.mask[p]) for p in self.detail.order]
         return np.asarray(sum(value * numbers[channel] for value, channel in zip(values, channels, strict=True)))
 
     @cached_property
     def _carried(self) -> dict[StageVariable, tuple[FloatArray, FloatArray]]:
-        """Noise transfer by picture: (place, m, n) noise power for unit variance at a position of the mosaic cell,
-        (place,) signal for unit mean.
+        """How each picture transfers noise and signal from each position of the mosaic cell: noise power (place, m, n)
+        for unit variance there, and signal (place,) for unit mean.
         """
         found, count = {}, len(self.detail.order)
         for place in self.places:
@@ -168,7 +169,7 @@ class SignalToNoise:
 
     @cached_property
     def _step(self) -> dict[StageVariable, tuple[FloatArray, float]]:
-        """Factors by picture after the first: noise power and signal relative to the previous picture."""
+        """For each picture after the first: noise power and signal relative to the previous picture."""
         variance = {c: self.detail.variances(c) for c in self.detail.channels}
         found, last = {}, None
         for place in self.places:

@@ -25,7 +25,7 @@ class Shares:
 
     players: tuple[str, ...]
     values: NDArray[np.float64]  # (player,)
-    interactions: NDArray[np.float64]  # (player, player), symmetric: below 0 where one hides the other
+    interactions: NDArray[np.float64]  # (player, player), symmetric; < 0 if one effect hides the other
     errors: NDArray[np.float64]  # (player,) standard errors; 0 if all coalitions were evaluated
     total: float
     coalitions: int  # number evaluated
@@ -43,8 +43,8 @@ class Shares:
     def of_pair(self, one: str, other: str) -> float:
         """Return the predicted decrease of the total if two players leave, from Shapley values and interactions.
 
-        It is phi_i + phi_j + half the sum of the interactions of both with all others, which is exact if no three
-        players interact.
+        The prediction is phi_i + phi_j + half the sum of the interactions of players i and j with all others. It is
+        exact if no three players interact.
         """
         i, j = self.order[one], self.order[other]
         others = [k for k in range(len(self.players)) if k not in (i, j)]
@@ -58,7 +58,7 @@ def shares(value: Value, players: Sequence[str], most: int = 64, seed: int = 0) 
     Parameters
     ----------
     value : callable
-        Value of a coalition, including the empty one. Called once for each.
+        Function that returns the value of a coalition, the empty one included. Called at most once for each coalition.
     players : names, all different
     most : int
         Maximum number of coalitions to evaluate.
@@ -88,8 +88,8 @@ def shares(value: Value, players: Sequence[str], most: int = 64, seed: int = 0) 
 
 
 def fewest(players: int) -> int:
-    """Return the number of coalitions that an order and its reverse need at most, including those for interactions of
-    neighbours.
+    """Return the largest number of coalitions that one order and its reverse require, including those for interactions
+    of adjacent players.
     """
     return 2 * (2 * players - 1)
 

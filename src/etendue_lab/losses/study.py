@@ -118,7 +118,7 @@ class SharedLoss:
 
     name: str
     unit: str
-    figure: str  # name of the metric shown beside it
+    figure: str  # name of the metric shown beside the loss
     players: tuple[str, ...]
     loss: Callable[[frozenset[str]], float]  # loss with only some of the stages real
     figure_of: Callable[[frozenset[str]], float]
@@ -171,8 +171,8 @@ def _gains(detail: FineDetail, registry: Registry, options: Options | None, note
 
 
 def without_stages(pipeline: PipelineFile, out: Collection[str]) -> PipelineFile:
-    """Return the pipeline without some stages that write the variable they read; line numbers of the file no longer
-    apply.
+    """Return the pipeline without the stages in ``out``, each of which writes the variable that it reads. It has no
+    line numbers, as they no longer match the file.
     """
     return replace(derived.without_stages(pipeline, out), lines={})
 
@@ -225,8 +225,8 @@ class _Cameras:
         self.reference = self._lab(frozenset())
 
     def loss(self, present: frozenset[str]) -> float:
-        """Return the mean squared colour difference to the ideal camera: for independent errors this is the sum of the
-        errors.
+        """Return the mean squared colour difference (CIEDE2000) from the ideal camera. The mean squares of independent
+        errors add up.
         """
         if present not in self.pictures:
             apart = difference.delta_e_2000(self._lab(present), self.reference) if present else np.zeros(1)

@@ -27,9 +27,9 @@ GREYS = slice(18, 24)
 # illuminant of the published values; range of the reflectances
 WHITE, OBSERVED = ("D50", tuple(float(nm) for nm in range(380, 731)))
 CLIPPED = 0.02  # share of clipped pixels above which a patch's colour is unknown
-# another order of corners must reduce the mean difference to this share; tried only above this one
+# another order of corners must reduce the mean difference to this share; tried only above this difference
 BETTER, BAD = (0.6, 5.0)
-STRANGE = 20.0  # mean difference after gain above which it is hardly that chart
+STRANGE = 20.0  # mean difference after gain above which the chart is probably not a ColorChecker
 ORDER = "dark skin, bluish green, black, white"
 
 
@@ -116,8 +116,8 @@ def measured_chart(photograph: PhotographFile, text: str, space: str, confidence
 def _errors(
     patches: Patches, convert: Callable[[Array], Array], confidence: float, draws: int = DRAWS
 ) -> tuple[ColourErrors, ColourErrors, float]:
-    """Return errors as photographed, and after the gain that fits the luminances of the greys to the reference by least
-    squares.
+    """Return CIEDE2000 errors as photographed, and after an exposure gain that fits the luminances of the grey patches
+    to the reference by least squares.
     """
     _, goal, _ = reference()
     as_is = colour_errors(patches, convert, goal, confidence, draws=draws)

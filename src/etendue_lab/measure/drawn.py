@@ -122,7 +122,7 @@ def _noise(one: Document) -> str:
 
 
 def _shown(photograph: PhotographFile) -> Array:
-    """Return (rows, columns) or (rows, columns, 3), 0 to 1, as shown; a large picture is subsampled."""
+    """Return the picture to show, (rows, columns[, 3]), values 0 to 1. A large picture is subsampled."""
     every = math.ceil(max(photograph.rows, photograph.columns) / WIDEST)
     part = photograph.values[::every, ::every] / photograph.full
     seen: FloatArray = np.clip(part, 0, 1)

@@ -28,21 +28,21 @@ ORDER = 3  # of the polynomial fitted to an edge: distortion bends edges
 # degrees from the raster; the method's own limits are 2 to 43, with a margin for photographs
 LEAST, MOST = (1.0, 44.0)
 STEEP = 2.0, 43.0  # degrees from the raster of edges that are found automatically
-MISFIT, TIMES = 0.04, 4.0  # relative to the step, and to the noise: rms residual above which it is not a single edge
+MISFIT, TIMES = 0.04, 4.0  # rms residual above which there is not a single edge, relative to the step and to the noise
 ALONE = 0.02  # relative to the step: rms residual up to which the region contains only the edge
-CLEARER = 1.5  # minimum ratio between step/residual in a strip and in a region that contains something else
+CLEARER = 1.5  # minimum step/residual in a strip over that in its region, if the region contains something else
 TILTED = 1.92  # scale of the effect of level errors on MTF50: covers 96 % of 400 edges in 8 bits without noise
 LOST, COARSER, FINER = 0.0235, 2.0, 8.34  # of MTF50: see `_lost`
-# Mean step of a table below which rewritten edges show mainly rounding; fraction of rounding that is counted twice.
+# Mean step of a table below which recompressed edges show mainly rounding; fraction of rounding counted twice.
 FINE, TWICE = (
     2.0,
     0.5,
 )
 METHOD = 5e-4  # relative to MTF50: error of the method itself (`slanted_edge`), a lower bound of every interval
-SEEN = 5.0  # times the noise: a step visible by eye; noise alone reaches 3.3
+SEEN = 5.0  # step over noise above which an edge is visible by eye; noise alone reaches 3.3
 HIDDEN = "its step is lost in noise"
 TRIED = 0.08, 0.6  # range of MTF50 tested, cycles/pixel: Gaussian blurs of 2 to 0.35 pixels
-TRIED_NOISE, TRIED_STEPS = 0.025, 30.0  # rms of full scale; mean of a JPEG's table, where that of quality 75 is 29
+TRIED_NOISE, TRIED_STEPS = 0.025, 30.0  # rms noise relative to full scale; mean of a JPEG's table (29 at quality 75)
 KINDS = {  # reasons why no edge is found automatically, and the advice for each
     "shorter than 24 pixels": (("shorter than",), "make the chart larger in the picture"),
     "along rows or columns": (
@@ -135,7 +135,9 @@ def _measured_in(photograph: PhotographFile, region: PixelWindow, channel: str, 
 
 
 def _why(refusals: list[str], why: list[str]) -> str:
-    """Return the kinds of edges in the picture that cannot be measured, most frequent first, with advice."""
+    """Return a text that says why no edge can be measured: the kinds of unsuitable edges, most frequent first, and
+    advice.
+    """
     reasons = [*refusals, *(reason(ValueError(one)) for one in why)]
     counts = {kind: sum(any(part in one for part in parts) for one in reasons) for kind, (parts, _) in KINDS.items()}
     kinds = sorted((kind for kind in counts if counts[kind]), key=lambda kind: -counts[kind])
@@ -198,7 +200,7 @@ def _measured(
 
 
 def _untried(photograph: PhotographFile, channel: str, found: EdgeResolution, step: float) -> list[str]:
-    """Return which properties are outside the range on which intervals were tested
+    """Return the names of the properties that lie outside the range in which intervals were tested
     (``benchmarks/measure_coverage.py``).
     """
     noise = step / found.snr if found.snr > 0 else math.inf
@@ -215,8 +217,8 @@ def _untried(photograph: PhotographFile, channel: str, found: EdgeResolution, st
 def _intervals(
     photograph: PhotographFile, levels: tuple[float, ...], found: EdgeResolution, confidence: float
 ) -> Document:
-    """Return intervals that combine noise with the effects of the file, added in squares, and these effects relative to
-    MTF50.
+    """Return intervals that combine noise with the effects of the file format, added in squares. Also return these
+    effects relative to MTF50.
     """
     doubt, lost = _rounding(photograph, levels, found, confidence), _lost(photograph, levels, found)
     z = float(scipy.special.ndtri(0.5 + 0.5 * confidence))
@@ -243,15 +245,15 @@ def _intervals(
 
 
 def _lost(photograph: PhotographFile, levels: tuple[float, ...], found: EdgeResolution) -> float:
-    """Return the effect of JPEG compression that rewritten edges do not show, relative to MTF50: a mean error, and an
-    equal spread.
+    """Return the error of MTF50 by JPEG compression that recompressed edges do not show, relative to MTF50. The value
+    is both the mean error and its spread.
 
     Notes
     -----
-    Rewritten edges start from the edge in the file, which has already lost detail of a sharp one. On average the true
-    value is higher by this amount, with an equal spread: `LOST` times the squared ratio of the table's mean step to the
-    step of the edge, times exp(`FINER` MTF50), up to the sharpest edge tested. Fitted with `edge_rewritten.BY_ROWS` to
-    the same edges; 0.1 of MTF50 for blurs of 0.35 pixels at quality 75, 0.005 at 95.
+    Recompressed edges start from the edge in the file, in which compression has already removed detail. On average the
+    true MTF50 is higher by this error: `LOST` times the squared ratio of the table's mean step to the step of the edge,
+    times exp(`FINER` MTF50), up to the sharpest edge tested. The constants are fitted, with `edge_rewritten.BY_ROWS`,
+    to the same edges. For a blur of 0.35 pixels the error is 0.1 of MTF50 at quality 75 and 0.005 at 95.
     """
     if not math.isfinite(found.mtf50):
         return 0.0
@@ -259,8 +261,8 @@ def _lost(photograph: PhotographFile, levels: tuple[float, ...], found: EdgeReso
 
 
 def _rounding(photograph: PhotographFile, levels: tuple[float, ...], found: EdgeResolution, confidence: float) -> float:
-    """Return the largest relative shift of a frequency by the rounding of the file's numbers, from the error of both
-    levels of the edge relative to its step.
+    """Return the largest relative error of a frequency, such as MTF50, that rounding in the file causes. It follows
+    from the rounding errors of the two levels of the edge, relative to its step.
     """
     low, high = levels
     steps = [photograph.step(low), photograph.step(high)]
@@ -276,9 +278,9 @@ def _rounding(photograph: PhotographFile, levels: tuple[float, ...], found: Edge
 
 
 def _wider(value: float, low: float, high: float, doubt: float, higher: float = 0.0) -> tuple[float, float]:
-    """Widen an interval by a further independent uncertainty, relative to the value.
+    """Widen an interval by a further independent uncertainty, given as a fraction of the value.
 
-    ``higher`` (relative to the value) shifts the interval up; the value stays inside it.
+    ``higher`` (a fraction of the value) shifts the interval up; the value stays inside the interval.
     """
     if not math.isfinite(value):
         return low, high
@@ -287,14 +289,16 @@ def _wider(value: float, low: float, high: float, doubt: float, higher: float = 
 
 
 def _said(why: str, seen: bool, image: Array) -> str:
-    """Return the reason why an edge cannot be measured. A step that is visible is never reported as lost in noise."""
+    """Return the reason why an edge cannot be measured. A visible edge is never reported as hidden by noise."""
     if not seen and float(np.ptp(image)) > 0:
         return HIDDEN
     return "there is no single straight edge between two uniform fields" if why == HIDDEN else why
 
 
 def _roomy(place: PixelWindow, strip: Any, photograph: PhotographFile) -> tuple[PixelWindow, Any]:
-    """Return a window with room around a strip that is narrower than the smallest measurable edge."""
+    """Return a window that is widened to the smallest measurable size around a narrow strip, and the mask of the strip
+    in it.
+    """
     (y, height), (x, width) = (
         _widened(first, length, size)
         for first, length, size in (
@@ -332,7 +336,7 @@ def _stands(shape: EdgeShape) -> str:
 def _check_straight(
     what: str, found: EdgeResolution, shape: EdgeShape | None, image: Array, sites: Array | None
 ) -> None:
-    """Refuse an edge that no cubic follows: the residual of the fit exceeds its noise."""
+    """Refuse an edge that a cubic curve does not fit: the residual of the fit exceeds the noise."""
     step = 1 / found.snr if found.snr > 0 else math.inf
     if step <= MISFIT or step <= TIMES * _noise(image, sites) / _step(image, sites):
         return
@@ -348,8 +352,8 @@ def _step(image: Array, sites: Array | None) -> float:
 
 
 def _noise(image: Array, sites: Array | None) -> float:
-    """Return the rms noise of a pixel, from the median of differences between neighbours of one colour along the
-    smoother direction.
+    """Return the rms noise of a pixel. It follows from the median difference between neighbours of one colour, along
+    rows or columns, whichever gives less.
     """
     if sites is None:
         steps = [np.diff(image, axis=0), np.diff(image, axis=1)]

@@ -18,8 +18,8 @@ from etendue_lab.measure.photograph import PhotographFile
 from etendue_lab.measure.regions import PixelWindow
 
 SEARCHED = 2_000_000  # pixels of the picture that is searched
-AROUND, WIDEST = 24, 800  # pixels around a find, and maximum size along a side
-PARTS = 3  # along y and along x, plus overlapping ones: for pictures dominated by something else
+AROUND, WIDEST = 24, 800  # margin around a found edge, and maximum side of its window, pixels
+PARTS = 3  # number of parts along y and x, plus overlapping parts: for pictures dominated by something else
 MOST, TRIES = 12, 12  # maximum number of edges measured, and of places examined in a part
 SPANNED = 0.95  # share of a region's width and height that a strip must span
 SHORTEST = 12.0  # half of an edge's length, pixels: a strip of 24 and its ends
@@ -34,8 +34,8 @@ class EdgePlace:
 
 
 def slanted(photograph: PhotographFile, channel: str) -> tuple[list[EdgePlace], list[str]]:
-    """Return places of edges, and why others were rejected; a large picture is first searched on block means of the
-    file's own numbers.
+    """Return places of edges, and the reasons why other places were rejected. A large picture is first searched on
+    block means of the numbers in the file.
     """
     factor = math.ceil(math.sqrt(photograph.rows * photograph.columns / SEARCHED))
     sites = photograph.sites(channel)
@@ -53,7 +53,9 @@ def slanted(photograph: PhotographFile, channel: str) -> tuple[list[EdgePlace], 
 
 
 def strips_of(photograph: PhotographFile, channel: str, region: PixelWindow) -> list[EdgePlace]:
-    """Return strips whose bounding box is a region: the corners of the box may contain something else."""
+    """Return strips along edges that extend over nearly the whole region; the corners of the region may contain
+    something else.
+    """
     top, left = max(region.y - AROUND, 0), max(region.x - AROUND, 0)
     part = (
         top,
@@ -72,7 +74,7 @@ def strips_of(photograph: PhotographFile, channel: str, region: PixelWindow) -> 
 
 
 def _cut_to(region: PixelWindow, place: EdgePlace) -> EdgePlace | None:
-    """Return the part of a strip inside a region."""
+    """Return the part of a strip that lies inside a region; None if no part does."""
     held, own = np.zeros((region.height, region.width), bool), place.window
     y, x = own.y - region.y, own.x - region.x
     rows, columns = slice(max(y, 0), max(y + own.height, 0)), slice(max(x, 0), max(x + own.width, 0))
@@ -95,7 +97,7 @@ def _place(found: FoundEdge) -> EdgePlace:
 
 
 def _in_parts(image: Array, sites: Any) -> tuple[list[FoundEdge], list[str]]:
-    """Return the edges found in the whole picture and in its parts, where other edges may be the strongest."""
+    """Return the edges found in the whole picture and in its parts, in which other edges may be the strongest."""
     found, why = [], []
     for top, bottom, left, right in _parts(*image.shape):
         cut = np.s_[top:bottom, left:right]
@@ -122,7 +124,7 @@ def _moved(one: FoundEdge, down: int, right: int) -> FoundEdge:
 
 
 def _apart(places: list[EdgePlace]) -> list[EdgePlace]:
-    """Return the places whose centre is not inside a better place."""
+    """Return the places whose centre is not inside the strip of an earlier, better place."""
     kept: list[EdgePlace] = []
     for place in places:
         y, x = (float(part.mean()) for part in np.nonzero(place.strip))
@@ -138,7 +140,7 @@ def _apart(places: list[EdgePlace]) -> list[EdgePlace]:
 
 
 def reason(error: ValueError) -> str:
-    """Return the reason why no edge can be measured, without the requirements."""
+    """Return the reason why no edge can be measured, without the list of requirements after it."""
     return str(error).removeprefix("picture shows no edge that can be measured: ").partition("; one edge between")[0]
 
 
@@ -155,8 +157,8 @@ def _parts(rows: int, columns: int) -> list[tuple[int, int, int, int]]:
 def _span(
     top: int, bottom: int, left: int, right: int, factor: int, photograph: PhotographFile
 ) -> tuple[int, int, int, int]:
-    """Return the pixels of an edge that was found on block means, with a margin, at most the size that an edge needs:
-    top, bottom, left, right.
+    """Return top, bottom, left and right (pixels) of an edge that was found on block means. A margin is added, and the
+    size is limited to what the measurement of an edge needs.
     """
     ends = []
     for first, last, size in ((top, bottom, photograph.rows), (left, right, photograph.columns)):
@@ -166,7 +168,7 @@ def _span(
 
 
 def _smaller(photograph: PhotographFile, sites: Any, factor: int) -> Any:
-    """Return block means of all channels or, for a mosaic, of one colour."""
+    """Return block values for the search: sums over all channels or, for a mosaic, means of one colour."""
     rows, columns = photograph.rows // factor, photograph.columns // factor
 
     def total(plane: Array) -> Any:

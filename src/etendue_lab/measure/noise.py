@@ -21,7 +21,7 @@ CLIPPED = 1e-3  # share of clipped pixels above which a patch is refused
 SLOPE = 0.5  # change over the patch, relative to its mean
 TIMES = 4.0  # limit of the rms of block means relative to that of independent pixel noise
 KEPT = 0.5  # relative to the mean step of a JPEG's table: noise (numbers of the file) below it has been removed
-UNEVEN, MOST = 0.02, 0.7  # relative to the mean, and to the noise itself
+UNEVEN, MOST = 0.02, 0.7  # limits relative to the mean, and to the noise
 
 
 def measured_noise(photograph: PhotographFile, text: str, confidence: float) -> Document:
@@ -66,8 +66,8 @@ def measured_noise(photograph: PhotographFile, text: str, confidence: float) -> 
 
 
 def _step(photograph: PhotographFile, name: str, cut: tuple[slice, slice]) -> float:
-    """Return the step between numbers of a plane in linear light. For luminance it is the single step with the same
-    effect as the steps of all channels.
+    """Return the step in linear light between neighbouring numbers of a plane, at its mean level. For luminance, return
+    the single step whose rounding error equals that of all channels together.
     """
     if name != "luminance":
         return photograph.step(float(photograph.linear(name, cut)[0].mean()))

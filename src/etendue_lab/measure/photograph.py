@@ -134,7 +134,7 @@ class PhotographFile:
         return self.colours[cut] == channel[0].upper()
 
     def step(self, level: float) -> float:
-        """Return the difference between neighbouring numbers of the file in linear light, at a level; 0 for
+        """Return the step in linear light between neighbouring numbers of the file at a level, 1 at full scale; 0 for
         floating-point files.
         """
         if self.is_raw:
@@ -147,8 +147,8 @@ class PhotographFile:
         return float(above - below)
 
     def coarse(self, low: float, high: float) -> float:
-        """Return the mean step of a JPEG's table relative to an edge between two levels of linear light, both in
-        numbers of the file; 0 for other files.
+        """Return the mean quantisation step of a JPEG divided by the height of an edge between two levels of linear
+        light, both in numbers of the file; 0 for other files.
         """
         if not self.lossy:
             return 0.0
@@ -157,12 +157,12 @@ class PhotographFile:
 
     @property
     def lossy(self) -> bool:
-        """Whether the file holds rounded cosine transforms of blocks."""
+        """Whether the file is a JPEG, which stores quantised cosine transforms of blocks."""
         return self.table is not None
 
     def written(self, linear: Array, rng: np.random.Generator) -> FloatArray:
-        """Return a plane in linear light after compression as in this file, with random block position and level
-        offsets.
+        """Return a plane in linear light after JPEG compression with the table of this file. Block position and level
+        offsets are random.
         """
         encoded = self.full * ENCODED[self.encoding](np.clip(linear, 0.0, 1.0))
         dark, bright = np.percentile(encoded[::2, ::2], (5, 95))
@@ -172,7 +172,7 @@ class PhotographFile:
 
     @cached_property
     def _light(self) -> FloatArray:
-        """Linear value of each 8-bit number."""
+        """Linear light (1 at full scale) of each 8-bit number."""
         return self._decoded(np.arange(256))
 
     def planes(self, cut: Cut = np.s_[:]) -> Array:
@@ -283,6 +283,6 @@ def developed(path: Path) -> Any:
 
 
 def told(error: Exception) -> str:
-    """Return the message of LibRaw, which has its own class for each error."""
+    """Return the message of a LibRaw error as one line of text."""
     text = next((one.decode("ascii", "replace") for one in error.args if isinstance(one, bytes)), str(error))
     return " ".join(text.split())[:150]

@@ -68,7 +68,7 @@ def measured_star(
 
 
 def _cycles(image: Array, place: Circle, first: tuple[int, int], sites: Array | None, given: int | None) -> str:
-    """Return advice on the number of cycles."""
+    """Return advice to end an error message: give the number of cycles per turn, or correct it; '' if there is none."""
     if given is None:
         return "; give its number of periods per turn with --cycles N"
     try:

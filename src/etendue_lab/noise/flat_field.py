@@ -33,7 +33,7 @@ from etendue_camera.sensor import cfa
 from etendue_lab.compare import installed
 
 PICTURES = ("rgb_camera", "xyz_scene", "rgb_linear", "xyz_display", "rgb_display")
-# pixels: ignored at the border, half width of a response, largest side of the measured window
+# pixels: ignored border, half width of a response, largest side of the measured window
 BORDER, REACH, LARGEST = (16, 20, 192)
 STEP = 1e-4  # step of a response, relative to full scale
 MOSAIC = "mosaic_linear"
@@ -43,8 +43,8 @@ FLAWS = frozenset({"defect_map", "stuck_map"})  # variables written by stages th
 def in_front_of_grey(
     pipeline: PipelineFile, registry: Registry, reflectance: float, but: Collection[str] = ()
 ) -> PipelineFile:
-    """Return the pipeline with a flat grey card in place of its scene, of the same size and light, and without
-    defective pixels.
+    """Return the pipeline without defective pixels, and with a flat grey card of the same size and light in place of
+    its scene.
 
     ``but``: parameters that are not copied from the scene to the card.
     """
@@ -60,7 +60,9 @@ def in_front_of_grey(
 
 
 def _sound(entry: StageEntry, registry: Registry) -> StageEntry:
-    """Return a stage of defective pixels with parameters such that no pixel is defective."""
+    """If a stage makes pixels defective, return it with the shares of defective pixels set to 0; return other stages
+    unchanged.
+    """
     if entry.use not in registry or not FLAWS & set(writes_of(kind := registry.load(entry.use))):
         return entry
     shares = {
@@ -84,8 +86,8 @@ def another(pipeline: PipelineFile, number: int) -> PipelineFile:
 
 
 def several(plan: Plan, node: Node, variable: str, but: Collection[str] = ()) -> str:
-    """Return a text that names a stage with more than one picture of a variable, and the number of these pictures; ''
-    if every stage has one. ``but``: dims along which several pictures are expected.
+    """Return a message if a node writes several pictures of a variable, with their number and the stage that causes it;
+    '' if there is one picture. ``but``: dims along which several pictures are expected.
     """
     for dim in (dim for dim in node.writes[variable].dims[:-2] if dim not in but):
         maker = next(one.name for one in plan.nodes if any(dim in declared.dims for declared in one.writes.values()))
@@ -95,7 +97,7 @@ def several(plan: Plan, node: Node, variable: str, but: Collection[str] = ()) ->
 
 
 def followed(plan: Plan, notes: list[str], what: str, file: str) -> list[str]:
-    """Return the names of the pictures made from the mosaic. If there are none, as with a sensor without colour
+    """Return the names of the picture variables made from the mosaic. If there are none, as for a sensor without colour
     filters, add a note.
 
     Raises
@@ -139,7 +141,7 @@ class FlatField:
         self.before = {name: with_found(self.jobs[name, ()], results).stage for name in before}
 
     def _mask(self) -> Array:
-        """Channel names by position in the mosaic cell, as the window sees them."""
+        """Channel name at each position of the mosaic cell; the cell starts at the first pixel of the window."""
         pattern = self.plan.shared.get("pattern", "mono")
         mask = cfa.read(str(pattern))
         grid = self.plan.cells[self.ref].grids[MOSAIC]
@@ -207,11 +209,11 @@ class FlatField:
         return flat
 
     def places(self) -> list[tuple[tuple[int, int], float]]:
-        """Return the first pixels of mosaic cells at which responses are taken, far enough apart not to overlap, and
-        their weights.
+        """Return the mosaic cells at which responses are taken: the first pixel (row, column) of each, and its weight.
+        They are far enough apart that responses do not overlap.
 
-        They are Gauss nodes: with three per line, a gain that grows with the fifth power of the distance has its true
-        mean.
+        The cells lie at Gauss-Legendre nodes. With three nodes per line, the weighted mean is exact for a gain that is
+        a polynomial of fifth degree in position.
         """
         lines = []
         for size, period in zip((self.rows, self.columns), self.mask.shape, strict=True):
@@ -231,8 +233,8 @@ class FlatField:
     def responses(
         self, flat: Array, found: Mapping[tuple[int, int], float], modelled: bool
     ) -> dict[tuple[str, str], list[tuple[Any, Any, float]]]:
-        """Return for each picture, at several places of the frame: its response to a step of one pixel, (position in
-        the mosaic cell, channel, y, x), the variance of these pixels, and the weight of the place.
+        """Return three values for each picture at several places of the frame: the response to a step of one pixel
+        (position in the mosaic cell, channel, y, x), the variance of the stepped pixels, and the weight of the place.
         """
         behind, (places, weights) = self.behind(), zip(*self.places(), strict=True)
         variance = [self.variance_at(place, found, modelled) for place in places]

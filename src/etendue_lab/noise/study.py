@@ -36,7 +36,7 @@ from etendue_lab.compare.axis import one_camera
 from etendue_lab.noise.flat_field import MOSAIC, FlatField, another, followed, in_front_of_grey
 from etendue_lab.noise.report import NoiseReport, StageNoise
 
-FULL = 0.001  # share of clipped pixels above which noise is cut off
+FULL = 0.001  # share of clipped pixels above which the measured noise is too small
 TREND = 4  # degree of the polynomial removed before noise is measured: fall-off over a wide field is not noise
 
 
@@ -56,7 +56,7 @@ def noise(
         Its scene is replaced by a flat one of the same size and light; a sweep is ignored.
     registry : Registry
     reflectance : float
-        Of the flat scene, greater than 0 and at most 1.
+        Reflectance of the flat scene, greater than 0 and at most 1.
     frames : int
         Number of noise frames, at least 1, each with its own fixed patterns.
 
@@ -100,7 +100,7 @@ class _Measurement(FlatField):
         for y, x in np.ndindex(self.mask.shape):
             planes = np.stack([m[y :: self.mask.shape[0], x :: self.mask.shape[1]] for m in mosaics])
             by_place[y, x] = propagation.without_trend(planes, TREND)
-            # independent noise: correct for the pixels' share in the trend
+            # for independent noise: correct for the noise that the fitted trend removes
             free = 1 - propagation.terms(TREND) / planes[0].size
             found[y, x] = float(np.mean(by_place[y, x] ** 2)) / free
         model = self.model(self.signal())
@@ -138,7 +138,9 @@ class _Measurement(FlatField):
         return report
 
     def _codes(self) -> float:
-        """Return digital numbers between black and 1, derived from the rounding noise; 0 without a converter."""
+        """Return the number of codes between black and a linear value of 1, derived from the rounding noise; 0 without
+        a converter.
+        """
         scale = self.before[self.first.name]
         codes = [
             s

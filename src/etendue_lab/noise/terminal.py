@@ -24,7 +24,9 @@ def _both(one: Document) -> str:
 
 
 def _between(row: Document) -> str:
-    """Return one pair of channels for each row, so that each pair appears once: R G, G B and, in the row of B, R B."""
+    """Return the correlation of one pair of channels for a row of the table. Over the rows each pair appears once: R G,
+    G B and, in the row of B, R B.
+    """
     pair = next(
         (one for one in row["correlation"] if one.split()[0] == row["channel"]), next(iter(row["correlation"]), "")
     )

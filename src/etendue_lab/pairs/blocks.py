@@ -35,7 +35,7 @@ def request_of(pairs: Pairs, size: int) -> Document:
     plan = pairs.session.plan(list(pairs.variables), pairs.settings(0))
     return {
         "pipeline": pairs.pipeline.name,
-        "key": plan.of(plan.wanted[0][0])[0].key,  # of the first pair: all that its bits depend on
+        "key": plan.of(plan.wanted[0][0])[0].key,  # of the first pair: everything that its bits depend on
         "variables": list(pairs.variables),
         "over": [str(one) for one in pairs.ranges],
         "photographs": [Path(one).name for one in pairs.photographs],
@@ -66,7 +66,7 @@ def write_blocks(pairs: Pairs, folder: Path, size: int = 64, workers: int = 2, t
         numbers = range(block * size, min((block + 1) * size, len(pairs)))
         arrays, settings = names_of(block)
         there = _read(folder / settings)
-        # The settings get their name after the arrays: a block with them is whole.
+        # The file of settings is written after the arrays: if it exists, the block is complete.
         if there is None or there["numbers"] != list(numbers) or not (folder / arrays).is_file():
             own = list(_made(pairs, numbers, workers))
             write_whole(folder, {arrays: _stacked(own)})

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 PICTURES = frozenset((".png", ".jpg", ".jpeg", ".tif", ".tiff"))
 VARIABLES = ("raw", "expected_charge")  # what a camera stores, and the mean charge of the same pixels without noise
-BYTES = 256 << 20  # of results that are kept: scenes of photographs that come again
+BYTES = 256 << 20  # memory for results that are reused: scenes of photographs that occur again
 SEEDS = 2**31
 
 
@@ -43,7 +43,7 @@ class Pair:
     arrays: dict[str, Array]
 
     def digest(self) -> str:
-        """Return a digest of settings and bits."""
+        """Return a digest of the settings and of the bits of all arrays."""
         found = hashlib.sha256(repr(sorted(self.settings.items())).encode())
         for name, array in sorted(self.arrays.items()):
             found.update(f"{name} {array.shape}".encode())
@@ -57,7 +57,7 @@ class Pairs(Sequence[Pair]):
 
     Attributes
     ----------
-    scene : names of the stage and of its parameter that receives the photographs
+    scene : name ``STAGE.PARAMETER`` of the parameter that takes the photographs
     """
 
     pipeline: PipelineFile
@@ -107,7 +107,7 @@ def _planes(array: Any) -> Array:
 
 
 def _drawn(one: Range, draw: np.random.Generator) -> Any:
-    """Return a random value of a range: uniform between its ends, in the value or in its logarithm."""
+    """Return a random value between the ends of a range, uniform in the value or in its logarithm."""
     if one.choices:
         return one.choices[int(draw.integers(len(one.choices)))]
     if one.whole:
@@ -139,7 +139,7 @@ def photographs_of(place: str | Path | Iterable[str | Path]) -> tuple[str, ...]:
 
 
 def _scene_of(pipeline: PipelineFile, registry: Registry) -> str:
-    """Return the stage that reads a picture file, as ``STAGE.PARAMETER``."""
+    """Return the parameter that takes the picture file, as ``STAGE.PARAMETER``."""
     for entry in pipeline.stages:
         kind = registry.load(entry.use) if entry.use in registry else None
         if kind is not None and is_source(kind):

@@ -31,16 +31,16 @@ UNITS = {
     "snr_flat": "1",
     "visible_noise": "1",
 }
-FLAT_SIZES = (64, 48, 32, 24, 16, 10)  # of a flat region, pixels; the largest available is used
+FLAT_SIZES = (64, 48, 32, 24, 16, 10)  # side of a flat region, pixels; the largest available is used
 # Width of the surroundings that must be flat too, pixels, so that blur does not spread other content into the region.
 MARGIN = 3
 FLATNESS = 2e-3  # standard deviation over mean up to which a region counts as flat
-DARKEST, BRIGHTEST, GREY = 0.02, 0.95, 0.18  # of white, in luminance: range of a region, and preferred value
+DARKEST, BRIGHTEST, GREY = 0.02, 0.95, 0.18  # luminance over white: range of a region, and preferred value
 
 
 @dataclass(frozen=True)
 class Shot:
-    """One picture of a camera, in the compared states; None if the pipeline has no such stage."""
+    """One picture of a camera: the compared variables, None for a variable that no stage of the pipeline writes."""
 
     rgb_camera: Any
     gains: Any = None  # (channel,), applied to ``rgb_camera`` by a balance of the mosaic
@@ -136,7 +136,9 @@ def flat_region(xyz: Array) -> Flat | None:
 
 
 def without_slope(patch: Array) -> Any:
-    """Return a patch (channel, y, x) without its best-fitting plane: the mean stays, slow shading is removed."""
+    """Return a patch (channel, y, x) from which the best-fitting plane was subtracted: shading is removed, the mean
+    stays.
+    """
     patch = np.asarray(patch, np.float64)
     y, x = (np.arange(n) - (n - 1) / 2 for n in patch.shape[1:])
     down = (patch.mean(axis=2) @ y) / (y @ y)
@@ -145,8 +147,8 @@ def without_slope(patch: Array) -> Any:
 
 
 def _as_exposed(shot: Shot, ideal: Shot) -> Any:
-    """Return camera primaries, scaled to the exposure time and gains of the ideal camera, so that differences of
-    metering and white balance do not count as errors.
+    """Return the camera primaries scaled to the exposure time and white-balance gains of the ideal camera. Differences
+    in metering and white balance then do not count as errors.
     """
     scale = np.ones(len(shot.rgb_camera))
     for gains, sign in ((shot.gains, -1), (ideal.gains, 1)):
@@ -159,7 +161,9 @@ def _as_exposed(shot: Shot, ideal: Shot) -> Any:
 
 
 def _box_means(planes: Array, size: int) -> Any:
-    """Return the mean over every square of a size inside the picture, indexed by the first corner."""
+    """Return the mean of every ``size`` x ``size`` square inside the picture, indexed by the upper left corner of the
+    square.
+    """
     means = scipy.ndimage.uniform_filter(planes, (0, size, size), mode="nearest")
     before = size // 2
     rows, columns = (n - size + 1 for n in planes.shape[1:])

@@ -3,13 +3,13 @@
 In:  a pipeline as written.
 Out: another pipeline, the omitted stages, and notes for the comparison.
 
-Omitted are stages that spread or move light before the pixel (blur, aberrations, distortion, glare, the low-pass
-filter), stages that work on camera primaries after the demosaicer (sharpening, denoising: the ideal picture needs
-none), and stages that estimate white from the mosaic or balance it there, because the ideal camera uses the true white
-of its light. The demosaicer is replaced by three stages that work on every channel at every pixel: no mask, an ideal
-exposure, no demosaicing; stages that only the demosaicer needed are not computed. The ideal camera keeps the
-scene, transmission and fall-off, the pixel with its aperture and diffusion, crosstalk behind the filters, colour and
-encoding.
+These stages are omitted: stages that spread or move light before the pixel (blur, aberrations, distortion, glare, the
+low-pass filter); shading that the camera corrects; stages that work on camera primaries after the demosaicer
+(sharpening, denoising); and stages that estimate white from the mosaic or balance it there, because the ideal camera
+uses the true white of its light. The demosaicer is replaced by three stages that work on every channel at every pixel:
+no mask, an ideal exposure, no demosaicing; stages that only the demosaicer needed are not computed. The ideal camera
+keeps the scene, transmission, uncorrected fall-off, the pixel with its aperture and diffusion, crosstalk behind the
+filters, colour and encoding.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def ideal_of(
     last = made.added[-1]
     replaced = {demosaic: last.use} | made.stands
     entries: list[StageEntry] = []
-    own: dict[str, str] = {}  # stage of the camera that last wrote a variable that the planes also have
+    own: dict[str, str] = {}  # last stage of the camera that writes a variable of the planes
     for entry in (e for e in pipeline.stages if e.name not in out and e.name not in made.stands):
         if entry.name == demosaic:
             entries += [*made.added[:-1], replace(entry, use=last.use, values={}, origin=last.origin)]
@@ -134,7 +134,7 @@ def _why_out(entry: StageEntry, kinds: Kinds, names: list[str], pixel: str, demo
 
 
 def _knows_white(kinds: Kinds, name: str) -> bool:
-    """Return whether a stage finds white without using the picture."""
+    """Return whether a stage writes the white without reading the mosaic or the raw frame."""
     kind = kinds[name]
     return (
         kind is not None
@@ -152,8 +152,8 @@ def _ends_a_dim(kind: type[Stage]) -> bool:
 def _planes(
     pipeline: PipelineFile, kinds: Kinds, out: Collection[str], demosaic: str, registry: Registry
 ) -> ReferenceBranch:
-    """Return the stages that give every channel at every pixel, for the camera without the omitted stages and at the
-    first values of its sweep.
+    """Return the stages that give every channel at every pixel. They are made for the camera without the omitted stages
+    and without its sweep.
     """
     there = without_stages(pipeline, out)
     alone, _ = without_sweep(replace(there, sweep=_still_there(pipeline.sweep, out, {})))
@@ -199,7 +199,7 @@ def _still_there(sweep: DocumentView, out: Collection[str], replaced: Mapping[st
 
 
 def _asked_for(values: DocumentView, entries: list[StageEntry], registry: Registry) -> Document:
-    """Return the camera quantities that at least one stage uses; entries of stages are unchanged."""
+    """Return only the camera quantities that at least one stage uses. Values of single stages are kept."""
     kinds = [_kind(entry, registry) for entry in entries]
     taken = {
         name for kind in kinds if kind for name, (parameter, _, _) in parameters_of(kind).items() if parameter.shared

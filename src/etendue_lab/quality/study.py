@@ -36,7 +36,7 @@ from etendue_lab.quality.ideal import Ideal, ideal_of
 PICTURES = ("rgb_camera", "rgb_linear", "rgb_display")
 # included if the pipeline has them
 SCALARS = {"mean_snr": "1", "clipped_fraction": "1", "dr_emva": "dB", "dr_elgamal": "dB"}
-# applied to rgb_camera by the camera, but not, or differently, by its ideal
+# the camera applies these to rgb_camera; the ideal camera does not, or does so differently
 APPLIED = ("balance_gains", "integration_time")
 SAMPLES_PER_DEGREE = 34.0  # a display of 100 dpi at 50 cm
 MOST = 12  # default maximum number of pictures
@@ -108,7 +108,8 @@ def quality(
     folder : Path
         Where the result will be written; it is created before anything is computed.
     most : int
-        Maximum number of rows with pictures, spread evenly over those available; a note counts the others.
+        Maximum number of rows with pictures. They are spread evenly over the available rows; a note gives the number of
+        the others.
 
     Raises
     ------
@@ -120,7 +121,7 @@ def quality(
     make_plan(pipeline, registry, leave_out)  # the planner reports every fault of the file
     if both := sorted(set(without) & set(keep)):
         raise RequestError(f"--without {both[0]} and --keep {both[0]}: give only one of them")
-    pipeline = replace(with_design(pipeline, registry), design={})  # its samples, also for a camera with fewer stages
+    pipeline = replace(with_design(pipeline, registry), design={})  # keep its samples, also with fewer stages
     ideal = ideal_of(pipeline, registry, without, keep)
     camera_plan = _plan_of(pipeline, registry, leave_out, (*PICTURES, *SCALARS))
     plans = camera_plan, _plan_of(ideal.pipeline, registry, leave_out, PICTURES)
@@ -176,7 +177,7 @@ def _measured(row: Document, shot: Shot, reference: Shot, samples_per_degree: fl
 
 
 def evenly(rows: list[int], most: int) -> set[int]:
-    """Return at most ``most`` of some rows, evenly spaced, including the first and the last if there are two."""
+    """Return at most ``most`` rows, evenly spaced, with the first and the last row if ``most`` is at least 2."""
     count = min(most, len(rows))
     return {rows[round(i * (len(rows) - 1) / max(1, count - 1))] for i in range(count)}
 
@@ -214,7 +215,7 @@ def _writer(plan: Plan, variable: str) -> str | None:
 
 
 def _behind(plan: Plan, picture: str, variable: str) -> list[str]:
-    """Return the stages that write a variable and on which a picture depends."""
+    """Return the stages that write ``variable`` and on which ``picture`` depends."""
     found, last = set(), _writer(plan, picture)
     open_ = {last} if last else set()
     while open_:
@@ -224,7 +225,7 @@ def _behind(plan: Plan, picture: str, variable: str) -> list[str]:
 
 
 def _places(plan: Plan) -> Iterator[dict[str, int]]:
-    """Yield positions on all axes, the last one fastest."""
+    """Yield every combination of positions on the axes; the position on the last axis varies fastest."""
     dims = [axis.dim for axis in plan.axes]
     for index in product(*(range(len(axis.values)) for axis in plan.axes)):
         yield dict(zip(dims, index, strict=True))
@@ -278,8 +279,8 @@ def _shot(outcome: Outcome, place: Mapping[str, int]) -> Shot:
 
 
 def _display_matrix(plan: Plan, place: Mapping[str, int]) -> Any:
-    """Return the matrix of the display that the picture is made for; if no stage declares a display, the matrix of
-    sRGB.
+    """Return the matrix from linear RGB to XYZ of the display for which the picture is made; the sRGB matrix if no
+    stage declares a display.
     """
     if _writer(plan, "rgb_linear") is None:
         return None

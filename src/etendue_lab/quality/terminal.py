@@ -112,7 +112,7 @@ def _print_remarks(console: Console, document: Document, axes: list[Column], mor
 def _fitting(
     console: Console, rows: list[Document], axes: list[Column], known: list[Column]
 ) -> tuple[Table, list[Column]]:
-    """Return the table with as many columns as fit the terminal, and the omitted columns."""
+    """Return a table with as many columns as fit the terminal, and a list of the omitted columns."""
     done = [row if row["status"] == "done" else row | dict.fromkeys(column[2] for column in known) for row in rows]
     table, more = _rows(done, [*axes, *known]), []
     for name in DISPENSABLE:
@@ -140,8 +140,8 @@ def _line(console: Console, word: str, text: str) -> None:
 def side_by_side(picture: Array, reference: Array, shown: Any, white: Any, title: str) -> bytes:
     """Return camera, ideal camera and the map of CIEDE2000 as one PNG, at a whole number of screen pixels per pixel.
 
-    ``picture`` and ``reference`` are XYZ within the range of their display, whose white is ``white``; they are shown as
-    to an eye adapted to it.
+    ``picture`` and ``reference`` are XYZ within the range of their display. They are shown as to an eye adapted to
+    ``white``, the white of that display.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

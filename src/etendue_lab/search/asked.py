@@ -40,7 +40,7 @@ class Metric:
         return f"{self.name}[{self.pick}]" if self.pick else self.name
 
     def of(self, record: DocumentView) -> float:
-        """Return the number in a record of metrics."""
+        """Return the value of this metric from a record of variables."""
         values = np.ravel(record[self.name])
         if self.pick in PICKS:
             return float(PICKS[self.pick](values))
@@ -150,7 +150,9 @@ class _Reader:
                 )
 
     def known(self, key: str) -> tuple[str, tuple[Parameter, Any] | None]:
-        """Return a parameter's name as an override, and its declaration; None if no stage has it."""
+        """Return the name of a parameter as an override uses it, and its declaration; the declaration is None if no
+        stage has the parameter.
+        """
         head, _, tail = key.partition(".")
         name = tail if tail and head in tables() and key not in self.own else key
         return name, self.shared.get(name) or self.own.get(name)
@@ -207,8 +209,8 @@ class _Reader:
             return None
 
     def limit(self, text: str, ranges: dict[str, Range]) -> Limit | None:
-        """Return a limit on a metric. A limit on a setting narrows its range instead, so that no value beyond the limit
-        is computed.
+        """Return a limit on a metric. A limit on a setting narrows the range of the setting instead, so that no value
+        beyond the limit is computed.
         """
         place, found = f"--subject {text}", _LIMIT.fullmatch(text.strip())
         if found is None:

@@ -1,4 +1,4 @@
-"""Limits that can be checked before the goals are computed: by bounds that stages declare, or by metrics that take
+"""Limits that are checked before the goals are computed: from bounds that stages declare, or because their metrics take
 little time.
 
 In:  the plan of a trial, the limits.
@@ -16,7 +16,7 @@ from etendue.plan.cost import cell_seconds
 from etendue.plan.model import CellRef, Plan
 from etendue_lab.search.asked import Limit
 
-CHEAP = 0.5  # share of the seconds of all metrics up to which limits are computed before the goals
+CHEAP = 0.5  # largest share of the total time that limits computed before the goals may take
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class First:
 
 
 def bounded(plan: Plan, limits: Iterable[Limit]) -> dict[Limit, float]:
-    """Return the smallest possible excess of each limit, relative to the number in the limit; 0 or less if the limit
-    may be met. Limits on variables without known bounds are omitted.
+    """Return the smallest possible amount by which each limit is exceeded, relative to the number in the limit; 0 or
+    less if the limit may be met. Limits on variables without known bounds are omitted.
 
     The bounds of a variable are its smallest and largest value without noise; a stage may state them for its first
     variable. They are used if no stage on which the variable depends draws random numbers or rounds. The bounds are
@@ -45,7 +45,9 @@ def bounded(plan: Plan, limits: Iterable[Limit]) -> dict[Limit, float]:
 
 
 def _ends(plan: Plan, limit: Limit) -> tuple[float, float, float] | None:
-    """Return the smallest and largest value that a variable can have, and the margin of both; None if unknown."""
+    """Return the smallest and largest value that the variable of a limit can have, and the margin of both; None if
+    unknown.
+    """
     for stage, variable in plan.wanted:
         if limit.metric.name not in (variable, f"{stage}.{variable}"):
             continue

@@ -45,7 +45,9 @@ def _importance(axes: Any, document: Document, goal: str) -> None:
 
 
 def _apart(finished: list[Document]) -> list[tuple[str, str, list[Document]]]:
-    """Return the trials within the limits and the other trials, each group with a label and a colour, unless empty."""
+    """Return two groups of trials, those within the limits and the others, each with a label and a colour. Empty groups
+    are left out.
+    """
     kinds = (("within the limits", "C0", True), ("beyond a limit", "0.7", False))
     found = [
         (label, colour, [one for one in finished if one["allowed"] is allowed]) for label, colour, allowed in kinds

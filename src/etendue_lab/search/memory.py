@@ -63,7 +63,7 @@ class Memory:
         return found
 
     def of(self, number: int, settings: DocumentView) -> Document | None:
-        """Return a finished trial.
+        """Return the stored result of trial ``number``; None if the trial is not finished.
 
         Raises
         ------

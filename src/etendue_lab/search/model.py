@@ -16,10 +16,10 @@ import scipy
 
 from etendue.types.arrays import Array, FloatArray
 
-FIRST = 15  # points of a Latin square before there is a model
-REFIT = 5  # trials between fits of the scales
+FIRST = 15  # points of a Latin hypercube, evaluated before the first model
+REFIT = 5  # number of trials between two fits of the scales
 SPREAD, CLOSE = 1024, 512  # candidates over the whole cube and around the best one
-NEAR = (0.1, 0.02, 0.004)  # rms distances of the latter
+NEAR = (0.1, 0.02, 0.004)  # rms distances of the candidates around the best point
 STEEP = 5.0  # limits are modelled by sign(e) log(1 + 5 |e|) of their excess e, which may be very large
 ROOT5 = 5.0**0.5
 
@@ -155,7 +155,9 @@ def _scaled(goals: FloatArray, among: Array, draw: np.random.Generator) -> Float
 
 
 def _log_improvement(z: FloatArray) -> FloatArray:
-    """Return the log of the expected improvement of a standard normal beyond -z."""
+    """Return the logarithm of E[max(z + n, 0)] for a standard normal n: the expected improvement in units of the
+    standard deviation.
+    """
     density = np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
     tail = -0.5 * z * z - 2 * np.log(np.maximum(-z, 1.0))  # far below, up to a constant
     with np.errstate(divide="ignore"):

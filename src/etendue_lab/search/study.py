@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from etendue.builder.pipeline import Pipeline
 
 SAMPLERS = ("model", "tpe", "nsga2", "random")
-FIRST = 15  # trials of the first, spread ones
-NEVER = 1e6  # excess that a failed trial is told with
-SAMPLES = 1024  # settings over all ranges by which importance is judged
-FEW = 30  # trials below which nothing is said of the importance of settings
+FIRST = 15  # number of initial trials, spread over the ranges
+NEVER = 1e6  # excess that is reported for a failed trial
+SAMPLES = 1024  # sampled settings, over all ranges, from which importance is computed
+FEW = 30  # with fewer trials, importance is not computed
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class Found:
     pipeline: str
     asked: Asked
     trials: tuple[Trial, ...]
-    recalled: int = 0  # of these, the ones that an earlier call has made
-    importance: Mapping[str, float] = field(default_factory=dict)  # of the settings for the first goal, sum 1
+    recalled: int = 0  # number of trials made by an earlier call
+    importance: Mapping[str, float] = field(default_factory=dict)  # of each setting for the first goal; sum 1
 
     @property
     def best(self) -> list[Trial]:
@@ -112,7 +112,7 @@ class Found:
             yield "no trial meets all limits; more trials, other limits or wider ranges may help"
 
 
-Told = Callable[[Trial, bool], None]  # called with every trial, and whether it is the best so far
+Told = Callable[[Trial, bool], None]  # called with each trial, and whether this trial is the best so far
 
 
 def search(
@@ -131,8 +131,8 @@ def search(
     """
     optuna = _optuna()
     session = Session(pipeline)
-    plan = session.plan(asked.metrics, {})  # refuses metrics that nobody writes, before any trial
-    # judged by the camera as written
+    plan = session.plan(asked.metrics, {})  # before any trial, refuses metrics that no stage writes
+    # for the camera as written in the file
     known_first = bounds.First(bool(bounds.bounded(plan, asked.limits)), bounds.cheap(plan, asked.limits))
     keys = digest("\n".join(plan.cells[ref].key for ref in sorted(plan.cells)).encode())
     request = {**asked.document(), "pipeline": keys, "optuna": version_of("optuna")}
@@ -161,8 +161,8 @@ def search(
             trial = Trial(**{**known, "settings": settings, "values": values, "excess": excess})
         for limit, over in zip(asked.limits, trial.excess, strict=False):  # a failed trial has none
             asking.set_constraint(str(limit), over)
-        # A failed trial is told as one far beyond a limit: of those marked as failed the samplers would learn nothing,
-        # and ask for the like again. Of trials beyond a limit they look at the excess only, not at the values.
+        # A failed trial is reported as far beyond a limit. Samplers learn nothing from trials marked as failed and
+        # would repeat similar settings. Of a trial beyond a limit they use only the excess, not the values.
         asking.set_constraint("failed", NEVER if trial.failed else 0.0)
         study.tell(asking, list(trial.values) or [0.0] * len(asked.goals))
         made.append(trial)
@@ -173,9 +173,8 @@ def search(
 
 
 def _importance(made: list[Trial], asked: Asked) -> dict[str, float]:
-    """Return the importance of each setting for the first goal, largest first: its total share of the variance over the
-    ranges (Sobol', including interactions), from a model of the trials and scaled to a sum of 1. Empty if there are few
-    trials.
+    """Return the importance of each setting for the first goal, largest first. The importance is the total Sobol' index
+    over the ranges, from a model of the trials, scaled to a sum of 1. Empty if there are few trials.
     """
     whole = [one for one in made if one.values]
     if len(whole) < FEW or len(asked.ranges) < 2:
@@ -235,7 +234,7 @@ def _spared(asked: Asked, number: int, settings: Document, known: Mapping[Limit,
 
 
 def _places(one: Range) -> int:
-    """Return the number of dimensions of the model's cube for a range: 1, or one for each choice."""
+    """Return how many dimensions of the model's cube a range takes: 1 for numbers, or one for each choice."""
     return len(one.choices) or 1
 
 
@@ -244,7 +243,7 @@ def _modelled(model: Model, asked: Asked, made: list[Trial]) -> Document:
     points = np.array([_point(asked, one.settings) for one in made])
     signs = [-1.0 if goal.largest else 1.0 for goal in asked.goals]
     goals = [np.multiply(signs, t.values) if t.values else np.full(len(signs), np.nan) for t in made]
-    # Whether a trial failed is one more limit; of a spared one only the exceeded limits are known.
+    # Failure is treated as one more limit. Of a spared trial only the exceeded limits are known.
     excess = [
         [
             1.0 if t.failed else -1.0,

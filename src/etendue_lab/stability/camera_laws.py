@@ -4,10 +4,12 @@ In:  a pipeline document whose stages have the names of their slots, and a funct
 Out: for each law, the variants of the camera (twins) on which it is tested, and every violation.
 
 bounded      everything is finite, unless declared undefined; display in [0, 1]; raw within the converter's codes
-monotone     noise-free: more time or more light never darkens a pixel: the balanced mosaic of any scene, the display of
-a uniform scene white        noise-free: a pixel whose whole support is clipped is (1, 1, 1) neutral      a uniform grey
-card is grey on the display, at every exposure flux         a uniform plane passes lens and diffusion unchanged: what
-leaves a pixel's place arrives at another linear       ten times the light gives ten times the photocurrent
+monotone     noise-free: more time or more light never darkens a pixel of the balanced mosaic, for any scene, or of the
+             display, for a uniform scene
+white        noise-free: a pixel is (1, 1, 1) if all raw pixels that affect it are clipped
+neutral      a uniform grey card is grey on the display, at every exposure
+flux         a uniform plane passes lens and diffusion unchanged: each pixel gains as much light as it loses
+linear       ten times the light gives ten times the photocurrent
 """
 
 from __future__ import annotations
@@ -40,8 +42,8 @@ ROUNDING = 2e-5  # of full scale: float32 through transforms, matrices and encod
 WORDS = tomllib.loads((resources.files("etendue_lab") / "data" / "camera_laws.toml").read_text(encoding="utf-8"))
 STAND_IN, METER, ENCODED, FLAWED = WORDS["stand_in"], WORDS["metering"], WORDS["encoded"], WORDS["flawed"]
 EXPOSING, UNEVEN, LOOKING = (tuple(WORDS[word]) for word in ("exposing", "uneven", "looking"))  # names of slots
-SUPPORT = 17  # pixels around one that can reach it through a demosaicer, a generous bound
-PERIOD = 6  # pixels: of the longest mask, X-Trans
+SUPPORT = 17  # side of the square of raw pixels that can affect a pixel through a demosaicer; a generous bound
+PERIOD = 6  # pixels: period of the longest mask, X-Trans
 # The number of cone responses to white that were raised to a floor. Above 0, white is not the true one, and the laws
 # `neutral` and `white` are not tested.
 LIFTED = "adapt.cones_floored"
@@ -113,7 +115,7 @@ def uniform(made: Document, reflectance: float = 0.4) -> Document:
 
 
 def laws(document: Document, tree: xarray.DataTree, run: Run) -> Iterator[Broken]:
-    """Yield every law that a camera breaks; ``tree`` is its own run."""
+    """Yield every law that a camera breaks; ``tree`` is the result of running the unchanged camera."""
     yield from bounded(document, tree)
     yield from told("monotone", over_time(document), run, any_scene)
     yield from told("neutral", grey_over(document, "integration_time"), run, grey_card)
@@ -150,7 +152,7 @@ class Failure(Exception):
 
 
 def array(tree: xarray.DataTree, stage: str, variable: str) -> Array:
-    """Return an array of a tree whose stages have one shape."""
+    """Return the array of a variable from the tree of a run."""
     return np.asarray(tree[stage][variable].values)
 
 
@@ -179,7 +181,7 @@ def bounded(document: Document, tree: xarray.DataTree) -> Iterator[Broken]:
 
 
 def over_time(document: Document) -> Document:
-    """Return the scene at seven exposure times around the camera's own."""
+    """Return the noise-free camera swept over seven exposure times around its own."""
     time = document["camera"].get("integration_time", 0.01)
     wanted = ["ideal.mosaic_linear", "encode.rgb_display"]
     made = twin(document, [*wanted, LIFTED, MATRIX], "integration_time", [time * k for k in TIMES])
@@ -204,7 +206,7 @@ def any_scene(made: Document, tree: xarray.DataTree) -> Iterator[Broken]:
 
 
 def grey_over(document: Document, axis: str) -> Document:
-    """Return a grey card at seven exposure times, or at seven light levels."""
+    """Return the camera viewing a grey card, swept over seven exposure times or seven light levels."""
     now = document["camera"].get(axis, 0.01) if axis == "integration_time" else of(document, "scene")["white_luminance"]  # type: ignore[index]
     made = uniform(
         twin(document, ["ideal.mosaic_linear", "encode.rgb_display", LIFTED, MATRIX], axis, [now * k for k in TIMES])
@@ -245,7 +247,7 @@ def grey_card(made: Document, tree: xarray.DataTree) -> Iterator[Broken]:
 
 
 def monotone(found: FloatArray, place: str, what: str, allowed: float = 0.0) -> Iterator[Broken]:
-    """Check that values fall along the first axis by no more than rounding."""
+    """Check that values do not decrease along the first axis, except by rounding."""
     falls = -np.diff(found.astype(np.float64), axis=0)
     scale = max(1.0, float(np.abs(found).max())) if found.size else 1.0
     if falls.size:
@@ -283,7 +285,7 @@ def rounding(display: FloatArray, largest: float) -> float:
 
 
 def steep(largest: float) -> str:
-    """Return a remark on a colour matrix that amplifies rounding."""
+    """Return a remark if a colour matrix amplifies rounding; '' otherwise."""
     return f" after a colour matrix with elements up to {largest:.1g}" if largest > STEEP else ""
 
 
@@ -291,14 +293,16 @@ def steep(largest: float) -> str:
 
 
 def cut_behind(made: Document, slot: str) -> Document:
-    """Cut the camera after a slot."""
+    """Return the camera without the stages after a slot."""
     last = [stage["name"] for stage in made["stages"]].index(slot)
     made["stages"] = made["stages"][: last + 1]
     return made
 
 
 def even(document: Document) -> Document:
-    """Return a uniform plane before and after lens, low-pass and diffusion, without stages that absorb light."""
+    """Return the camera viewing a uniform plane, cut after the last of lens, low-pass and diffusion, without stages
+    that absorb or scatter light.
+    """
     made = uniform(twin(document, [], "scene.white_luminance", [of(document, "scene")["white_luminance"]]))  # type: ignore[index]
     names = [stage["name"] for stage in made["stages"]]
     last = [name for name in names if name in ("irradiance", "lens", "low_pass", "diffusion")][-1]
@@ -320,7 +324,7 @@ def flux(made: Document, tree: xarray.DataTree) -> Iterator[Broken]:
 
 
 def light(document: Document) -> Document:
-    """Return the scene at two light levels, up to the mosaic."""
+    """Return the camera up to the mosaic, swept over two light levels that differ by a factor of ten."""
     level = of(document, "scene")["white_luminance"]  # type: ignore[index]
     made = twin(document, ["cfa.photocurrent"], "scene.white_luminance", [level, 10 * level])
     made["stages"][0].pop("white_luminance")

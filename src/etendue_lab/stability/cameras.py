@@ -91,8 +91,8 @@ def base() -> Document:
 def changed(
     scene: Document | None = None, quantities: Document | None = None, frame: tuple[int, int] | None = None
 ) -> Document:
-    """Return the camera with other quantities, another scene or another frame. The grid of the light covers all pixels
-    with two samples per pixel along each axis.
+    """Return the camera with other quantities, another scene or another frame size. The grid of the light covers all
+    pixels, with two samples per pixel along each axis.
     """
     made = base()
     made["camera"] |= {name: "inf" if value == math.inf else value for name, value in (quantities or {}).items()}
@@ -193,7 +193,9 @@ def without_bayer(made: Document) -> Document:
 
 
 def drawn(shares: list[float]) -> Document:
-    """Return a camera with every quantity drawn from its extreme range."""
+    """Return a camera with quantities inside their extreme ranges; ``shares`` gives the position of each in its range,
+    on a logarithmic scale.
+    """
     values = {
         name: float(f"{math.exp(math.log(low) + share * math.log(high / low)):.6g}")
         for (name, (low, high)), share in zip(RANGES.items(), shares, strict=True)
@@ -258,7 +260,9 @@ def rows_of_camera(name: str, document: Document) -> Iterator[LawCase]:
 
 
 def broken(made: Document, judge: Callable[[Document, Any], Iterator[Broken]]) -> list[Broken]:
-    """Return the broken law of a twin, without its error; only the properties that the law examines are kept."""
+    """Return the laws that a twin breaks. Only the variables that the law examines are kept, and errors are not
+    computed.
+    """
     return list(judge(made, run({**made, "keep": made["wanted"]}, errors=False)))
 
 

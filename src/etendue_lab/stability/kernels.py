@@ -152,7 +152,7 @@ def judged(
     condition: float,
     unit: float,
 ) -> LawCase:
-    """Return one case: the largest relative error of the kernel's result."""
+    """Test one case and return its row, with the largest relative error of the kernel's result."""
     wanted = np.asarray([float(v) for v in expected] if isinstance(expected, list) else float(expected))
     bound = unit * max(1.0, condition)
     values: list[Any] = list(given)

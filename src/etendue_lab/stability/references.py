@@ -92,8 +92,8 @@ def means(bench: Bench, arrays: Any, frame: Frame) -> Mapping[str, Array]:
 
 
 def summary(values: Array) -> list[float]:
-    """Return the largest value of an array, and two weighted sums of its values, with weights of either sign, divided
-    by the largest value and by the number of values.
+    """Return the largest magnitude in an array and two weighted sums of its values. The weights are cosines; each sum
+    is divided by the largest magnitude and by the square root of the number of values.
 
     Values that are not finite are replaced by a number that ordinary results do not contain.
     """
@@ -131,8 +131,8 @@ def row_of(name: str, case: Case) -> Iterator[LawCase]:
 
 
 def apart(found: list[float] | None, wanted: list[float] | None, what: str) -> float:
-    """Return the largest difference between two summaries: relative for the largest value, absolute for the sums. The
-    relative error of a condition number may be the precision of 64 bits times the condition number.
+    """Return the largest difference between two summaries: relative for the largest magnitude, absolute for the sums.
+    Condition numbers that differ only by rounding in double precision count as equal.
     """
     if found is None or wanted is None or len(found) != len(wanted):
         return math.inf

@@ -48,7 +48,7 @@ class LawCases:
 
 
 def groups(rows: Iterable[LawCase]) -> list[LawCases]:
-    """Group rows in order; if some rows failed, the worst row is the worst of these."""
+    """Group rows by stage and law, in order. The worst row of a group is the worst failed row, if any failed."""
     together: dict[tuple[str, str], list[LawCase]] = {}
     for row in rows:
         together.setdefault((row.stage, row.law), []).append(row)

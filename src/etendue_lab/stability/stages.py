@@ -72,7 +72,7 @@ ALWAYS = (
     "one after another",
     "threads",
 )
-STATE = ("inputs left alone", "repetition", "one after another", "threads")  # laws that make their own trials
+STATE = ("inputs left alone", "repetition", "one after another", "threads")  # laws that run trials of their own
 ONCE = (  # for the ordinary instance only
     "NaN and infinity",
     "negative input",
@@ -144,8 +144,8 @@ def laws_of_case(name: str, case: Case) -> Iterator[LawCase]:
 
 def wanted(word: str, case: Case) -> bool:
     """Return whether a law is tested on a case other than the ordinary one. Laws of noise and of positions are tested
-    for every choice of a text parameter, laws of positions and means for mixed instances, most other laws at the
-    corners and inside of ranges.
+    for every choice of a text parameter. Laws of positions and means are tested on mixed instances. Most laws are
+    tested at the corners and inside of ranges.
     """
     if case.where == FAR:
         return word == "mean kept, bounded"
@@ -158,7 +158,7 @@ def wanted(word: str, case: Case) -> bool:
 
 
 def largest_allowed(stage: Stage) -> bool:
-    """Return whether the stage accepts a case and the case fits into memory."""
+    """Return whether the stage accepts its input and the largest variable fits into memory."""
     try:
         return largest(Bench(stage)) <= MOST_VALUES
     except Exception:

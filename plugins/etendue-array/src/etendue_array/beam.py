@@ -58,7 +58,7 @@ class DelayAndSum(Stage):
 @labelled
 @dataclass(frozen=True, kw_only=True)
 class BeamFigures(Stage):
-    """Compute the direction of arrival, and how well the beam separates it from others."""
+    """Compute the direction of arrival, and how well the beam separates sounds from different directions."""
 
     role: ClassVar = "measure of a beam"
     reads: ClassVar = {"beam": "frequency direction [Pa2]"}

@@ -62,7 +62,9 @@ class Phasors(Stage):
     highest: float = param(4000.0, units="Hz", above=0, at_most=1e6, doc="highest frequency")
 
     def bins(self, time: Line) -> range:
-        """Return the indices of the frequencies, without the first and last of all, which have no phasor."""
+        """Return the indices of the frequency bins from ``lowest`` to ``highest``. Zero and the Nyquist frequency are
+        left out, because they have no phasor.
+        """
         apart = 1 / (time.step * time.size)
         found = range(
             max(1, math.ceil(self.lowest / apart - 1e-9)),

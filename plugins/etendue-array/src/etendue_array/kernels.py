@@ -19,13 +19,13 @@ TAPERS = ("uniform", "hann")
 
 
 def advance(positions: Any, direction: Any, speed: float) -> Any:
-    """Return the advance (s) of a wave at these positions relative to the centre; plain or labelled arrays."""
+    """Return by how much (s) a plane wave reaches these positions before the centre; plain or labelled arrays."""
     return positions * np.sin(np.deg2rad(direction)) / speed
 
 
 def taper(name: str, count: int) -> NDArray:
-    """Return weights (microphone,) of sum 1. ``hann``: squared sine without its zeros, so that no microphone is
-    ignored.
+    """Return weights (microphone,) with sum 1. For ``hann`` the zeros of the squared sine lie beyond the ends of the
+    line, so that no microphone is ignored.
     """
     inside = (np.arange(count) + 1.0) / (count + 1.0)
     weights = np.ones(count) if name == "uniform" else np.sin(math.pi * inside) ** 2

@@ -90,7 +90,7 @@ def etendue_variables() -> dict[str, Any]:
 
 @hookimpl
 def etendue_dims() -> dict[str, Any]:
-    """Dims for trying stages that do not state them."""
+    """Units of dims, and example coordinates for trials of stages."""
     return {
         "microphone": {"units": "m", "example": [-0.2 + 0.08 * n for n in range(6)]},
         "time": {"units": "s", "example": [n / 16000 for n in range(64)]},

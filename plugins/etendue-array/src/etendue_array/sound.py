@@ -20,7 +20,9 @@ PRESSURE = "microphone time [Pa]"
 
 
 def wave(microphone: Any, time: Any, tone: float, rms: float, direction: float, speed: float) -> Any:
-    """Return a plane wave at these microphones and times; labelled or plain arrays that broadcast."""
+    """Return the pressure (Pa) of a plane wave at these microphones and times. Arrays may be labelled, or plain if they
+    broadcast.
+    """
     return math.sqrt(2) * rms * np.cos(2 * math.pi * tone * (time + advance(microphone, direction, speed)))
 
 

@@ -5,10 +5,10 @@ Out: planes (3, y, x) of red, green, blue in the same unit; measured samples unc
 Source: Malvar, He, Cutler, "High-quality linear interpolation for demosaicing of Bayer-patterned color images",
         ICASSP 2004, with its gains alpha = 1/2, beta = 5/8, gamma = 3/4, which make all coefficients multiples of 1/16.
 
-Beyond the border the mosaic is mirrored about its outermost samples, without repeating them, so that mirrored
-neighbours have the colour that the kernels expect there.
+Beyond the border the mosaic is mirrored about its outermost samples, which are not repeated. Mirrored samples then have
+the colour that the kernels expect at their position.
 
-The mosaic is split into its four phase planes; every tap of a kernel is then a contiguous slice of one of them.
+The mosaic is split into its four phase planes; every tap of a kernel is then a contiguous slice of one plane.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ def malvar(mosaic: NDArray, pattern: str) -> NDArray:
 
     Notes
     -----
-    A frame of one row or one column has no 5 x 5 neighbourhood; it is interpolated linearly along its length.
-    Exact for constant planes, and inside the border also for three planes that are one linear ramp plus constants.
-    Sums pair opposite neighbours, so that mirroring the mosaic mirrors the result.
+    A frame of one row or one column has no 5 x 5 neighbourhood; it is interpolated linearly along its length. The
+    result is exact for constant planes and, inside the border, for planes that are the same linear ramp plus different
+    constants. Opposite neighbours are added in pairs, so that mirroring the mosaic mirrors the result.
     """
     mosaic = np.asarray(mosaic)
     if mosaic.ndim != 2 or 1 in mosaic.shape or mosaic.size == 0:
@@ -91,8 +91,9 @@ def _at_chroma(tap: Tap, green: NDArray, opposite: NDArray) -> None:
 
 
 def _at_green(tap: Tap, beside: NDArray, above: NDArray) -> None:
-    """Interpolate red and blue at green sites (beta = 5/8): one has its samples left and right, the other above and
-    below."""
+    """Interpolate red and blue at green sites (beta = 5/8). One of these colours has samples to the left and right, the
+    other above and below.
+    """
     centre = tap(0, 0)
     number = centre.dtype.type
     corners = (tap(-1, -1) + tap(1, 1)) + (tap(-1, 1) + tap(1, -1))

@@ -48,5 +48,5 @@ class DemosaicMalvar(Haloed):
         return MARGIN
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Bound the arithmetic error; interpolation error between samples is a property of the method."""
+        """Bound the arithmetic error. The interpolation error of the method is not included."""
         return (5e-7 if precision == "float32" else 1e-15), "measured"

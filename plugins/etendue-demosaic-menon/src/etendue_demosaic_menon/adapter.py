@@ -1,5 +1,5 @@
-"""Adapt colour-demosaicing's Menon 2007 to the conventions of a kernel: any size, the input's precision, no side
-effects of its import.
+"""Adapt the function Menon 2007 of colour-demosaicing to the conventions of a kernel: any frame size, the precision of
+the input, no side effects of the import.
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
 Out: planes (3, y, x) of red, green, blue in the same unit; measured samples unchanged.
@@ -21,15 +21,15 @@ from etendue_camera.mosaic.bilinear import bilinear
 
 SMALLEST = 6  # smallest side for the filters of the package; smaller frames are mirrored
 MARGIN = 6  # even, so that the pattern is unchanged
-REACH = 12  # rows: the direction is chosen over 6, red and blue add 2, their refinement 3; rounded up to even
+REACH = 12  # rows that affect a pixel: 6 by the direction, 2 by red and blue, 3 by their refinement; made even
 
 _importing = threading.Lock()
 _loaded: list[Callable[..., Any]] = []
 
 
 def implementation() -> Callable[..., Any]:
-    """Return the function of the package colour-demosaicing, which is imported at the first call: it imports
-    colour-science, which takes a second or more.
+    """Return the function of the package colour-demosaicing. The package is imported at the first call, because it
+    imports colour-science, which takes a second or more.
 
     The import warns about a deprecated SciPy namespace (and about optional packages of colour-science), and resets
     numpy's global print options to those of version 1.13; both are suppressed here.
@@ -57,8 +57,8 @@ def menon(mosaic: NDArray, pattern: str, refine: bool = True) -> NDArray:
     Returns
     -------
     (3, y, x) array, unit and dtype of mosaic (integers become float64)
-        May exceed the range of the mosaic: nothing is clipped. The package's own result, computed in float64, if both
-        sides are at least 6.
+        Values may exceed the range of the mosaic: nothing is clipped. If both sides are at least 6, this is the
+        package's own result, computed in float64.
 
     Raises
     ------

@@ -22,12 +22,12 @@ class DemosaicMenon(Haloed):
 
     role: ClassVar = "demosaicing"
     decides: ClassVar = True  # between two directions
-    handed: ClassVar = True  # the library treats equal directions as one of them
+    handed: ClassVar = True  # if both directions are equally good, the library always chooses the same one
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     creates: ClassVar = {"channel": RGB}
     libraries: ClassVar = ("colour-demosaicing", "scipy")
-    gain: ClassVar = None  # its choice of row or column may change at any small difference
+    gain: ClassVar = None  # a small difference may change its choice between row and column
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 300.0
     working: ClassVar = 15.0
@@ -50,7 +50,7 @@ class DemosaicMenon(Haloed):
         return cfa.shifted_bayer(name, row, column)
 
     def prepare(self, coordinates: Any) -> None:
-        """Import here, so that the import does not count towards the time of a cell."""
+        """Import the package before cells run, so that the import does not count towards the time of a cell."""
         implementation()
 
     def run(self, mosaic_linear: Any, y: Any, x: Any, prepared: Any) -> dict[str, Any]:
@@ -60,7 +60,7 @@ class DemosaicMenon(Haloed):
         return REACH
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Bound the arithmetic error, in double precision, and the conversion of the result; interpolation error is not
-        included.
+        """Bound the arithmetic error in double precision and the rounding of the result to the output precision.
+        Interpolation error is not included.
         """
         return (3e-7 if precision == "float32" else 2e-15), "measured"

@@ -23,7 +23,7 @@ FloatArray = NDArray[np.floating]
 LARGEST_PICTURE, LARGEST_PUPIL = 1023, 1024
 BRIGHTEST = 1.5
 """Limit of relative illumination: a pupil that grows by more towards the corner is rejected."""
-_FINER = 0.85  # sample spacing of a PSF over that required by its finest detail
+_FINER = 0.85  # sample spacing of a PSF relative to the largest spacing that its cut-off frequency allows
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Traced:
     ----------
     bank : PsfBank
     enclosed : (K, L) array, 1
-        Fraction of a PSF's flux within its window; the bank scales each to 1.
+        Fraction of a PSF's flux within its window. The bank scales the sum of each PSF to 1.
     samples : int
         Samples across the pupil, as many as requested or as the window needs.
     """
@@ -60,7 +60,7 @@ def tangents_of(degrees: Any) -> FloatArray:
 
 def resolved(lens: Lens, tangent: float, wavelength: float, samples: int) -> pupil.Bundle:
     """Return a bundle in which the phases of neighbouring rays differ by at most about 1 rad, except for the outermost
-    hundredth of the rays. The bundle has ``samples`` cells across, or more, up to 512, if this requires it.
+    1 % of the rays. The bundle has ``samples`` cells across or, if necessary, more, up to 512.
     """
     bundle = lens.bundle(tangent, wavelength, samples)
     needed = math.ceil(samples * 2.0 * math.pi * _radius(bundle, 0.01) / min(pupil.reach(bundle)))
@@ -99,9 +99,9 @@ def psf_bank(
 
     Notes
     -----
-    The sample spacing is 0.85 of that required by the cut-off frequency of the widest pupil. PSFs are centred on the
-    chief ray of their own wavelength: lateral colour belongs to the distortion. Heights are those at the reference
-    wavelength.
+    The sample spacing is 0.85 of the largest spacing that the cut-off frequency of the widest pupil allows. Each PSF is
+    centred on the chief ray of its wavelength: lateral colour is part of the distortion. Image heights are those at the
+    reference wavelength.
     """
     found = [[lens.bundle(float(t), w, samples) for w in wavelengths] for t in tangents]
     spacing = np.array([_FINER * w / (2.0 * max(row[i].range for row in found)) for i, w in enumerate(wavelengths)])
@@ -140,19 +140,21 @@ def psf_bank(
 
 
 def _radius(bundle: pupil.Bundle, lost: float) -> float:
-    """Return the distance from the image point beyond which a fraction of the rays lands, um."""
+    """Return the distance (um) from the image point beyond which a fraction ``lost`` of the rays lands."""
     distance = np.hypot(bundle.across_y, bundle.across_x)
     order = np.argsort(distance)
     return float(distance[order][pupil.place_of(bundle.open[order], 1.0 - lost)])
 
 
 def _needed(bundle: pupil.Bundle, lost: float) -> float:
-    """Return the radius of a PSF beyond which about ``lost`` of its flux lies, um."""
+    """Return the radius (um) beyond which a fraction of about ``lost`` of a PSF's flux lies."""
     return _radius(bundle, 0.5 * lost) + 2.0 * bundle.wavelength / bundle.range / (math.pi**2 * 0.5 * lost)
 
 
 def nodes_to(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int) -> FloatArray:
-    """Return the tangents of fields from the axis to beyond an image height, evenly spaced."""
+    """Return evenly spaced tangents of field angles, from the axis to a field that reaches the image height
+    ``corner_um`` at every wavelength.
+    """
     farthest = lens.tangent_for(max(corner_um, 1e-3 * lens.focal_length_um), wavelengths)
     return np.linspace(0.0, farthest, count)
 
@@ -160,10 +162,12 @@ def nodes_to(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count
 def ideal_over_real(
     lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int
 ) -> list[scipy.interpolate.CubicSpline]:
-    """Return ideal over real image height, as a function of the squared real height (um2): one curve per wavelength.
+    """Return the ratio of ideal to real image height as a function of the squared real height (um2), one curve per
+    wavelength.
 
-    The ideal height is the image distance times the tangent of the field angle, at the reference wavelength, as for a
-    pinhole. At the reference wavelength the curve is 1 on axis; elsewhere it starts at that wavelength's image scale.
+    The ideal height is that of a pinhole: the image distance at the reference wavelength times the tangent of the field
+    angle. On axis the curve is 1 at the reference wavelength; at another wavelength it is the ratio of the image
+    scales.
     """
     tangents = nodes_to(lens, corner_um, wavelengths, count)[1:]
     ideal = lens.image_distance_um * tangents
@@ -180,8 +184,7 @@ def ideal_over_real(
 def relative_illumination(
     lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int, samples: int
 ) -> list[scipy.interpolate.CubicSpline]:
-    """Return irradiance relative to the axis, as a function of the squared image height (um2): one curve per
-    wavelength."""
+    """Return irradiance relative to the axis over the squared image height (um2), one curve per wavelength."""
     tangents = nodes_to(lens, corner_um, wavelengths, count)
     found = lens.illumination(tangents, wavelengths, samples)
     heights = lens.heights(tangents, wavelengths)

@@ -6,11 +6,9 @@ Sources: geometrical optics; for the light in the cone, Helmholtz's theorem (irr
 cone in direction cosines, whatever the lens).
 
 Rays are traced in the lens's own unit: scaling a lens keeps directions and scales paths and heights. The f-number is
-the
-focal length over the diameter of the entrance pupil, both at the reference wavelength: the stop is opened until the
-real
-axial ray at half that diameter just passes. The actual cone of light on axis (its working f-number, 1/(2 sin)) follows
-from the trace.
+the focal length over the diameter of the entrance pupil, both at the reference wavelength: the stop is opened until the
+real axial ray at half that diameter just passes. The actual cone of light on axis (its working f-number, 1/(2 sin))
+follows from the trace.
 """
 
 from __future__ import annotations
@@ -51,8 +49,8 @@ class Lens:
     shift : float
         Shift of the image plane from its position in the prescription.
     image_distance : float
-        Image height over the tangent of the field angle, close to the axis: the focal length where the image plane is
-        the paraxial one, slightly different elsewhere.
+        Image height over the tangent of the field angle, close to the axis. It is the focal length if the image plane
+        is the paraxial image plane, and slightly different otherwise.
     aiming : str
         ``stop``: light fills the stop, as in reality. ``paraxial``: light fills the paraxial entrance pupil at every
         field angle, as in programs without ray aiming.
@@ -146,7 +144,7 @@ class Lens:
         return entry, self.rays(entry, 0.0, tangent, wavelength)["y"] * self.scale
 
     def bundle(self, tangent: float, wavelength: float, samples: int) -> Bundle:
-        """Return the open rays of one field point: ``samples`` cells across its pupil.
+        """Return the rays of one field point that pass the lens. The pupil is sampled with ``samples`` cells across.
 
         Raises
         ------
@@ -197,9 +195,8 @@ class Lens:
         )
 
     def pupil_distance(self, tangent: float, wavelength: float) -> float:
-        """Return the signed distance from the image point back to the exit pupil, um: where the chief ray crosses the
-        axis;
-        may be inf.
+        """Return the signed distance (um) from the image point back to the exit pupil, where the chief ray crosses the
+        axis; it may be inf.
         """
         tangent = max(tangent, 1e-3)
         chief = self.rays(self.chief(tangent, wavelength)[0], 0.0, tangent, wavelength)
@@ -228,9 +225,11 @@ class Lens:
         return arrays, np.where(traced, share, 0.0) * self._straight(found["stop"].reshape(2, *shape), share)
 
     def _straight(self, stop: FloatArray, share: FloatArray) -> NDArray[np.bool_]:
-        """Return the cells of the one connected part of the pupil in which the stop is seen without a fold.
+        """Return a mask of pupil cells: the connected part around the centre of the stop that maps to the stop without
+        a fold.
 
-        Without rims a steep surface sends some rays from far outside back through the stop, which a mount would block.
+        Without rims, a steep surface sends some rays from far outside back through the stop. A mount would block these
+        rays.
         """
         seen = slope(stop[0], 1) * slope(stop[1], 0) - slope(stop[0], 0) * slope(stop[1], 1)
         parts, count = scipy.ndimage.label((share > 0) & (seen > 0 if self.upright else seen < 0))
@@ -297,16 +296,17 @@ class Lens:
         return np.stack([self.chief(tangents, wavelength)[1] for wavelength in wavelengths])
 
     def illumination(self, tangents: FloatArray, wavelengths: tuple[float, ...], samples: int) -> FloatArray:
-        """Return irradiance per radiance at the images of fields, (wavelengths, fields), sr."""
+        """Return irradiance per radiance (sr) at the image points of the fields, (wavelengths, fields)."""
         return np.array([[self.bundle(float(t), w, samples).solid_angle for t in tangents] for w in wavelengths])
 
 
 def _on_sphere(
     rays: dict[str, Any], across_y: FloatArray, across_x: FloatArray, path: FloatArray, curvature: float
 ) -> tuple[FloatArray, ...]:
-    """Return the intersections of rays with the sphere around the image point that passes through the exit pupil.
+    """Intersect rays with the reference sphere, which is centred on the image point and passes through the exit pupil.
 
-    In: rays, their points from the image point and paths on the image plane (um), the sphere's curvature (1/um).
+    In: rays, their intersections with the image plane relative to the image point (um), their paths to the image plane
+         (um), the curvature of the sphere (1/um).
     Out: direction cosines y, x from the intersection to the image point, and paths (um) via the intersection.
     """
     along = rays["L"] * across_x + rays["M"] * across_y
@@ -357,7 +357,7 @@ def _opened(lens: str, file: str, state: Any, f_number: float, reference: float,
     if focus == "paraxial" or (focus == "design" and not prescription.image_given):
         return _placed(made, to_image)
     if focus == "best":
-        # defocus adds dz N to the path: the least squares of path + dz N over the open pupil
+        # defocus adds dz N to the path: minimise the variance of path + dz N over the open pupil
         start = _placed(made, to_image)
         bundle = start.bundle(0.0, reference, 64)
         cosine = np.sqrt(1.0 - bundle.cosine_x**2 - bundle.cosine_y**2)
@@ -383,7 +383,7 @@ def _paraxial(bare: Lens) -> tuple[float, float]:
         ray = bare.rays(height, 0.0, 0.0, bare.reference)
         slope_back = float(ray["N"][0] / ray["M"][0]) if ray["M"][0] else -math.inf
         found.append((-height * slope_back, -float(ray["y"][0]) * slope_back))
-    # their error falls with the square of the height
+    # the error of these rays falls with the square of their height
     (coarse_f, coarse_z), (fine_f, fine_z) = found
     return (4 * fine_f - coarse_f) / 3, (4 * fine_z - coarse_z) / 3
 

@@ -41,7 +41,9 @@ _LOCK = threading.RLock()
 
 @contextlib.contextmanager
 def quietly() -> Iterator[None]:
-    """Run optiland in one thread at a time (it stores rays on its surfaces), without messages of its compiler."""
+    """Run optiland in one thread at a time, because it stores rays on its surfaces, and suppress messages of its
+    compiler.
+    """
     from numba.core.errors import NumbaIRAssumptionWarning  # comes with optiland, and is slow to import
 
     with _LOCK, np.errstate(all="ignore"):
@@ -70,7 +72,7 @@ class Prescription:
     stop : int
         Index of the aperture stop.
     rims : tuple of Rim
-        Clear apertures, except the stop's own.
+        Clear apertures, except the clear aperture of the stop.
     stop_radius : float
         Largest radius of the stop; inf if the prescription does not give it.
     extent : float
@@ -196,7 +198,9 @@ def _samples() -> dict[str, type]:
 
 
 def _taken(name: str, optic: Any, image_given: bool) -> Prescription:
-    """Return the parts of optiland's lens that a trace needs, checked for support by this plugin."""
+    """Return the parts of optiland's lens that a trace needs. Raise ValueError if this plugin does not support the
+    lens.
+    """
     everything = tuple(optic.surfaces)
     surfaces = everything[1:]
     if not np.isinf(float(np.ravel(everything[0].geometry.cs.z)[0])):

@@ -1,20 +1,17 @@
 """The pupil of one field point: its open part, and the PSF of its wavefront.
 
-In:  quantities on a grid of rays over the entrance pupil: level functions of the rims, direction cosines, optical
-paths.
+In:  a grid of rays over the entrance pupil: level functions of the rims, direction cosines, optical paths.
 Out: open fractions of the cells, areas in direction cosines, point spread functions and Strehl ratios.
 Sources: Kirchhoff's integral over the reference sphere (Born and Wolf, section 9.1); geometry.
 
-The exit pupil is the sphere around the image point on which the chief ray crosses the axis. Every ray is taken at its
-intersection with that sphere, which the image point sees in the direction (L, M). A cell of the entrance pupil with
-area
-dP covers dL dM = J dP, and conservation of energy gives its wave the amplitude sqrt(J) dP, so that the flux of the PSF
-is
-that of the open part of the pupil. Nothing is interpolated.
-The kernel exp(i k (L x + M y)) neglects (L x + M y)^2/(2 R), with R the distance of the pupil: 0.01 waves at f/2.8, 60
-um
-from the image point and R = 10 mm. Plane waves along the rays themselves (R infinite) would misplace the edge of the
-stop, by half a wave where rays miss by 80 um.
+The exit pupil is the sphere around the image point that contains the point where the chief ray crosses the axis. Every
+ray is taken at its intersection with this sphere, seen from the image point in the direction (L, M). A cell of the
+entrance pupil with area dP covers dL dM = J dP. Conservation of energy gives its wave the amplitude sqrt(J) dP, so that
+the flux of the PSF is the flux through the open part of the pupil. Nothing is interpolated.
+
+The kernel exp(i k (L x + M y)) neglects (L x + M y)^2/(2 R), with R the distance of the pupil. This is 0.01 waves at
+f/2.8, 60 um from the image point, with R = 10 mm. Plane waves along the rays themselves (R infinite) would misplace the
+edge of the stop, by half a wave for rays that miss the image point by 80 um.
 """
 
 from __future__ import annotations
@@ -123,7 +120,9 @@ def covered(level: FloatArray) -> FloatArray:
 
 
 def slope(values: FloatArray, axis: int) -> FloatArray:
-    """Return the difference per cell, central where both neighbours have a ray, one-sided where only one has."""
+    """Return the difference per cell along an axis. It is central where both neighbours have a ray and one-sided where
+    only one neighbour has a ray.
+    """
     values = np.moveaxis(values, axis, 0)
     forward = np.full_like(values, np.nan)
     forward[:-1] = values[1:] - values[:-1]
@@ -151,7 +150,8 @@ def intensity(bundle: Bundle, y: FloatArray, x: FloatArray) -> FloatArray:
 
     Notes
     -----
-    Sums the waves by two thin matrices: rays are few, and exp(i k (L x + M y)) factorises.
+    The waves are summed as a product of two matrices, because exp(i k (L x + M y)) is a product of a function of x and
+    a function of y.
     """
     k = 2.0 * np.pi / bundle.wavelength
     amplitude = bundle.amplitude
@@ -162,18 +162,21 @@ def intensity(bundle: Bundle, y: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def flux(bundle: Bundle) -> float:
-    """Return the flux of the whole PSF in the unit of ``intensity`` times um2, an upper bound for a finite window."""
+    """Return the flux of the whole PSF, in the unit of ``intensity`` times um2. It is an upper bound for the flux in a
+    finite window.
+    """
     return bundle.wavelength**2 * float(bundle.open.sum()) / (2.0 * float(bundle.amplitude.sum()) ** 2)
 
 
 def reach(bundle: Bundle) -> tuple[float, float]:
-    """Return the distance along y and x at which the sampled pupil repeats its PSF, um."""
+    """Return the distances (um) along y and x at which the PSF of the sampled pupil repeats."""
     along_y, along_x = bundle.wavelength / bundle.steps
     return float(along_y), float(along_x)
 
 
 def strehl(bundle: Bundle) -> float:
-    """Return the largest intensity of the PSF. It is searched where rays are densest, then refined twice.
+    """Return the Strehl ratio: the largest intensity of the PSF. It is searched where rays are densest, then refined
+    twice.
 
     Notes
     -----
@@ -200,13 +203,13 @@ def strehl(bundle: Bundle) -> float:
 
 
 def place_of(weights: FloatArray, share: float) -> int:
-    """Return the index at which a fraction of the sum is reached."""
+    """Return the index at which the cumulative sum of the weights reaches a fraction of their total."""
     return min(int(np.searchsorted(np.cumsum(weights), share * weights.sum())), weights.size - 1)
 
 
 def picture(bundle: Bundle, samples: int, spacing: float) -> FloatArray:
-    """Return ``intensity`` on a square of samples around the image point, which is sample (samples // 2, samples // 2);
-    samples is odd.
+    """Return ``intensity`` on a square of samples around the image point, which lies at (samples // 2, samples // 2);
+    ``samples`` is odd.
     """
     at = (np.arange(samples) - samples // 2) * spacing
     left = intensity(bundle, at, at[: samples // 2 + 1])  # the lens is mirror-symmetric

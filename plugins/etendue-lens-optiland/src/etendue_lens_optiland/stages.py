@@ -82,14 +82,15 @@ class RealLens(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class Moved(RealLens):
-    """A stage on irradiance."""
+    """A stage that reads and writes irradiance."""
 
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
-        """Return the light's own grid; an impossible lens, or one that does not cover the corner, is rejected in
-        planning."""
+        """Keep the grid of the light. A lens that cannot be opened, or that does not cover the corner of the frame, is
+        rejected in planning.
+        """
         lens = self.opened()
         lens.tangent_for(_corner_of(inputs["irradiance"]), (lens.reference,))
         return {}
@@ -235,9 +236,10 @@ class Blur(Moved, Banded, Bounded):
         return replace(own, uniform=None if own.uniform else own.uniform, low=None, high=None, contrast=None)
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Bound the convolution error, the light outside the windows, and the pupil edge by its sampling.
+        """Bound the error of the convolution, of the light outside the PSF windows, and of the sampled pupil edge.
 
-        To see the error of linear interpolation between fields and wavelengths, compare ``heights`` with twice as many.
+        The error of linear interpolation between fields and wavelengths is not included. To see it, compare with twice
+        as many ``heights``.
         """
         pictures = 0.5 * self.lost + 1e-3 * (128 / self.pupil_samples) ** 1.5
         return self.tolerance + pictures + (2e-6 if precision == "float32" else 1e-13), "measured"
@@ -313,7 +315,7 @@ class Distortion(Moved, Banded, Bounded):
         return {"irradiance": planes}
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """A uniform plane is unchanged; a spline may leave the range of another plane slightly."""
+        """A uniform plane is unchanged. In other planes the spline may slightly exceed the range of the input."""
         own = facts["irradiance"]
         return own if own.uniform else replace(own, low=None, high=None, contrast=None, band_limit=None)
 
@@ -321,9 +323,8 @@ class Distortion(Moved, Banded, Bounded):
         return (0.0, "the scene is uniform: displacement has no effect") if facts.uniform else None
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Bound the interpolation error on a Gaussian edge with the scene's band limit, or 1 sample rms where that is
-        unknown,
-        and its position error.
+        """Bound the interpolation error and the position error of a Gaussian edge. The width of the edge follows from
+        the band limit of the scene; it is 1 sample rms if the limit is unknown.
         """
         limit = facts["irradiance"].band_limit
         step = grid["irradiance"].line("x").step
@@ -409,7 +410,7 @@ class Illumination(Moved, Banded):
         return {"irradiance": out}
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Bound the error of the cone area by pupil sampling, and of the curve between fields."""
+        """Bound the error of the cone area due to pupil sampling, and the error of the curve between fields."""
         return 4e-4 * (64 / self.pupil_samples) ** 1.5 + 1e-4 * (9 / self.nodes) ** 3 + (
             2e-7 if precision == "float32" else 0.0
         ), "measured"
@@ -484,7 +485,7 @@ class Numbers(RealLens):
         }
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Bound the error of pupil area and edge by the samples across it."""
+        """Bound the error of the pupil's area and edge from the number of samples across the pupil."""
         return 1e-3 * (128 / self.pupil_samples) ** 1.5 + (1e-6 if precision == "float32" else 0.0), "measured"
 
 

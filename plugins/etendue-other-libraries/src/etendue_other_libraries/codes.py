@@ -16,7 +16,9 @@ BELOW = 1 / 16  # of the largest value: noise about black is not clipped
 
 @dataclass(frozen=True)
 class Codes:
-    """``largest`` maps to the highest code, and -1/16 of it to code 0; values outside are clipped."""
+    """Linear codes: ``largest`` is the highest code and -``largest``/16 is code 0; values outside this range are
+    clipped.
+    """
 
     largest: float
     bits: int
@@ -26,7 +28,7 @@ class Codes:
         return self.largest * (1 + BELOW) / (2**self.bits - 1)
 
     def of(self, values: Any) -> Any:
-        """Return rounded codes: the error is at most half a step within the range, step / sqrt(12) rms."""
+        """Return rounded codes. Within the range the error is at most half a step, and step / sqrt(12) rms."""
         codes = np.rint((np.asarray(values, np.float64) + BELOW * self.largest) / self.step)
         return np.clip(codes, 0, 2**self.bits - 1).astype(np.uint16 if self.bits > 8 else np.uint8)
 

@@ -3,9 +3,8 @@
 In:  ``mosaic_linear`` (y, x), 1 at clipping; Bayer masks.
 Out: ``rgb_camera`` (channel, y, x), linear camera RGB.
 
-OpenCV works on integers, see ``codes``. Its borders are copies of inner pixels, and frames of less than a few pixels
-are
-returned uninitialised: the frame is first mirrored about its outermost samples, which keeps the colours in place.
+OpenCV works on integers, see ``codes``. It copies inner pixels to the borders, and returns very small frames
+uninitialised. The frame is therefore first mirrored about its outermost samples, which keeps the colours in place.
 """
 
 from __future__ import annotations
@@ -65,7 +64,7 @@ class Bilinear(Stage):
         return {"rgb_camera": codes.back(np.moveaxis(inner, -1, 0), mosaic_linear.dtype)}
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Bound the rounding, to codes and within OpenCV; interpolation error between samples is not included."""
+        """Bound the rounding error, to codes and within OpenCV. Interpolation error is not included."""
         return Codes(self.largest, self.bits).step, "measured"
 
 

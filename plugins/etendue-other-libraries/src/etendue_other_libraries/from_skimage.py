@@ -54,9 +54,8 @@ class NonLocalMeans(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class RichardsonLucy(Stage):
-    """Deconvolve with scikit-image's Richardson-Lucy, each channel with its own point spread function, from the
-    preceding
-    pixel stage.
+    """Deconvolve with scikit-image's Richardson-Lucy. The point spread function of each channel comes from the
+    preceding pixel stage.
     """
 
     role: ClassVar = "sharpening"

@@ -59,7 +59,7 @@ def is_refinable(evaluations: Evaluations, name: str) -> bool:
 
 
 def not_affected(parts: Parts, affected: Collection[StageVariable], name: str) -> None:
-    """Add an error of 0 to the variables that a discretisation cannot change."""
+    """Set the error to 0 for the variables that a discretisation cannot change."""
     for one, own in parts.items():
         if one not in affected:
             own[name] = Part(0.0, 0.0, "not affected")
@@ -143,7 +143,9 @@ def compare(
 
 
 def _share(found: Part, value: Array, other: Array, declared: Declaration) -> float:
-    """Return the change of a number relative to the larger of its values; 0 for pictures and for shares of a whole."""
+    """Return the change of a number relative to the larger of its two magnitudes; 0 for pictures and for fractions of a
+    whole.
+    """
     if not is_number(declared) or variable(declared.variable).full is not None:
         return 0.0
     largest = max((abs(x) for one in (value, other) for x in np.ravel(one) if np.isfinite(x)), default=0.0)

@@ -141,7 +141,7 @@ def answers_of(document: DocumentView) -> AnswerErrors | None:
 
 
 def is_number(declaration: Declaration) -> bool:
-    """Return whether a variable is a quantity, or one per stage, rather than a picture, a curve or a code."""
+    """Return whether a variable is one quantity, or one per stage, rather than a picture, a curve or a code."""
     return (
         set(declaration.dims) <= {"stage"} and declaration.dtype == "float" and not variable(declaration.variable).index
     )
@@ -172,7 +172,7 @@ def part_between(found: Array, reference: Array, declaration: Declaration, stage
 
 
 def worst(errors: Iterable[AnswerError]) -> AnswerError:
-    """Return the error of a variable over several points: the largest of every part."""
+    """Return the error of a variable over several points: the largest value of each part."""
     every = list(errors)
     parts: dict[str, Part] = {}
     for one in every:

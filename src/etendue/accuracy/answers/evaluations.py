@@ -37,8 +37,8 @@ PLANNING = 0.01  # assumed seconds of a plan of one point, until one has been ti
 ENGINE = 2e-4  # overhead of the engine per cell, seconds
 FIXED = 0.015  # seconds; largest excess over the prediction that counts as independent of the size of a cell
 ONCE = 1.0  # seconds that imports and tables of one stage may take in a run, at most
-LEAST = 0.1  # smallest factor on predictions that is believed; a fast cell may have used tables that existed already
-EXCESS = 0.2  # of the seconds of evaluations, for those that are compared with them
+LEAST = 0.1  # smallest factor on predictions that is used; a faster cell probably used tables that existed already
+EXCESS = 0.2  # fraction of the seconds spent on evaluations by which those compared with them may exceed the budget
 CHOSEN = 0.9  # share of the remaining budget for chosen variables; choosing and checking them takes time as well
 
 
@@ -108,7 +108,7 @@ class Evaluations:
     rates : measured seconds of the stages, see `Rates`
     until : ``time.process_time()`` at which the budget ends
     shown : returns the progress to show of a plan, or None
-    run : what it has kept is not computed again
+    run : a run whose kept results are not computed again
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class Evaluations:
 
     @property
     def planned_seconds(self) -> float:
-        """Return the expected seconds of the point as planned, if nothing of it were known."""
+        """Return the expected seconds to compute the point as planned, without reuse of known results."""
         return self.rates.seconds(self._costs_as_planned)
 
     @cached_property
@@ -157,8 +157,8 @@ class Evaluations:
         Raises
         ------
         TooDear
-            Before the first evaluation that exceeds the remaining budget, as estimated at that time. Evaluations may
-            exceed it by a fraction of the seconds that those before them took, which would be wasted otherwise.
+            Before the first evaluation that exceeds the remaining budget, as estimated at that time. Later evaluations
+            may exceed the budget by a fraction of the seconds already spent, which would otherwise be wasted.
         """
         began, plans = time.process_time(), []
         for one in which:
@@ -209,14 +209,14 @@ class Evaluations:
         return frozenset(chosen)
 
     def _known(self, which: Which, asked: Asked) -> Evaluated | None:
-        """Return an evaluation of at least the asked variables."""
+        """Return a known evaluation that has at least the asked variables; None if there is none."""
         for own, found in self._values.get(_key(*which), {}).items():
             if own is None or (asked is not None and asked <= own):
                 return found
         return None
 
     def _refuse(self, ahead: list[tuple[Which, Plan]], asked: Asked, excess: float) -> None:
-        """Raise ``TooDear`` if an evaluation exceeds the memory, or all of them together the remaining budget by more
+        """Raise ``TooDear`` if an evaluation exceeds the memory, or if all together exceed the remaining budget by more
         than ``excess`` seconds.
         """
         seconds = 0.0
@@ -243,7 +243,7 @@ class Evaluations:
         return self.rates.seconds(self._costs[key])
 
     def _known_arrays(self, which: Which) -> Mapping[CellRef, Mapping[str, Array]]:
-        """Return what is known of an evaluation before it is made."""
+        """Return the arrays of an evaluation that are known before it is computed."""
         if which == PLANNED:
             return self._start
         return self._before_noise if which[1] == DRAWN else {}

@@ -97,7 +97,7 @@ def refined_pair(evaluations: Evaluations, name: str) -> list[Evaluated] | None:
 
 
 def refinements(name: str) -> list[tuple[Which, Which]]:
-    """Return pairs of evaluations that differ by one refinement; each is tried if the stages refuse those before it."""
+    """Return pairs of evaluations that differ by one refinement, to be tried in order until the stages accept one."""
     return [((base, ""), ({**base, name: 2}, "")) for base in _bases(name)]
 
 

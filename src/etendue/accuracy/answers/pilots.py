@@ -29,7 +29,7 @@ THRIFT = 20.0  # largest cost of measuring one part after the other, in units of
 ELSEWHERE = 2.0  # factor for points of a sweep that were not measured
 PLACES = 4  # points of a sweep that are measured, as far as the budget allows
 UNSEEN = 1e-7  # of full scale; a picture with a smaller error is black, saturated or uniform there
-DRAWS = 4  # number of draws of the noise, with that of the run
+DRAWS = 4  # number of draws of the noise, including the draw of the run
 INTERVAL = 3.182  # Student's t for 95 % and three degrees of freedom
 
 
@@ -74,8 +74,9 @@ def state_errors(
 
 
 def _elsewhere(errors: dict[str, AnswerError], point: Point, plan: Plan) -> dict[str, AnswerError]:
-    """Return the errors over a sweep of which only some points were measured. A variable without any error there, such
-    as a saturated picture, says nothing about the other points; codes and counts often stay the same.
+    """Return the errors over a sweep of which only some points were measured. If a variable has no error there, such as
+    a saturated picture, its error at the other points is recorded as unknown, except for codes and counts, which often
+    stay the same.
     """
     affected = {one for name in point.names() for one in point.affected(plan, name)}
     found = dict(errors)

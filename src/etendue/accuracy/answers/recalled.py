@@ -61,7 +61,7 @@ def answer_errors(
 
 
 def recalled(plan: Plan, folder: Path | None = None) -> AnswerErrors | None:
-    """Return the errors that an earlier run has measured of the same cells; None if there are none."""
+    """Return the errors that an earlier run has measured for the same cells; None if there are none."""
     key = answer_key(plan)
     stored = documents(folder).get(key) if folder is not None else None
     known = [found for found in (_read(stored), _read(cached(plan))) if found is not None]

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 EXACT, NEARER, DRAWN = "exact", "nearer", "drawn"  # ``how`` of `Point.planned`; '' is as planned
 NOTHING: Mapping[Any, Any] = MappingProxyType({})
-Kept = Callable[[CellRef, Collection[str]], Mapping[str, "Array"]]  # those of the variables of a cell that a run kept
+Kept = Callable[[CellRef, Collection[str]], Mapping[str, "Array"]]  # returns what a run has kept of a cell
 Factors = Mapping[str, int]  # by discretisation: n times as fine, or -n: n times as coarse
 
 
@@ -217,7 +217,7 @@ class Point:
 
     def computed_before(self, kept: Kept) -> dict[CellRef, Mapping[str, Array]]:
         """Return what a run has kept of the cells that do not depend on the noise: their variables in `before_noise`
-        and their wanted variables. A cell of which one is not kept is omitted.
+        and their wanted variables. A cell is omitted if one of its variables is not kept.
         """
         needed = {ref: set(names) for ref, names in self.before_noise.items()}
         for (stage, name), ref in self.refs(self.base).items():
@@ -233,7 +233,7 @@ class Point:
         return found
 
     def draw_of_run(self, kept: Kept) -> dict[StageVariable, Array]:
-        """Return the wanted numbers that differ between draws, as the run has drawn them; nothing if one is not
+        """Return the wanted numbers that differ between draws, as the run has drawn them; empty if one of them is not
         kept.
         """
         found = {(stage, name): kept(self.here[stage], {name}).get(name) for stage, name in self.noisy}

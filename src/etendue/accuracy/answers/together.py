@@ -2,8 +2,8 @@
 
 In:  evaluations of a point.
 Out: the parts of the errors of the wanted variables: one part for bins and spacing, and one for margin and omissions;
-     each discretisation has its own part if the budget allows one more evaluation; all together have one part if it
-     allows no second one.
+     with one more evaluation, each discretisation has its own part; if the budget allows only one comparison of both
+     chains at once, all together have one part.
 
 Evaluations form chains; each step of a chain changes one thing. The difference between both ends gives the error of all
 steps; an evaluation in between separates the steps.
@@ -38,7 +38,7 @@ GRIDS = ("spacing", "bins")
 # the change by a coarsening; bins converge with second order, edges and points in the scene less regularly.
 STEPS: Mapping[str, float] = {"bins": 1.0, "spacing": 2.5}
 OTHER_STEPS = 3.0
-WHOLE = 2.0  # for all at once: the change by coarser bins, of second order, is three times their error already
+WHOLE = 2.0  # for all at once: bins converge with second order, so coarser bins change by three times their error
 SMALL = 0.1  # seconds of the point as planned below which making tables costs more than computing light
 SCARCE = 3.0  # budget, in units of the cost of the point as planned, below which both chains start alike
 BASES: tuple[Factors, ...] = ({**FEW_BANDS, **COARSE}, FEW_BANDS, COARSE, {})
@@ -47,8 +47,8 @@ BASES: tuple[Factors, ...] = ({**FEW_BANDS, **COARSE}, FEW_BANDS, COARSE, {})
 class Chain(NamedTuple):
     """A chain of evaluations, each of which refines one discretisation of the evaluation before it."""
 
-    names: tuple[str, ...]  # of these things
-    which: tuple[Which, ...]  # one more
+    names: tuple[str, ...]  # names of the steps
+    which: tuple[Which, ...]  # the evaluations: one more than steps
 
     @property
     def ends(self) -> tuple[Which, Which]:
@@ -86,12 +86,12 @@ class Together:
         self.evaluations, self.parts, self.missing, self.fixed = evaluations, parts, missing, fixed
         point = evaluations.point
         self.affected = {name: point.affected(plan, name) for name in point.names()} | {OMISSIONS: [*point.wanted]}
-        self.dear = 0.0  # seconds of what was too costly
-        self.measured: list[tuple[Chain, list[Chain]]] = []  # with its pieces
+        self.dear = 0.0  # seconds of evaluations that were too costly
+        self.measured: list[tuple[Chain, list[Chain]]] = []  # chains with their pieces
         self.apart: list[str] = []  # discretisations that can be refined, but not as a step of a chain
 
     def measure(self) -> None:
-        """Add the parts of both chains that fit into the budget. The caller handles those in ``apart``."""
+        """Add the parts of both chains that fit into the budget. The caller measures discretisations in ``apart``."""
         names = self.evaluations.point.names()
         try:
             grids = self._grids(names)
@@ -109,7 +109,7 @@ class Together:
                 self._to_split(chain)
 
     def split(self, once: bool = False) -> None:
-        """Measure the pieces of chains apart, as far as the budget allows; ``once``: of the first chain only."""
+        """Measure the pieces of each chain separately, as far as the budget allows; ``once``: of the first only."""
         while self.measured:
             chain, pieces = self.measured[0]
             if not self._split(chain, pieces):
@@ -120,7 +120,7 @@ class Together:
 
     def refine(self) -> None:
         """Replace the parts of spacing and bins by the change of one refinement, the largest part first, as far as the
-        budget allows. A coarsening overstates the error of what converges with higher order.
+        budget allows. A coarsening overstates the error of a discretisation that converges with higher order.
         """
         shares = dict.fromkeys(GRIDS, 0.0)
         for own in self.parts.values():
@@ -150,7 +150,7 @@ class Together:
         return Chain((), ())
 
     def _set_apart(self, names: Iterable[str]) -> None:
-        """Record the discretisations that cannot be coarsened; they can perhaps be refined, or are fixed."""
+        """Record, for discretisations that cannot be coarsened, whether they can be refined or are fixed."""
         for name in names:
             if is_refinable(self.evaluations, name):
                 self.apart.append(name)
@@ -187,8 +187,8 @@ class Together:
         return Chain(tuple(found), tuple(steps))
 
     def _at_once(self, grids: Chain, rest: Chain) -> bool:
-        """Compare the end of both chains with the pipeline, if the chains start from the same evaluation: one less than
-        each chain by itself. A variable that does not fit into the budget has no part at all.
+        """If both chains start from the same evaluation, measure both at once, with one evaluation less than
+        separately. Return whether they do. A variable that does not fit into the budget gets no part.
         """
         if rest.which[0] != grids.which[0]:
             return False
@@ -222,7 +222,7 @@ class Together:
         return pair is not None and bool(pair.made)
 
     def _split(self, whole: Chain, pieces: list[Chain]) -> bool:
-        """Replace the part of a chain by those of its pieces; return False if the budget does not allow it."""
+        """Replace the part of a chain by the parts of its pieces; return False if the budget does not allow it."""
         every = [one for piece in pieces for one in piece.ends]
         which = [one for number, one in enumerate(every) if one not in every[:number]]
         made = self.evaluations.most_of(*which)

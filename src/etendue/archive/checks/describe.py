@@ -131,7 +131,9 @@ def _stages(folder: Path, listing: disk.Listing, journal: Read, order: Iterable[
 
 
 def _add_left_out(by_stage: Mapping[str, list[Document]], journal: Read) -> None:
-    """Add the variables without an array, with the form of the array that has their values (``same_as``)."""
+    """Add the variables without an array to their stages, with unit, type and own dims of the array that has their
+    values (``same_as``).
+    """
     known = {(v["group"], v["variable"]): v for own in by_stage.values() for v in own}
     for group, own in journal.same.items():
         for name, path in own.items():
@@ -145,7 +147,9 @@ def _add_left_out(by_stage: Mapping[str, list[Document]], journal: Read) -> None
 
 
 def order_of(root: Path, record: Document) -> list[str]:
-    """Return the stages in pipeline order: if two write the same variable, the later one wins."""
+    """Return the names of the stages in pipeline order: of two stages that write the same variable, the later one
+    counts.
+    """
     attributes = (disk.read_document(root / "zarr.json") or {}).get("attributes", {})
     own = attributes.get("etendue") if isinstance(attributes, dict) else None
     for names in (record.get("order"), own.get("stages") if isinstance(own, dict) else None):

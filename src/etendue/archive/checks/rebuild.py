@@ -113,8 +113,8 @@ def _unkept(folder: Path, kept: Mapping[str, str], manifest: Manifest | None) ->
 def _blocks(
     folder: Path, axes: Mapping[str, Mapping[str, list[AxisValue]]], stored: Stored
 ) -> dict[str, dict[str, Document]]:
-    """Return how variables are split into shards, from their metadata if that is intact, for variables missing in the
-    journal.
+    """Return how variables are split into shards according to intact metadata, for groups in which the journal says
+    otherwise or nothing.
     """
     found: dict[str, dict[str, Document]] = {}
     for node in sorted(stored.nodes):
@@ -138,7 +138,7 @@ def _blocks(
 
 
 def _block(document: DocumentView, axes: int) -> Document:
-    """Return the journal's entry for a block."""
+    """Return the journal entry that says how a variable is split into shards, from its metadata."""
     outer, shape = document["chunk_grid"]["configuration"]["chunk_shape"], document["shape"][axes:]
     shard = next((one["configuration"] for one in document["codecs"] if one["name"] == "sharding_indexed"), None)
     inner = shard["chunk_shape"][axes:] if shard else outer[axes:]

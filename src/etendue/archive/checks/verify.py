@@ -67,8 +67,8 @@ def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | 
 
 
 def sha256_of(folder: Path) -> str:
-    """Return one digest of an archive, over the paths and contents of all its files except the lock and the owner. A
-    copy has the same digest.
+    """Return one digest over the paths and contents of all files of an archive except ``lock`` and ``run.id``. A copy
+    has the same digest.
 
     Raises
     ------

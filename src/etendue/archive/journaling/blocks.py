@@ -1,5 +1,5 @@
-"""The shards of a run, managed by its owner: the chunks that each shard must contain, and the moment at which the shard
-is put in its place.
+"""The shards of a run, managed by the owner of the run: the chunks that each shard must contain, and the moment at
+which the shard is put in its place.
 
 In:  valid stored chunks, cells to be computed, and their results.
 Out: shards in their places, as soon as all their cells are computed, or when the run ends.
@@ -95,8 +95,8 @@ class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
         return ((slot, row) for slot, row in enumerate(self.rows) if row >= 0)
 
     def lies_as(self, index: Mapping[int, tuple[int, int]]) -> bool:
-        """Return True if the given chunks are all in the shard itself, at the positions given by its index, and the
-        index contains no other chunks.
+        """Return True if all chunks are in the shard itself, at the places that ``index`` gives, and ``index`` contains
+        no other chunks.
         """
         rows = np.array(self.rows)
         slots = np.flatnonzero(rows >= 0)
@@ -110,7 +110,7 @@ class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
         return dict(zip(slots.tolist(), map(tuple, places.tolist()), strict=True)) == dict(index)
 
     def lying(self) -> set[str]:
-        """Return the files that hold chunks."""
+        """Return the paths of the files that hold these chunks."""
         return {self.files[number] for number in {self.file[row] for _, row in self._every()}}
 
     def put(self, places: Mapping[int, tuple[int, int]]) -> None:
@@ -125,7 +125,7 @@ class Blocks:
 
     Attributes
     ----------
-    moved : number of rewritten existing shards, bytes copied, bytes of computed chunks
+    moved : number of existing shards that were rewritten, bytes that were copied, bytes of chunks that were computed
     """
 
     def __init__(self, folder: Path, journal: Journal, finder: Finder, durable: bool) -> None:
@@ -136,7 +136,7 @@ class Blocks:
         self.moved = {"shards": 0, "copied": 0, "computed": 0}
 
     def contents(self, path: str, slots: int) -> ShardContents:
-        """Return the chunks that a shard must contain, to be changed in place."""
+        """Return the chunks that a shard must contain; the caller may change this object."""
         own = self.wanted.get(path)
         if own is None:
             own = self.wanted[path] = ShardContents(path, slots)
@@ -151,7 +151,9 @@ class Blocks:
                 own[slot] = found
 
     def found(self, chunks: Iterable[tuple[str, int]]) -> dict[tuple[str, int], tuple[WrittenChunk, ChunkPlace]]:
-        """Return, for the given chunks that are stored, the record of writing and the present place of each."""
+        """Return those of the given chunks (shard, slot) that are stored, each as it was written and with its present
+        place.
+        """
         there = ((path, slot, self.wanted.get(path)) for path, slot in chunks)
         return {(path, slot): own[slot] for path, slot, own in there if own is not None and slot in own}
 
@@ -191,7 +193,7 @@ class Blocks:
         return state.index is None or not own.lies_as(state.index)
 
     def odd(self) -> list[str]:
-        """Return shards on disk that differ from their written state."""
+        """Return finished shards that are missing, or have another size or a damaged index."""
         return [path for path, slots in self.slots.items() if self.finder.odd(path, slots)]
 
     def unsettled(self) -> list[str]:

@@ -45,7 +45,7 @@ class Entry:
 
 
 class WrittenChunks:
-    """Written chunks in columns, by number."""
+    """The written chunks of an archive as columns; the number of a chunk is its row."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []  # paths and names of parts: there are few
@@ -65,7 +65,7 @@ class WrittenChunks:
         self.digest.append(digest)
 
     def add_of(self, other: WrittenChunks, numbers: Array) -> None:
-        """Add some chunks of another collection."""
+        """Add the chunks of another collection that have these numbers."""
         for name in ("path", "part"):
             texts, which = np.unique(np.asarray(vars(other)[name])[numbers], return_inverse=True)
             own = np.array([self._of(other.texts[text]) for text in texts.tolist()], np.int32)
@@ -141,7 +141,9 @@ class Entries(MutableMapping[str, Entry]):
         del self.rows[name]
 
     def say(self, name: str, event: str, key: str, status: str, seconds: float, fresh: bool) -> int:
-        """Set the latest state of a cell, and return its row. The caller must add its files immediately afterwards."""
+        """Set the latest state of a cell, and return its row. The caller must add the chunks of the cell immediately
+        afterwards.
+        """
         digest = _digest(key)
         row = self.rows.get(name)
         if row is None:
@@ -197,7 +199,7 @@ class Entries(MutableMapping[str, Entry]):
         return 0.0 if row is None else self.seconds[row]
 
     def report(self, ref: CellRef, row: int, size: int) -> CellReport:
-        """Return the report of a finished cell, which has stored some bytes."""
+        """Return the report of a finished cell; ``size``: its stored bytes."""
         clipped, flux, floored, platform = self.rest.get(row, (0.0, 0.0, 0.0, ""))
         status, seconds = STATUS[self.status[row]], self.seconds[row]
         return CellReport(*ref, status, seconds, (), "", clipped, flux, floored, platform, size)
@@ -218,7 +220,7 @@ class Entries(MutableMapping[str, Entry]):
         return (name for name, row in self.rows.items() if self.event[row] == number)
 
     def told(self) -> Iterator[tuple[str, str, str, float, float]]:
-        """Yield name, event, status, seconds and clipped fraction of every cell, without building its chunks."""
+        """Yield name, event, status, run time (s) and clipped fraction of every cell, without objects for chunks."""
         for name, row in self.rows.items():
             clipped = self.rest[row][0] if row in self.rest else 0.0
             yield name, EVENTS[self.event[row]], STATUS[self.status[row]], self.seconds[row], clipped
@@ -232,7 +234,7 @@ class Entries(MutableMapping[str, Entry]):
         )
 
     def done_otherwise(self, keys: Iterable[tuple[str, str]]) -> list[str]:
-        """Return the named cells that are done with a key other than the given one."""
+        """Return the named cells that are done, but with another key than the key given with the name."""
         return self.done_among(name for name, key in keys if name in self.rows and self.key_at(self.rows[name]) != key)
 
     def done_beside(self, names: Iterable[str]) -> list[str]:
@@ -241,7 +243,7 @@ class Entries(MutableMapping[str, Entry]):
         return [name for name in self.done() if name not in known]
 
     def counts(self, outdated: Collection[str] = ()) -> Counter[tuple[str, str]]:
-        """Count the cells of each stage by status, ``unfinished`` or ``outdated``."""
+        """Return the number of cells by stage and status, where ``unfinished`` and ``outdated`` are statuses too."""
         words = [
             (event == _EVENT["start"], STATUS[status]) for event, status in zip(self.event, self.status, strict=True)
         ]

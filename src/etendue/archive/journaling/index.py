@@ -49,7 +49,7 @@ class Index(msgspec.Struct):
     rest: dict[int, tuple[float, float, float, str]]
     ended: list[int] | None  # rows of the cells that have ended in the last run; None: all, in order
     outdated: list[str]
-    lines: list[bytes]  # those about no cell, in order
+    lines: list[bytes]  # the lines that are not about cells, in order
 
 
 _encode, _decode = msgspec.msgpack.Encoder().encode, msgspec.msgpack.Decoder(Index).decode

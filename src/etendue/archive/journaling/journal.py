@@ -3,12 +3,12 @@
 One JSON line per event, appended only by the owner of the archive. A cell is finished if its **last** line is ``done``
 with the wanted key, and its chunks are where the lines say, with the recorded size. Each line ends with its checksum;
 lines with a wrong checksum, and an incomplete last line, are ignored. The existence of a file proves nothing. A
-``done`` line names the part of a shard to which each chunk was appended; a ``shard`` line lists the parts, and the
-bytes of them, that a shard holds. The journal also holds the axis values of each group (a coordinate array damaged by a
-kill is rewritten from them), the arrays created in each group, how each is split into shards, the variables without an
-array and the arrays they equal, the record of each run, and the number of cells it has to compute. ``closed`` says that
-a run ended normally: the data of earlier lines need not be read back. ``outdated`` names the cells that a run is about
-to replace: their chunks remain until they are replaced, but readers do not see them.
+``done`` line names the part file to which each chunk was appended; a ``shard`` line lists the byte ranges of the parts
+that a shard holds. The journal also holds, for each group, the axis values (a coordinate array damaged by a kill is
+rewritten from them), the arrays created and how each is split into shards, and the variables without an array with the
+arrays they equal; for each run, its record and the number of cells to compute. ``closed`` says that a run ended
+normally: the data of earlier lines need not be read back. ``outdated`` names the cells that a run is about to replace:
+their chunks remain until they are replaced, but readers do not see them.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class Journal:
                 os.fsync(self.handle)
 
     def start(self, cells: Iterable[tuple[str, str]]) -> None:
-        """Record that the chunks of these (cell, key) may be overwritten from now on."""
+        """Record that the chunks of these cells, given as (name, key), may be overwritten from now on."""
         pairs = list(cells)
         self._append({"event": "start", "cell": cell, "key": key} for cell, key in pairs)
         for cell, key in pairs:
@@ -222,7 +222,7 @@ class Journal:
         self.shards.update(shards)
 
     def record(self, path: str, text: str) -> None:
-        """Store a second copy of a run record: it cannot be rebuilt from anything else."""
+        """Store a second copy of a run record, because no other data can replace a lost record."""
         self._append([{"event": "record", "path": path, "text": text}])
 
     def closed(self) -> None:
@@ -280,8 +280,8 @@ def read(path: Path) -> Read:
 
 
 def _begun(path: Path, file: BinaryIO) -> tuple[Read, list[bytes], index.Digest]:
-    """Return the cached content of the first lines, if the cache has exactly these bytes, the lines that are not about
-    cells, and the digest of the bytes.
+    """Return the cached content of the first lines of a journal, the lines among them that are not about cells, and the
+    digest of their bytes. All three are empty if the cache has no entry for exactly these bytes.
     """
     known, digest = index.known(path, file, os.fstat(file.fileno()).st_size)
     if known is not None:

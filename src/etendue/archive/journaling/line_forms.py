@@ -42,7 +42,7 @@ Number = Annotated[int, msgspec.Meta(ge=0, le=LARGEST)]
 
 @dataclass
 class Going:
-    """The last run: requested cells and cells to compute, by stage; the cells that have ended since."""
+    """The last run: by stage, the number of cells requested and the number to compute; the cells that have ended."""
 
     planned: Mapping[str, int]
     todo: Mapping[str, int]
@@ -88,7 +88,7 @@ def files_of(written: Any) -> tuple[tuple[WrittenChunk, ...], int]:
 
 
 def kept_of(written: Any) -> tuple[tuple[str, int, int, int], ...]:
-    """Return the byte ranges of a shard: a part name and three numbers each."""
+    """Return the byte ranges in a shard, each as part name, offset in the part, offset in the shard, and length."""
     kept = []
     for part, *numbers in written:
         start, to, length = (of_kind(int, n) for n in numbers)
@@ -107,7 +107,7 @@ def block_of(written: Any) -> Document:
 
 
 def same_of(written: Any) -> dict[str, str]:
-    """Return the variables of a group without an array, and the array of the same name that each of them equals."""
+    """Return, for each variable of a group that has no array, the path of the array of the same name that it equals."""
     found = {inside(name): inside(of_kind(str, path).removeprefix("/")) for name, path in written.items()}
     if not all(path == f"{path.rpartition('/')[0]}/{name}" and "//" not in path for name, path in found.items()):
         raise ValueError("a path to another variable")
@@ -146,5 +146,5 @@ def summed(line: bytes) -> bytes:
 
 
 def written(value: object) -> object:
-    """Return an axis value as JSON, which has no infinity."""
+    """Return an axis value for JSON, in which infinity and NaN must be text."""
     return {"float": repr(value)} if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,4 +1,5 @@
-"""A storage backend that stores nothing: it compares every computed cell with the archived one and discards it.
+"""A storage backend that stores nothing: it compares every computed cell with the archived cell and discards the
+computed arrays.
 
 In:  an archive, and a plan of the same cells.
 Out: a ``Compared`` for every variable of every cell, in the reports of the run; no file is written.
@@ -48,7 +49,7 @@ class Comparing:
     cell: StoredArrays
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[WrittenChunk, ...]:
-        """Compare arrays with the stored arrays."""
+        """Compare arrays with the stored arrays; return a ``Compared`` for each variable."""
         found = []
         for variable in self.cell.variables:
             try:

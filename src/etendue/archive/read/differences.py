@@ -40,13 +40,13 @@ class CellDifference:
 
 @dataclass
 class StageDifference:
-    """One stage of two archives.
+    """The comparison of one stage in two archives.
 
     Attributes
     ----------
     cells : number of cells that both archives have
     same : number of these cells that have equal arrays
-    since : the difference in the stage itself, or the input that differs; '' if nothing recorded differs
+    since : the cause: a change of the stage itself, or an input that differs; '' if the records show no change
     """
 
     name: str
@@ -88,7 +88,9 @@ class _Side:
         return (node.get("stage") or [None])[0] if name == "use" else node.get("shown", {}).get(name)
 
     def places(self, other: _Side) -> dict[StageAndValues, str]:
-        """Return the names of the finished cells by stage and axis values, in terms of the axes of both archives."""
+        """Return the names of the finished cells by stage and values on the axes of both archives. On an axis that only
+        the other archive has, a cell is at the value that is fixed in this archive.
+        """
         found = {}
         for name, (stage, labels) in self.cells.items():
             more = other.dims.get(stage, set()) - self.dims[stage]
@@ -218,7 +220,7 @@ def document(first: Path, second: Path, found: list[StageDifference]) -> Documen
 
 
 def _alone(names: list[str], others: list[str]) -> Document:
-    """Count the cells that only one archive has, with the axis values that only they have."""
+    """Return the number of cells that only one archive has, and the axis values that occur only in these cells."""
     own, there = ({(d, _plain(v)) for n in some for d, v in _labels(n)[1].items()} for some in (names, others))
     values: dict[str, list[Any]] = {}
     for dim, value in sorted(own - there, key=str):

@@ -91,8 +91,8 @@ def _piece(one: Array, other: Array, scale: float | None) -> Difference:
 
 
 def apart(one: Array, other: Array) -> FloatArray:
-    """Return the absolute difference of each pair of values: 0 if both are NaN or the same infinity, infinite if only
-    one of them is.
+    """Return the absolute difference of each pair of values: 0 if both are NaN or the same infinity, infinity in every
+    other pair with NaN or infinity.
     """
     one, other = np.asarray(one, np.float64), np.asarray(other, np.float64)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -109,7 +109,7 @@ def full_scale(values: Array) -> float:
 
 
 def together(parts: Iterable[Difference]) -> Difference:
-    """Combine the differences of the parts of one array."""
+    """Return the difference of a whole array from the differences of its parts."""
     whole = Difference(True)
     for part in parts:
         defined = whole.defined + part.defined

@@ -21,7 +21,7 @@ FRAMES = "frames"
 
 
 def stored(folder: Path, listing: disk.Listing) -> dict[str, bytes]:
-    """Return the files of the pictures of an earlier run; empty if they are damaged."""
+    """Return the picture files of an earlier run, as bytes by path; empty if they are damaged."""
     paths = listing.below(f"{DATA}/{FRAMES}")
     files = {path.removeprefix(f"{DATA}/"): disk.content_of(folder / path) or b"" for path in paths}
     return files if whole(files) else {}
@@ -44,7 +44,7 @@ def whole(files: Mapping[str, bytes]) -> bool:
 
 
 def sealed(files: Mapping[str, bytes], attrs: DocumentView) -> dict[str, bytes]:
-    """Return the group of some pictures with their digest in its attributes."""
+    """Return the metadata of the group of these pictures, with their digest among its attributes."""
     own = Tree()
     own.put_group(FRAMES, attrs)
     own.put_group(FRAMES, {**attrs, "digest": digest({**files, **own.held})})
@@ -52,7 +52,7 @@ def sealed(files: Mapping[str, bytes], attrs: DocumentView) -> dict[str, bytes]:
 
 
 def attributes(files: Mapping[str, bytes]) -> Document:
-    """Return the attributes of the pictures."""
+    """Return the attributes of the group of pictures; empty if they cannot be read."""
     try:
         found = json.loads(files.get(f"{FRAMES}/{ROOT}", b"{}"))["attributes"]
     except (ValueError, KeyError, TypeError, RecursionError):

@@ -26,16 +26,16 @@ Place = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Followed:
-    """One variable of one group without an array, and for each of its cells the cell that has the values."""
+    """A variable of a group that has no array, and, for each of its cells, the cell that has the values."""
 
     group: str
     variable: str
-    path: str  # of the array that has them
+    path: str  # of the array that has the values
     cells: dict[Place, tuple[StoredCell, tuple[StoredChunk, ...]]] = field(default_factory=dict)
 
     @property
     def source(self) -> str:
-        """The group of that array."""
+        """The group of the array that has the values."""
         return self.path[1:].rpartition("/")[0]
 
 

@@ -40,8 +40,8 @@ class Damage:
     Attributes
     ----------
     kind : changed | missing | added | odd (a link, or a folder in the place of a file) | unfinished
-    path : below the archive
-    array : path below the store of the array that the file belongs to; '' for other files
+    path : path of the file below the archive
+    array : the array that the file belongs to, as a path below the store; '' for other files
     cell : the cell that the chunk belongs to; '' if no cell is lost
     """
 
@@ -82,7 +82,7 @@ class Verified:
 
 
 class Inspection:
-    """Examines one archive."""
+    """The examination of one archive: each public method yields the damage of one part."""
 
     def __init__(
         self, folder: Path, listing: disk.Listing, found: Verified, told: Told, odd: set[str], journal: Read | None

@@ -51,7 +51,7 @@ class StoredForm:
 
     @cached_property
     def pieces(self) -> int:
-        """Chunks of one cell."""
+        """Number of chunks in one cell."""
         return pieces_of(self.shape, self.chunk)
 
     @cached_property
@@ -72,7 +72,7 @@ class StoredForm:
 
     @cached_property
     def slots(self) -> int:
-        """Chunks of a shard; 0 if the file is the chunk itself."""
+        """Number of chunks in a shard; 0 if the file is the chunk itself."""
         return prod(self.block) * self.pieces if self.block or self.shape else 0
 
 
@@ -183,11 +183,11 @@ class StoredArchive:
 
     @cached_property
     def _gone(self) -> set[str]:
-        """The folders of arrays that an earlier run wrote and that the last run removed as copies."""
+        """The folders of arrays that the last run removed because they were copies of other arrays."""
         return {f"{DATA}/{group}/{name}" for group, names in self.journal.same.items() for name in names}
 
     def _own(self, entry: Entry) -> Iterable[WrittenChunk]:
-        """Return the chunks of a cell without copies that an earlier run wrote and the last run removed."""
+        """Return the chunks of a cell, except chunks in arrays that the last run removed as copies."""
         gone = self._gone
         return [file for file in entry.files if file.path.rpartition("/")[0] not in gone] if gone else entry.files
 
@@ -212,8 +212,8 @@ class StoredArchive:
         return (*cell.chunks, *self._elsewhere.get(cell.name, ())) if self.journal.same else cell.chunks
 
     def place(self, chunk: StoredChunk, fresh: bool = False) -> ChunkPlace | None:
-        """Return the present place of the bytes of a chunk; None if they are lost. ``fresh`` reads them and checks
-        their digest.
+        """Return the present place of the bytes of a chunk; None if they are lost. ``fresh``: also read the bytes and
+        check their digest.
         """
         if self.journal.files_a_cell:
             return (
@@ -318,7 +318,9 @@ class StoredArchive:
         return decode(data, chunk.form.dtype, chunk.form.stored, chunk.form.codec)
 
     def slots_of(self, paths: Iterable[str]) -> dict[str, int]:
-        """Return the number of chunks for which each shard has room, if the journal has the form of its array."""
+        """Return the number of chunks for which each shard has room; shards of arrays that the journal does not
+        describe are omitted.
+        """
         found = {}
         for path in paths:
             group, _, variable = path.removeprefix(f"{DATA}/").rpartition("/")[0].rpartition("/")
@@ -365,8 +367,8 @@ class StoredArchive:
 
 @contextmanager
 def metadata_of(folder: Path) -> Iterator[None]:
-    """Wrap calls of a library that reads metadata of a store: if the library fails, the metadata was not written by a
-    run.
+    """Wrap calls of a library that reads metadata of a store. If the library fails, no run can have written the
+    metadata.
 
     Raises
     ------

@@ -15,7 +15,7 @@ from etendue.archive.sharding.shards import ChunkPlace, ShardFiles, fits
 from etendue.errors import ArchiveError
 from etendue.types.arrays import Array
 
-GAPS = 4  # a shard is read as a whole if it is at most this many times as large as what is wanted of it
+GAPS = 4  # a shard is read as a whole if it is at most this many times as large as the wanted chunks
 
 
 def shard_column(archive: StoredArchive, path: str, files: ShardFiles) -> Array | None:

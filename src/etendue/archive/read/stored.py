@@ -70,13 +70,13 @@ class StoredArrays:
         )[0]
 
     def parts(self, variable: str) -> Iterator[tuple[Window | None, Any]]:
-        """Yield the stored parts of a variable one by one: the window in the cell, and the array."""
+        """Yield the stored parts of a variable one by one, each as its window in the cell and its array."""
         for chunk, place in self.chunks:
             if chunk.variable == variable:
                 yield chunk.window, joined([(chunk.window, self._array(chunk, place))], [chunk.window])
 
     def windows(self, variable: str) -> list[Window | None]:
-        """Return the windows of these parts."""
+        """Return the window of each stored part in its cell; None for a whole cell."""
         return [chunk.window for chunk, _ in self.chunks if chunk.variable == variable]
 
     def _bytes(self, place: ChunkPlace | None) -> bytes | None:
@@ -102,7 +102,9 @@ class StoredArrays:
 
 
 def _whole(path: Path) -> Any:
-    """Return a whole array of axes, status or a table; refuse one whose metadata claims an implausible size."""
+    """Return all values of a coordinate, status or table column; refuse an array whose metadata claims an implausible
+    size.
+    """
     import zarr
 
     check_array(path)
@@ -130,12 +132,12 @@ class Stored:
         return {name: cell.entry for name, cell in self.archive.cells.items()}
 
     def variables(self) -> set[tuple[str, str]]:
-        """Return the (stage, variable) pairs of which a finished cell is stored."""
+        """Return the (stage, variable) pairs that are stored for at least one finished cell."""
         cells = self.archive.cells.values()
         return {(cell.stage, chunk.variable) for cell in cells for chunk in self.archive.chunks_of(cell)}
 
     def cell(self, name: str) -> StoredArrays:
-        """Return a finished cell, without arrays that were removed since because of ``keep``."""
+        """Return the arrays of a finished cell, except arrays that a later run removed because of its ``keep``."""
         chunks = self.archive.chunks_of(self.archive.cell(name))
         there = tuple((chunk, self.archive.place(chunk)) for chunk in chunks if self.keeps(chunk.group, chunk.variable))
         return StoredArrays(str(self.folder), there, not self.journal.files_a_cell)

@@ -5,8 +5,8 @@ In:  the folder of an archive, its journal.
 Out: the stored studies, and the number of their cells whose results have changed since.
 
 A study has its own group, with a group for each result; these groups name the cells from which the result was computed,
-and their keys. A run does not change these groups. They may therefore describe earlier results; a comparison of keys
-shows this.
+and their keys. A run does not change these groups. A result may therefore describe earlier cells, which a comparison of
+the keys shows.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class StoredStudy:
     command: str
     attributes: Document
     cells: int
-    other: int  # of its cells that have other results, or none, now
-    since: int  # cells of the same stage that have been finished since
+    other: int  # number of its cells that now have other results, or none
+    since: int  # number of cells of the same stage that were finished later
 
     @property
     def stale(self) -> str:
@@ -47,7 +47,7 @@ class StoredStudy:
 
 
 def finished_cells(folder: Path, stage: str, journal: Read | None = None) -> dict[str, str]:
-    """Return the finished cells of a stage, with their keys."""
+    """Return the keys of the finished cells of a stage, by name of the cell."""
     entries = (journal or read(folder / NAME)).said
     names = (name for name in entries.done() if name.partition(" ")[0] == stage)
     return {name: entries[name].key for name in names}

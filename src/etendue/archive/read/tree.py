@@ -33,11 +33,11 @@ class Tree:
         self.nodes: dict[str, DocumentView] = {}  # the metadata among ``held`` that was built here
 
     def files(self, below: str = "") -> dict[str, bytes]:
-        """Return every file by path, or only the files of one group."""
+        """Return the bytes of every file by path, or only of the files of one group."""
         return {path: data for path, data in self.held.items() if not below or path.startswith(f"{below}/")}
 
     def take(self, files: Mapping[str, bytes]) -> None:
-        """Add files that already exist on disk."""
+        """Add files (bytes by path) that already exist on disk."""
         self.held.update(files)
         for path in files:
             self.nodes.pop(path, None)

@@ -1,7 +1,7 @@
 """The values that the last run into an archive chose for open parameters of a pipeline. Later runs keep these values.
 
 In:  a pipeline as written, the folder of an archive.
-Out: the pipeline with these values, and a note on each value that would be finer now.
+Out: the pipeline with these values, and a note on each value that would now be chosen finer.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def with_kept_choices(
 def _notes(
     kept: PipelineFile, registry: Registry, moved: DocumentView, anew: Mapping[str, DocumentView], open_: Open
 ) -> list[str]:
-    """Return a note on each value that would be finer now."""
+    """Return a note on each value that would now be chosen finer."""
     try:
         plan = make_plan(kept, registry)
     except RequestError:

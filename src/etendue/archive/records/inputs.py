@@ -2,7 +2,8 @@
 files.
 
 In:  a plan.
-Out: TOML with every override applied, whose files are copies in ``inputs/`` named by their SHA-256; the copies.
+Out: the pipeline as TOML, with every override applied and each file replaced by its copy in ``inputs/``, which is named
+     by its SHA-256; the copies.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class Resolved:
 
 
 class _Resolver:
-    """Replaces file names in values by the names of their copies."""
+    """A resolver of values: it replaces the names of files by the names of their copies."""
 
     def __init__(self, pipeline: PipelineFile) -> None:
         self.pipeline = pipeline
@@ -171,7 +172,7 @@ def resolve_pipeline(plan: Plan) -> Resolved:
 
 
 def _design(pipeline: PipelineFile, found: _Resolver) -> Document:
-    """Return the design with its files named by content."""
+    """Return the table of the design, with each file named by the digest of its content."""
     factors = {
         key: found.axis(key, written) if isinstance(written, list | tuple) else written
         for key, written in factors_of(pipeline.design, pipeline).items()

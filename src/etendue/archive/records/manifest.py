@@ -24,8 +24,8 @@ DIGITS = 64  # hex digits of the SHA-256 with which the name of an input begins
 
 @dataclass(frozen=True)
 class Manifest:
-    """SHA-256 by path below the archive: of metadata, coordinates, status and tables of the store, and of files beside
-    the store.
+    """The SHA-256 of files, by path below the archive. ``metadata``: metadata, coordinates, status and tables of the
+    store; ``files``: files beside the store.
     """
 
     metadata: Mapping[str, str]
@@ -33,8 +33,8 @@ class Manifest:
     journal: str = ""  # SHA-256 of the journal as the run left it; checked only by a full verification
 
     def changed(self, folder: Path, metadata: bool = True) -> list[str]:
-        """Return the paths of files that are missing or differ from what was written; with ``metadata`` also in the
-        store.
+        """Return the paths of files that are missing or differ from what was written; with ``metadata``, files of the
+        store are checked too.
         """
         known = {**self.metadata, **self.files} if metadata else self.files
         return [path for path, digest in known.items() if digest_of(folder / path) != digest]

@@ -15,7 +15,7 @@ from etendue.types.documents import AxisValues
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed")
 ROOT = "zarr.json"
 SAME_AS = "same_as"  # attribute of a group: the arrays that hold the values of its variables that are left out
-ROW = "_row"  # suffix to the name of a dim of combinations, for that of every row
+ROW = "_row"  # suffix to the name of a dim of combinations: the combination of every row
 COMPACTED = ".compact.partial"
 
 
@@ -29,13 +29,13 @@ def label_of(dim: str, value: object) -> str:
 
 
 def paths_of(attrs: Mapping[Any, Any]) -> list[str]:
-    """Return the paths that a group's attributes name."""
+    """Return the paths of the arrays that the attribute ``same_as`` of a group names."""
     given = attrs.get(SAME_AS, ())
     return [str(path) for path in ([given] if isinstance(given, str) else given if isinstance(given, list) else ())]
 
 
 def aside_of(folder: Path) -> Path:
-    """Return the folder beside an archive in which it is rewritten."""
+    """Return the folder beside an archive into which ``compact --in-place`` rewrites it."""
     whole = folder.resolve()
     return whole.with_name(f".{whole.name}{COMPACTED}")
 

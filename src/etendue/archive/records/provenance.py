@@ -33,7 +33,7 @@ from etendue.plugins.discovery import named
 from etendue.types.documents import Document, DocumentView
 
 OTHER_CODE = "its code has changed"
-ALL_DIGITS = DIGITS[0]  # of a stage that rounds nothing, as of records from before digits were a choice
+ALL_DIGITS = DIGITS[0]  # of stages that round nothing, and of records that do not state digits
 LIBRARIES = ("etendue", "numpy", "scipy", "xarray", "dask", "zarr", "numcodecs", "pluggy", "colour-science", "msgspec")
 
 
@@ -56,8 +56,8 @@ def platform_record() -> Document:
 
 
 def node_records(plan: Plan) -> Document:
-    """Return the ingredients of the keys of each stage, without axis values. Comparing them between runs shows why
-    cells are recomputed.
+    """Return, for each stage, everything that enters the keys of its cells, except axis values. Comparing these records
+    between runs shows why cells are recomputed.
     """
     records = {}
     for node in plan.nodes:
@@ -100,8 +100,8 @@ def write_record(
     """Record a run before it starts, as ``runs/<number>.json`` with its pipeline in ``runs/<number>.toml``; return the
     path of the record.
 
-    ``plan`` also holds the axis values of earlier runs, ``asked`` only the values of this run; ``resolved`` is its
-    pipeline.
+    ``plan`` also holds the axis values of earlier runs, ``asked`` only the values of this run; ``resolved`` is the
+    resolved pipeline.
     """
     number = max((int(p.stem) for p in (folder / "runs").glob("*.*") if p.stem.isdigit()), default=0) + 1
     record = record_of(plan, asked, resolved, options)
@@ -111,7 +111,7 @@ def write_record(
 
 
 def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: DocumentView) -> Document:
-    """Return the record of a run. ``studies.checked`` compares it with a recomputed record, so new fields are checked
+    """Return the record of a run. ``trust.checked`` compares it with a recomputed record, so new fields are checked
     without further code.
     """
     text = asked.pipeline.text
@@ -140,7 +140,9 @@ def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: DocumentView
 
 
 def _changed(folder: str) -> tuple[str, int]:
-    """Return a folder of the path, and the time at which a distribution was last added to it or removed from it."""
+    """Return a folder of the import path, and the time (ns) at which a distribution was last added to it or removed
+    from it.
+    """
     try:
         return folder, os.stat(folder or ".").st_mtime_ns
     except OSError:
@@ -154,8 +156,8 @@ def _distributions(path: tuple[tuple[str, int], ...]) -> DocumentView:
 
 
 def preset_said(pipeline: PipelineFile) -> str:
-    """Return the name of the preset of the first kind; for a preset in a file, whose name differs in the archive,
-    return its title.
+    """Return the name of the preset that the first preset key selects. For a preset in a file, return its title,
+    because the file has another name in the archive.
     """
     name = pipeline.preset_name
     if not name:

@@ -26,7 +26,7 @@ def recall(folder: Path, key: str) -> Document | None:
 
 
 def latest(folder: Path, kind: str) -> Document | None:
-    """Return the document of a kind, or None."""
+    """Return the stored document of a kind; None if there is none."""
     return next((one for one in documents(folder).values() if one.get("kind") == kind), None)
 
 

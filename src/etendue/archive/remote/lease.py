@@ -33,7 +33,7 @@ class SeenOwner:
     found: StoredObject | None = None
 
     def held(self) -> float:
-        """Return the seconds for which another run still holds the lease."""
+        """Return the seconds until the lease of a running owner expires; 0 if no run holds it."""
         return max(self.found.modified + LEASE - time.time(), 0.0) if self.found and self.state == RUNNING else 0.0
 
 
@@ -115,7 +115,7 @@ class Lease:
                     self.say(RUNNING)
 
     def say(self, state: str) -> None:
-        """Write the state.
+        """Write a state to ``owner.json``, which also renews the lease.
 
         Raises
         ------

@@ -79,7 +79,9 @@ def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) 
 
 
 def decode_all(chunks: Sequence[bytes], dtype: str, shape: tuple[int, ...], codec: str) -> Array | None:
-    """Return the arrays of chunks whose checksums match as one array; None if a chunk has another size."""
+    """Return one array with all chunks along its first dim; None if a chunk has another size. The caller must have
+    checked the checksums.
+    """
     size = prod(shape) * np.dtype(dtype).itemsize
     if codec != RAW:
         return np.array([decode(data, dtype, shape, codec) for data in chunks], dtype).reshape(-1, *shape)
@@ -90,7 +92,9 @@ def decode_all(chunks: Sequence[bytes], dtype: str, shape: tuple[int, ...], code
 
 
 class Spent:
-    """Bytes that this process has written, before compression, and the thread time of writing."""
+    """The bytes that this process has written, counted before compression, and the CPU time of its threads for writing
+    (s).
+    """
 
     def __init__(self) -> None:
         self.lock, self.bytes, self.seconds = threading.Lock(), 0, 0.0
@@ -128,7 +132,7 @@ class Chunk:
 
 @dataclass(frozen=True)
 class CellFiles:
-    """The chunks of one cell. Sent to the worker with the job; independent of the plan."""
+    """The chunks of one cell. This object is sent to the worker with the job and does not refer to the plan."""
 
     root: str
     run_id: str
@@ -197,7 +201,7 @@ class CellFiles:
         raise ArchiveError(f"{chunk.path}: chunk {chunk.slot} is missing, or its bytes do not match their checksum")
 
     def _where(self, chunk: Chunk, written: WrittenChunk, place: ChunkPlace | None) -> Iterator[ChunkPlace]:
-        """Yield the possible places of a chunk: its part, and the shard that the part may have become since."""
+        """Yield the possible places of a chunk: the known place, its part, and the shard that this part may be now."""
         if place is not None:
             yield place
         yield ChunkPlace(part_path(written), written.offset, written.size, written.digest)

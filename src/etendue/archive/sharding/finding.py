@@ -38,7 +38,7 @@ class State:
 
 
 class Finder:
-    """Locates chunks; reads the index of every shard once."""
+    """A locator of chunks, which reads the index of every shard once."""
 
     def __init__(self, folder: Path, journal: Journalled, linked: frozenset[str] = frozenset()) -> None:
         self.folder, self.journal = folder, journal

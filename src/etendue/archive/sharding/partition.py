@@ -27,7 +27,9 @@ Window = tuple[tuple[int, int], ...]  # (start, end) along each dim of a cell
 
 
 def known_chunk(shape: Shape, block: DocumentView) -> Shape:
-    """Return the chunk shape of one cell from the journal; earlier versions had only whole cells and bands."""
+    """Return the shape of the chunks of a cell from the journal. Entries of earlier versions do not state it: their
+    chunks are whole cells or single bands.
+    """
     whole = tuple(max(n, 1) for n in shape)
     return tuple(block["chunk"]) if "chunk" in block else whole if block["pieces"] == 1 else (1, *whole[1:])
 
@@ -56,7 +58,7 @@ def window_of(shape: Shape, chunk: Shape, at: Sequence[int]) -> Window:
 
 
 class Cutter:
-    """Splits a cell; each band of a cell that is computed by band (``Banded``) is computed only once."""
+    """A cell to be split into parts; if the cell is computed by band (``Banded``), each band is computed only once."""
 
     def __init__(self, array: Any) -> None:
         self.array, self.band, self.plane = array, -1, None
@@ -84,7 +86,7 @@ class Cutter:
 
 
 def joined(parts: Iterable[tuple[Window | None, Array]], windows: Sequence[Window | None]) -> Any:
-    """Join the stored parts at these windows: the result is the whole cell, or the bands that they cover."""
+    """Return the stored parts of a cell joined to one array: the whole cell, or the bands that ``windows`` cover."""
     around = [
         (min(begin), max(end))
         for begin, end in (zip(*one, strict=True) for one in zip(*filter(None, windows), strict=True))

@@ -174,8 +174,8 @@ class Parts:
     def settle(self, root: str, run_id: str) -> None:
         """Write all chunks that the threads of this process have appended.
 
-        A part stays listed until its chunks are written. If the part of a thread is gone, the thread reports its cells
-        as finished, and the owner makes a shard of their chunks.
+        A part stays in the list until its chunks are written. A thread that no longer finds its part there reports its
+        cells as finished, and the owner makes a shard of their chunks.
         """
         check_owner(root, run_id)
         with self.lock:

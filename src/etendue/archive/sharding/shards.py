@@ -36,8 +36,8 @@ NOTHING = 2**64 - 1
 
 
 def block_of(sizes: tuple[int, ...], cell_bytes: int, pieces: int = 1, largest: int = LARGEST) -> tuple[int, ...]:
-    """Return the number of values of each axis that share a shard: all values of the innermost axes, as far as bytes
-    and chunks allow, and an even part of the next axis.
+    """Return, for each axis, the number of values that share a shard: all values of the innermost axes, as far as bytes
+    and number of chunks allow; the next axis is split evenly.
     """
     block, room = [1] * len(sizes), max(min(largest // max(cell_bytes, 1), MOST // pieces), 1)
     for number in reversed(range(len(sizes))):
@@ -138,7 +138,9 @@ class Shard:
     fresh: bool = False  # put since the last run that ended in order
 
     def at(self, written: WrittenChunk) -> int | None:
-        """Return the offset in the shard of bytes that were appended to a part; None if it does not hold them."""
+        """Return the offset in the shard of a chunk that was appended to a part; None if the shard does not hold the
+        chunk.
+        """
         starts, runs = self._runs.get(written.part, ((), ()))
         number = bisect_right(starts, written.offset) - 1
         if number < 0:
@@ -161,7 +163,9 @@ class Shard:
 
     @cached_property
     def _runs(self) -> dict[str, tuple[Sequence[int], Sequence[tuple[int, int, int]]]]:
-        """For each part, the starts of its runs of bytes in order, and the runs: (from, to, length)."""
+        """By part, the starts of its byte ranges, in order, and the ranges: (offset in the part, offset in the shard,
+        length).
+        """
         found: dict[str, list[tuple[int, int, int]]] = {}
         for part, start, to, length in self.kept:
             found.setdefault(part, []).append((start, to, length))
@@ -314,7 +318,9 @@ def _base(root: Path, path: str, slots: int, chunks: Mapping[int, tuple[WrittenC
 
 
 def _copied(root: Path, target: int, end: int, places: Mapping[int, ChunkPlace]) -> Iterable[tuple[int, int]]:
-    """Append chunks of other files in the order of their offsets there; yield slot and new offset of each."""
+    """Append chunks from other files, in the order in which each file holds them; yield slot and new offset of each
+    chunk.
+    """
     opened: dict[str, int] = {}
     try:
         runs: list[tuple[str, int, int]] = []
@@ -338,7 +344,7 @@ def _copied(root: Path, target: int, end: int, places: Mapping[int, ChunkPlace])
 
 
 def _runs(pieces: Iterable[tuple[str, int, int, int]]) -> tuple[tuple[str, int, int, int], ...]:
-    """Merge pieces that are adjacent in both files."""
+    """Merge byte ranges (part, from, to, length) that are adjacent both in the part and in the shard."""
     runs: list[tuple[str, int, int, int]] = []
     for part, start, to, length in sorted(pieces):
         if runs and runs[-1][0] == part and runs[-1][1] + runs[-1][3] == start and runs[-1][2] + runs[-1][3] == to:

@@ -14,7 +14,7 @@ from etendue.errors import ArchiveError
 from etendue.types.documents import DocumentView
 
 MOST = 32 << 20  # bytes; up to this size a coordinate or table may be compressed to any ratio
-FOLD = 200  # largest compression ratio of a larger one
+FOLD = 200  # largest compression ratio above that size
 OURS = frozenset({"bytes", "blosc", "crc32c", "vlen-utf8", "zstd", "sharding_indexed"})
 _HEADER = 18  # bytes of a Blosc or Zstandard header that give the size
 

@@ -41,9 +41,9 @@ Blocks = Mapping[str, Mapping[str, DocumentView]]  # by group and variable: bloc
 
 
 def chunk_of(dims: Sequence[str], shape: Shape, itemsize: int) -> Shape:
-    """Return the shape of the chunks of a cell; the cell's own shape if it is one chunk."""
+    """Return the shape of the chunks of a cell; the shape of the cell if one chunk holds it."""
     whole = tuple(max(n, 1) for n in shape)
-    # it is computed by band; Blosc cannot compress 2 GiB or more
+    # such light is computed by band; Blosc cannot compress 2 GiB or more
     if len(dims) == 3 and is_light(dims) and itemsize * prod(shape) > cost.LARGEST_WHOLE:
         whole = (1, *whole[1:])
     size = itemsize * prod(whole)
@@ -128,8 +128,8 @@ def _noisy(plan: Plan) -> set[str]:
 def chunk_shapes(
     shape: tuple[int, ...], block: Sequence[int], chunk: tuple[int, ...]
 ) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
-    """Return the shapes of a chunk and of its shard from the shape of a cell; a single number has no shard. Together
-    the chunks cover the rows of the cell, rounded up to whole chunks.
+    """Return the shapes of a chunk and of its shard in the array of a variable; the shard is None for a single number
+    without axes. A shard covers the rows of a cell, rounded up to whole chunks.
     """
     room = (count * own for count, own in zip(counts_of(shape, chunk), chunk, strict=True))
     return (*(1 for _ in block), *chunk), (*block, *room) if block or shape else None

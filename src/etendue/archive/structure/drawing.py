@@ -1,8 +1,9 @@
-"""Attributes for drawing an array correctly without a plan, and for the better direction of its values.
+"""Attributes with which an array is drawn correctly without a plan, and that say whether higher or lower values are
+better.
 
 In:  a plan, one of its stages, some cells of that stage, and one of its variables.
-Out: the attributes of ``spec.drawn.Drawn``, with the attributes that vary along axes in ``drawn_by``; ``better``
-     (higher, lower).
+Out: the attributes of ``contract.arrays.drawn.Drawn``, with the attributes that vary along axes in ``drawn_by``;
+     ``better`` (higher, lower).
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str)
 
 def _by_cell(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], Document]:
     """Return the attributes by position on the axes; cells that are drawn alike share one dictionary."""
-    names = {variable(name).pattern, variable(name).black} - {""}  # quantities that determine how it is drawn
+    names = {variable(name).pattern, variable(name).black} - {""}  # quantities that change the drawing
     swept = [plan.axis(dim) for dim in node.axes]
     axes = [number for number, axis in enumerate(swept) if axis.key in names or names & axis.gives.keys()]
     viewed = any(issubclass(one.kind, Viewed) for one in node.alternatives)
@@ -63,8 +64,8 @@ def _by_cell(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[t
 
 
 def _starts(cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], tuple[int, int]]:
-    """Return the first row and column of each array, or 0 along a direction in which all arrays begin alike: there,
-    coordinates count from the first sample.
+    """Return the row and column at which each array begins; 0 along a direction in which all arrays begin alike,
+    because coordinates there count from the first sample.
     """
     lines = [(cell.grids[name].line("y"), cell.grids[name].line("x")) for cell in cells]
     rows, columns = ([round(line.start) for line in along] for along in zip(*lines, strict=True))
@@ -73,14 +74,14 @@ def _starts(cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], tuple[int
 
 
 def _rows(pattern: str, start: tuple[int, int]) -> str:
-    """Return a pattern row by row, shifted to a starting pixel."""
+    """Return the rows of a pattern as text, separated by /, shifted to a starting row and column."""
     if not pattern:
         return ""
     return "/".join(colouring.pattern(pattern).moved(*start))
 
 
 def _moving(found: Mapping[tuple[int, ...], Any], axes: int) -> list[int]:
-    """Return the axes along which something differs; all axes if there are too few cells to decide."""
+    """Return the numbers of the axes along which the attributes differ; all axes if too few cells are known."""
     moving = []
     for number in range(axes):
         rest: dict[tuple[int, ...], Any] = {}

@@ -4,9 +4,9 @@ In:  the cells of a stage; the places and forms of stored cells according to the
 Out: the group of every cell, and a group that has to be renamed.
 
 In a new archive a stage has one group, or one child per shape if its grids differ. Stored cells keep their places:
-cells of one shape stay in their group when more cells of this shape are added. Only if a second shape joins cells that
-are stored in the group of the stage itself do these move into a child, without rewriting their bytes, because a group
-with children holds no arrays.
+cells of one shape stay in their group when more cells of this shape are added. Cells that are stored in the group of
+the stage itself move into a child when a second shape is added, because a group with children holds no arrays; their
+bytes are not rewritten.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ class GroupLayout:
     coordinates: dict[str, CoordinateLayout]
     cells: Mapping[CellRef, tuple[int, ...]] = field(default_factory=dict)
     attrs: Document = field(default_factory=dict)
-    same_as: dict[str, str] = field(default_factory=dict)  # variables without an array: the path of the one they equal
+    same_as: dict[str, str] = field(default_factory=dict)  # by variable without an array: path of the equal array
 
     @property
     def every(self) -> tuple[str, ...]:
@@ -123,8 +123,8 @@ def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
 
 
 def _shared(plan: Plan, layout: Layout) -> Layout:
-    """Record the variables of each group that have no array because all cells are left out, and the arrays with their
-    values.
+    """Record, for each group, the variables without an array (all their cells are left out) and the arrays that have
+    their values.
     """
     for group in layout.groups.values():
         first = next(iter(group.cells))
@@ -137,7 +137,7 @@ def _shared(plan: Plan, layout: Layout) -> Layout:
 
 
 def _places(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell]) -> dict[CellRef, tuple[int, ...]]:
-    """Return the positions of cells in a group that lacks some values of its axes."""
+    """Return the positions of cells in the arrays of a group that has only some of the values on its axes."""
     at = [{value: place for place, value in enumerate(group.axes[dim])} for dim in node.axes]
     places = [[own.get(value, -1) for value in plan.axis(dim).values] for dim, own in zip(node.axes, at, strict=True)]
     return {cell.ref: tuple(own[i] for own, i in zip(places, cell.ref[1], strict=True)) for cell in cells}
@@ -146,7 +146,7 @@ def _places(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell]) -
 def _fill(
     plan: Plan, node: Node, group: GroupLayout, every: Sequence[Cell], kept: Sequence[str], cells: Sequence[Cell]
 ) -> None:
-    """Add the variables and coordinates of all cells of a group; ``cells`` must cover all its grids."""
+    """Add the variables and coordinates of all cells of a group; ``cells`` must include every grid of the group."""
     for dim in group.axes:
         axis = plan.axis(dim)
         group.coordinates[dim] = CoordinateLayout((dim,), group.axes[dim], _said_of(axis))
@@ -187,7 +187,9 @@ def _said_of(axis: Axis) -> Document:
 
 
 def _add_factors(plan: Plan, group: GroupLayout, axis: Axis) -> None:
-    """Add a coordinate for every factor along an axis of rows; for an axis of combinations, the factor of every row."""
+    """Add every factor of an axis of rows as a coordinate along this axis; for an axis of combinations, also add the
+    rows, with the combination of each row.
+    """
     there = dict(zip(axis.values, axis.rows, strict=True))
     for number, factor in enumerate(axis.factors):
         values = [factor.values[there[value][number]] for value in group.axes[axis.dim]]
@@ -253,8 +255,8 @@ def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[C
 
 
 def _positions(node: Node, group: GroupLayout, dim: str, lines: Mapping[CellRef, Line]) -> None:
-    """Add the coordinate ``y_um`` over the axes that change it; for a dim with another unit than a frame, add
-    ``<dim>_at``.
+    """Add the positions of a dim as the coordinate ``<dim>_um``, along the axes that change them; if the dim has
+    another unit than um or 1, add ``<dim>_at`` in that unit instead.
     """
     moving = []
     for number, axis in enumerate(node.axes):

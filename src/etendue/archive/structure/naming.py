@@ -62,7 +62,7 @@ class Homes(Mapping[CellRef, str]):
 
 
 class Whole(Mapping[CellRef, Index]):
-    """The positions of the cells of a stage with a single group: their indices on its axes."""
+    """The positions of the cells of a stage with a single group: the indices of each cell on the axes of the stage."""
 
     def __init__(self, cells: list[Cell]) -> None:
         self.cells = cells

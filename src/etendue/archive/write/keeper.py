@@ -170,7 +170,9 @@ class ArchiveKeeper:
     def stored(
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
     ) -> dict[CellRef, dict[str, Array]]:
-        """Return arrays of finished cells: all kept variables, or plain metrics only; limited to ``named`` if given."""
+        """Return arrays of finished cells: all kept variables or, with ``figures_only``, only metrics (no dims but
+        ``stage``); ``named`` limits the variables.
+        """
         found, plan = {}, self.store.plan
         for ref in refs:
             writes = plan.node(ref[0]).writes

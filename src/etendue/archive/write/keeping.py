@@ -74,13 +74,13 @@ def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:
 
 
 def computed(asked: Plan, cells: Mapping[CellRef, CellRef]) -> list[CellRef]:
-    """Return the cells to finish: the requested cells whose values are stored or read by another cell."""
+    """Return the requested cells that must be finished, because their values are stored or another cell reads them."""
     return [own for ref, own in cells.items() if ref[0] not in asked.seen_only]
 
 
 @dataclass
 class RemovedCells:
-    """Finished cells by stage, and their total bytes."""
+    """The finished cells that a run would remove: their number by stage, and their total size in bytes."""
 
     cells: dict[str, int] = field(default_factory=dict)
     bytes: int = 0

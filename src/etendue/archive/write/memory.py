@@ -182,7 +182,7 @@ class MemoryKeeper(Passing):
         return (*layout.axes, *source.dims), shared, source.attrs
 
     def _tree(self, tables: Mapping[str, Mapping[str, Any]]) -> xarray.DataTree:
-        """Return the groups by stage, with ledger, summary and frames beside them."""
+        """Return the tree: the groups of all stages, and the tables (ledger, summary, frames) beside them."""
         coordinates = _Coordinates()
         groups: dict[str, xarray.Dataset] = {
             node: xarray.Dataset(attrs=attrs) for node, attrs in self.layout.parents.items()
@@ -240,7 +240,7 @@ class _Coordinates:
 
 
 def _tree_of(groups: Mapping[str, xarray.Dataset]) -> xarray.DataTree:
-    """Return the tree that ``DataTree.from_dict`` would give, without its two further copies of every group."""
+    """Return the same tree as ``DataTree.from_dict``, which would copy every group twice."""
     children: dict[str, dict[str, xarray.DataTree]] = {"": {}}
     for path, dataset in groups.items():
         parent, _, name = path.rpartition("/")

@@ -182,14 +182,14 @@ class Laid:
 
     @staticmethod
     def _coordinates(group: GroupLayout) -> Document:
-        """Return the attribute by which xarray knows coordinates that no array of a group names."""
+        """Return the group attribute that tells xarray the coordinates, if the group has no array that names them."""
         if not group.same_as or group.variables:
             return {}
         beside = [n for n, c in group.coordinates.items() if c.dims != (n,) and not n.endswith((BOUNDS, ROW))]
         return {"coordinates": " ".join(sorted(beside))} if beside else {}
 
     def _grown_positions(self, path: str, axes: tuple[str, ...], own: Any) -> Any:
-        """Return positions along grown axes: the positions of the plan, and NaN elsewhere."""
+        """Return a position coordinate along grown axes: the positions at the values of the plan, and NaN elsewhere."""
         merged, places = self.axes[path], dict(zip(self.axes[path], self.places[path], strict=True))
         whole = np.full((*(len(merged[axis]) for axis in axes), own.shape[-1]), np.nan)
         whole[np.ix_(*(places[axis] for axis in axes), range(own.shape[-1]))] = own

@@ -45,7 +45,9 @@ Chunks = Mapping[int, tuple[StoredCell, StoredChunk]]  # of a shard, by slot
 
 @dataclass(frozen=True)
 class Compacted:
-    """The written cells, shards, and bytes of their chunks; the axes that were sorted, by group; all bytes written."""
+    """The result: number of cells, number of shards, bytes of their chunks; the sorted axes by group; all bytes
+    written.
+    """
 
     folder: Path
     cells: int
@@ -61,7 +63,7 @@ class Compacted:
 
 
 class Anew:
-    """Rewrites an archive from one folder to another.
+    """The rewriting of an archive from one folder to another.
 
     ``shares``: files that need no change are hard-linked into the new folder, and everything written survives a power
     cut.
@@ -86,7 +88,7 @@ class Anew:
         self.forms = self._cut()
 
     def _cut(self) -> dict[tuple[str, str], StoredForm]:
-        """Return the new form of every variable."""
+        """Return the form of every variable in the new archive."""
         forms = {key: own[0][1].form for key, own in self.by_variable.items()}
         given = []
         for (group, _), form in forms.items():

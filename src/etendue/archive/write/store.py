@@ -62,7 +62,7 @@ class ArchiveWriter:
         if self.folder.is_symlink():  # Python 3.13 returns a circular link unresolved
             raise ArchiveError(f"{folder} cannot be resolved: it is a link to itself")
         self.damaged: dict[str, int] = {}  # by stage: finished cells whose files are missing or changed
-        # Cells of which more is asked for than is stored: their stored chunks, which stay.
+        # By cell that needs more variables than are stored: the stored chunks, which stay.
         self.held: dict[CellRef, tuple[WrittenChunk, ...]] = {}
         self.touched = False  # whether anything has been changed
         self.mended: list[str] = []  # missing or changed files that have been rewritten

@@ -1,7 +1,7 @@
 """Store the results of a study as groups of an archive: plain arrays, consolidated with the arrays of its stages.
 
 In:  the folder of an archive whose last run ended normally, arrays by group.
-Out: the groups, below one of the study; the root and the manifest include them. A run does not change them.
+Out: the groups, below the group of the study; the root and the manifest include them. A run does not change them.
 """
 
 from __future__ import annotations

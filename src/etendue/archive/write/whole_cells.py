@@ -1,8 +1,8 @@
 """Finished cells of a plan, found for all cells of a group at once.
 
 In:  an archive opened for a run, with the layout of a plan.
-Out: by number, the cells that are done with the wanted key according to the journal and whose chunks are where it says;
-     their bytes.
+Out: by number, the cells that are done with the wanted key according to the journal, and whose chunks are where the
+     journal says; the bytes of each cell.
 
 Chunks are compared with the journal and with the index of their shard, as for single cells, but in columns; they are
 entered in the shards of the run. ``ArchiveWriter.finished`` examines all other cells.
@@ -71,7 +71,7 @@ class WholeCells:
                     contents.add_all(self.entries.files, one.numbers[own], at[own])
 
     def _lies(self, one: _Chunks) -> Array:
-        """Return the offset in its shard of each of some chunks; -1 if a chunk is not where it is expected."""
+        """Return the offset of each chunk in its shard; -1 if the chunk is not where it is expected."""
         files = self.entries.files
         slot, part, offset, size = (
             np.asarray(own)[one.numbers] for own in (files.slot, files.part, files.offset, files.size)
@@ -89,7 +89,7 @@ class WholeCells:
 
 
 class _Chunks(NamedTuple):
-    """One chunk for each of some cells: its number in the journal, and the shard and slot where it must be."""
+    """One chunk per cell, in columns: its number in the journal, and the shard and slot where it must be."""
 
     numbers: Array
     shards: list[str]

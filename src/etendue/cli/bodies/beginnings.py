@@ -37,7 +37,7 @@ def new_plugin(name: str, role: str | None, like: str | None, output: Path | Non
 
 
 def _kept(text: str) -> dict[str, str]:
-    """Return the bytes that a pipeline stores with each choice of `keep`."""
+    """Return the stored size, as text, for each variable and for each choice of `keep`."""
     document = summary(make_plan(parse_pipeline(text), installed()))
     by_name = {name: one["bytes"] for stage in document["stages"] for name, one in stage["variables"].items()}
     return {word: human_bytes(size) for word, size in {**by_name, **document["keep"]}.items()}

@@ -26,7 +26,7 @@ def tell_one(
     one: Callable[[Document], None],
     all: Callable[[list[Document]], None],
 ) -> None:
-    """Print the document of the named item, or the documents of all items."""
+    """Print the document of the item ``name``, or of all items, as JSON or text."""
     documents = [document(own) for own in ([name] if name else names)]
     if name and not as_json:
         tell(False, documents[0], one)

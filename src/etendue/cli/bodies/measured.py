@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def held(
     pipeline: PipelineFile, asked: tuple[tuple[str, float], ...], folder: Path, options: Options, watched: Any
 ) -> holding.HeldTolerance:
-    """Find the tolerance that keeps an error within its limit, and print it before the run."""
+    """Find the local tolerance at which the errors stay within their limits ``asked``, and print it before the run."""
     own = dict(asked)
     goals = holding.Asked(own.pop("", None), own)
     found = holding.hold(pipeline, installed(), goals, options=options, progress=watched, archive=folder)
@@ -46,7 +46,7 @@ def held(
 
 
 def _choices(chosen: Any) -> list[str]:
-    """Return the values chosen for open parameters of the pipeline, and the reasons why no finer values were chosen."""
+    """Return lines with the values chosen for the pipeline's open parameters, and why none is finer."""
     every = {f"{stage}.{name}": value for stage, own in chosen.values.items() for name, value in own.items()}
     told = ", ".join(
         f"{name} = {value:.4g}{' (refined)' if name in chosen.refined else ''}" for name, value in every.items()
@@ -70,7 +70,7 @@ def with_values(pipeline: PipelineFile, held: holding.HeldTolerance) -> Pipeline
 
 
 def kept(held: holding.HeldTolerance, folder: Path, made: Plan) -> Document:
-    """Store the errors that a run holds in its archive, and return them as in ``--json``."""
+    """Store in the archive the errors that the run keeps within limits, and return them in the form of ``--json``."""
     holding.keep(held, folder, made)
     stated = stated_elsewhere(made, held.measured, held.places)
     document = global_error_document(held.measured, held.asked.relative or held.tolerance, held.norm, stated)
@@ -87,7 +87,7 @@ def measurement(made: Plan, options: Options, watched: Any) -> Measurement:
 
 
 def measured(measurement: Measurement, folder: Path, made: Plan) -> Document:
-    """Return the global errors of a run, as in ``--json``."""
+    """Return the global errors of a run in the form of ``--json``."""
     found = measurement.remembered(folder)
     stated = stated_elsewhere(made, found, measurement.places)
     return global_error_document(found, measurement.pipeline.tolerance, measurement.pipeline.norm, stated)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def pipeline_of(given: Given) -> PipelineFile:
     """Return the requested pipeline: the file with the options of the command line applied."""
     pipeline = given.pipeline()
-    # what is requested now is kept, whatever the file keeps
+    # variables requested on the command line are kept in addition to those of the file
     if given.want and pipeline.keep is not None and pipeline.wanted is not None:
         pipeline = overridden(pipeline, {"keep": [*pipeline.keep, *pipeline.wanted]})  # recorded, so reproducible
     if not given.nothing_left_out:

@@ -64,7 +64,7 @@ def run(
 
 
 def _tell_run(outcome: Outcome, measured: Document | None, way: Way) -> None:
-    """Print the results of a run, and the errors that were measured."""
+    """Print the outcome of a run and the errors that were measured, as JSON or as text."""
     if way.as_json:
         answers = {"answer": outcome.answers} if outcome.answers else {}
         say({**outcome_document(outcome), **answers, **(measured or {})})
@@ -77,8 +77,8 @@ def _tell_run(outcome: Outcome, measured: Document | None, way: Way) -> None:
 
 
 def held_seconds(held: Any, options: Options, measure: bool) -> float:
-    """Return the seconds that the measurement of errors may take in any case: the whole budget, or the part that the
-    search for open values has left.
+    """Return the time (s) that the measurement of errors may take however short the run was: no limit with ``measure``,
+    else what the search for open values has left of its budget, but at least ``AT_LEAST``.
     """
     if measure or not (held and held.chosen):
         return math.inf if measure else AT_LEAST
@@ -90,8 +90,8 @@ def _answers(
     outcome: Outcome, folder: Path, watched: Any, most: float, errors: bool = True, held: Any = None
 ) -> Document | None:
     """Return the errors of the wanted variables; None if they are not requested or if cells failed. In that case the
-    errors of an earlier run are removed from the archive, because they describe other values. ``most``: seconds that
-    are allowed even if they exceed the usual share of the run.
+    errors of an earlier run are removed from the archive, because they describe other values. ``most``: time (s) that
+    the measurement may take even if this exceeds the usual share of the run.
     """
     if outcome.failed or not errors:
         forget(folder, ANSWER)

@@ -86,12 +86,12 @@ class Otf:
     light: tuple[float, ...] | None = None
 
     def __call__(self, frequency: Array) -> Array:
-        """Return (band, n) at frequencies (n,) along x."""
+        """Return the transfer function, (band, n), at frequencies (n,) along x."""
         fx = np.asarray(frequency, dtype=float)
         return self.along(np.zeros_like(fx), fx)
 
     def along(self, fy: Array, fx: Array) -> Array:
-        """Return (band, n) at points (n,) of a line in any direction, or at any other points."""
+        """Return the transfer function, (band, n), at points (n,), on a line in any direction or elsewhere."""
         fy, fx = np.broadcast_arrays(np.asarray(fy, dtype=float), np.asarray(fx, dtype=float))
         if fy.ndim != 1:
             raise ValueError(f"fy and fx must be two lists of equal length; they have shape {fy.shape}")
@@ -101,7 +101,7 @@ class Otf:
         return product
 
     def plane(self, fy: Array, fx: Array) -> Array:
-        """Return (band, m, n) at all pairs of frequencies (m,) along y and (n,) along x."""
+        """Return the transfer function, (band, m, n), at all pairs of frequencies (m,) along y and (n,) along x."""
         fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
         product: Array = np.ones((len(self.edges) - 1, fy.size, fx.size))
         for _, stage in self.parts:
@@ -167,7 +167,7 @@ class Otf:
 
     @property
     def weights(self) -> Any:
-        """(channel, band): weights of the bands for each filter, or None before the pixel."""
+        """The weights of the bands for each filter, (channel, band); None before the pixel."""
         stage = next((stage for _, stage in self.parts if isinstance(stage, Summed)), None)
         return None if stage is None else weights_of(stage, self.edges)
 
@@ -177,7 +177,9 @@ class Otf:
         return Product(tuple(stage for _, stage in self.parts), self.edges, prepared_for).middles[:, 0, 0]
 
     def scene_along(self, fy: Array, fx: Array) -> Any:
-        """Return (n,): the blur with which the scene's ideal chart was rendered; 1 if unknown (photographs)."""
+        """Return the transfer function, (n,), with which the scene's ideal chart was blurred; 1 if unknown
+        (photographs).
+        """
         fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
         softness, cell = self.rendered or (0.0, 0.0)
         return np.exp(-2 * (math.pi * softness) ** 2 * (fy**2 + fx**2)) * np.sinc(cell * fy) * np.sinc(cell * fx)
@@ -193,20 +195,20 @@ def _remembered(
 
 
 def _plane(stage: Transfer, fy: Array, fx: Array, edges: tuple[float, ...]) -> Array:
-    """Return (band or 1, m, n)."""
+    """Return the transfer function at pairs of frequencies, (band or 1, m, n)."""
     return Product((stage,), edges, prepared_for).at(fy[:, None], fx[None, :])
 
 
 def _along(stage: Transfer, fy: Array, fx: Array, edges: tuple[float, ...]) -> Array:
-    """Return (band or 1, n): the transfer function at n frequencies along a line."""
+    """Return the transfer function at n frequencies along a line, (band or 1, n)."""
     if stage.radial:
         fy, fx = np.zeros_like(fx), np.hypot(fy, fx)
     return _on_line(lambda y, x: _plane(stage, y, x, edges), fy, fx)
 
 
 def _on_line(plane: Callable[[Array, Array], Array], fy: Array, fx: Array) -> Array:
-    """Return (..., n) on a line of frequencies. Stages evaluate grids only, so a slanted line is assembled from the
-    diagonals of small grids.
+    """Return the values of ``plane`` on a line of frequencies, (..., n). Stages evaluate grids only, so a slanted line
+    is assembled from the diagonals of small grids.
     """
     if not fy.any():
         return plane(fy[:1], fx)[..., 0, :]

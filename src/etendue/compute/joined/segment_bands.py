@@ -61,7 +61,7 @@ class GridTransfer:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the half transform that is kept."""
+        """The numbers of rows and columns that are kept of the half transform."""
         return self._rows.size, self._columns.size
 
     def band(self, number: int) -> Any:
@@ -79,7 +79,7 @@ class GridTransfer:
 
     @cached_property
     def table(self) -> Array:
-        """(band, node): the product on the radial nodes."""
+        """The product at the radial nodes, (band, node)."""
         return self.product.along(self.plane.nodes)
 
     def apply(self, half_transform: Array, band: int) -> None:
@@ -95,8 +95,8 @@ class GridTransfer:
             )
 
     def gathered(self, weights: Array, basis: Array, half_transforms: Iterable[Array]) -> list[ComplexArray]:
-        """Return by channel sum_k u_ck(f) S_k, (Ny, Nh), over the transforms of the projected planes. The transforms of
-        a list are overwritten.
+        """Return, for each channel c, sum_k u_ck(f) S_k, (Ny, Nh), where S_k are the transforms of the projected
+        planes. If the transforms are a list, they are overwritten.
         """
         one_by_one = expansion.coefficients(weights, basis, np.eye(weights.shape[1]))
         tables = None if self.plane is None or not self.stages else expansion.coefficients(weights, basis, self.table)
@@ -213,8 +213,8 @@ def from_bands(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array |
 def _shared(
     job: Job, light: Array | BandArray, joined: GridTransfer, shares: Array, terms: int
 ) -> Sequence[ComplexArray]:
-    """Return half transforms of the channels before their pixels. They are equal for pixels of any size: a tuple is
-    cached for the next pixel size. Large ones are not, and are returned as a list.
+    """Return half transforms of the channels before their pixels. They do not depend on the size of the pixels: small
+    ones are cached for the next pixel size and returned as a tuple, large ones are returned as a list.
     """
     assert job.segment is not None
     own = (
@@ -285,7 +285,7 @@ def _is_large_in_rows(light: Array | BandArray) -> TypeGuard[BandArray]:
 
 
 def _transforms(light: Array | BandArray, seen: Sequence[bool], columns: int) -> Iterator[ComplexArray | None]:
-    """Yield the first columns of the transform of every band; None if it has no light, or no channel responds to it."""
+    """Yield the first columns of the transform of every band; None for a band without light or channel response."""
     size, (ny, nx) = len(light), light.shape[1:]
     if not _is_large_in_rows(light):
         for band, plane in enumerate(in_order(light)):
@@ -329,7 +329,7 @@ def emptied(arrays: list[Array]) -> Iterator[Array]:
 
 def _gathered_transforms(light: BandArray, basis: Array, shape: tuple[int, int]) -> list[ComplexArray]:
     """Return the terms of shape ``shape`` of the transforms of large gathered planes, with the same bits as from whole
-    planes, without holding any.
+    planes, without holding a whole plane.
     """
     blocks, (ny, nx) = _gathered_blocks(light, basis), light.shape[1:]
     rest = np.empty((len(basis), 0), light.dtype)
@@ -375,5 +375,5 @@ def _gathered_blocks(light: BandArray, basis: Array) -> Iterator[Array]:
 
 
 def gathered_samples(bands: int) -> int:
-    """Return how many samples of all bands are made at once: whole blocks of the product of every band."""
+    """Return the number of samples, over all bands, that are made at once: a whole number of blocks of every band."""
     return bands * expansion.BLOCK * max(1, GATHERED // (expansion.BLOCK * bands))

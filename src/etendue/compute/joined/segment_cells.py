@@ -72,7 +72,9 @@ class CellTransfer:
         return found
 
     def table(self, band: int, what: Hashable, along_y: cells.AliasRule, along_x: cells.AliasRule) -> Array:
-        """Return the multiplier of the transform of one band, in the run's precision; ``what`` names the rules."""
+        """Return the multiplier of the transform of one band, in the run's precision; ``what``: cache key of the alias
+        rules.
+        """
 
         def make() -> Array:
             found = cells.folded(self.otf(band), self.reach(band), *self.axes, along_y, along_x)
@@ -134,7 +136,7 @@ def from_cells(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array |
 
 @dataclass(frozen=True)
 class _Along:
-    """Pixels along one axis: position of the first and pitch, in cells; number; width of their window, um."""
+    """Pixels along one axis: position of the first pixel and pitch (cells), number, width of a window (um)."""
 
     start: float
     step: float

@@ -38,7 +38,7 @@ class Light:
 
     untouched: Any = None
     lit: slice = field(default_factory=lambda: EVERY)
-    made: tuple[Any, tuple[Array, ...]] = (None, ())  # the transform if it exists, and what it is to be multiplied by
+    made: tuple[Any, tuple[Array, ...]] = (None, ())  # the transform if it exists, and the factors to multiply it by
 
     def lit_in(self) -> slice:
         if self.lit == EVERY:
@@ -70,8 +70,8 @@ class Light:
 
 @dataclass
 class Result:
-    """The result of a cell for its readers: arrays, the light inside a segment, and the smallest value of each array
-    that was needed so far (NaN if the array has undefined values).
+    """The result of a cell for its readers: arrays, the light inside a segment, and the smallest value of those arrays
+    for which it was needed so far (NaN if an array has undefined values).
     """
 
     arrays: CellArrays = field(default_factory=dict)
@@ -105,8 +105,8 @@ def passed_on(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, Cell
 
 
 def _on_grid(job: Job, stage: Transfer, lit: slice) -> Array:
-    """Return (lit band or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid,
-    cached; only its rows from 0 to Ny // 2 if it depends on the magnitude of the frequency alone.
+    """Return a stage's transfer function at the frequencies of the padded grid, (lit band or 1, Ny, Nx // 2 + 1),
+    cached. If it depends on the magnitude of the frequency alone, return only rows 0 to Ny // 2.
     """
     grid = job.input_grids[job.inputs[0][0]]
     y, x = grid.line("y"), grid.line("x")
@@ -144,7 +144,7 @@ class LightBands(BandArray):
     grid: Grid
     precision: str
     on_demand = False  # cheap enough to be looked at
-    seconds = 0.0  # of the bands that were asked for one by one
+    seconds = 0.0  # of the bands that were requested one by one
 
     def __post_init__(self) -> None:
         self.shape = self.grid.bands().size, self.grid.line("y").size, self.grid.line("x").size

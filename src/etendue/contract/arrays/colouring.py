@@ -32,7 +32,7 @@ class Pattern:
         return len(self.rows), len(self.rows[0])
 
     def moved(self, down: int, across: int) -> tuple[str, ...]:
-        """Return the rows relative to another position."""
+        """Return the rows of one period from another position."""
         down, across = down % len(self.rows), across % len(self.rows[0])
         return tuple(row[across:] + row[:across] for row in (*self.rows[down:], *self.rows[:down]))
 
@@ -50,7 +50,7 @@ def function(name: str) -> Callable[..., Any] | None:
 
 @cache
 def flat_dims() -> tuple[str, ...]:
-    """Return the dims in front of y and x that together make one picture."""
+    """Return the dims in front of y and x whose entries together make one picture."""
     return tuple(name for name in discovery.installed().names("seen") if name != PATTERN)
 
 

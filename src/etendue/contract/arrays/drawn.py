@@ -21,7 +21,7 @@ BY = "drawn_by"  # attributes that hold only at some axis values, as JSON: [[{di
 
 @dataclass(frozen=True)
 class Drawn:
-    """``shown`` and ``white`` to ``log`` are as in ``contract.variables.Variable``.
+    """``shown`` and ``white`` to ``log`` have the meaning that they have in ``contract.arrays.variables.Variable``.
 
     ``pattern``: rows of filters on the pixels, '' for none; ``viewer``: XYZ of the white to which the viewer is
     adapted, () for the white of the display.
@@ -52,7 +52,7 @@ class Drawn:
 
     @property
     def scaled(self) -> bool:
-        """Whether the value shown as white is chosen for the viewer."""
+        """Whether the value shown as white is taken from the picture, because none is declared."""
         return self.linear and self.white is None
 
     def attributes(self) -> Document:
@@ -101,13 +101,13 @@ class Pictured(NamedTuple):
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Dims of which one entry is shown; each frame, and their merged picture, has its own exposure."""
+        """The dims of which a picture shows one entry; each frame, and their merged picture, has its own exposure."""
         return tuple(dim for dim in self.dims if dim not in ("y", "x", *flat_dims()))
 
 
 def lit_by(pictures: Sequence[Pictured], number: int) -> int:
-    """Return the picture that sets the brightness scale for a given picture of the same cell; pictures are in the order
-    of the light.
+    """Return the number of the picture that sets the brightness scale of picture ``number`` of the same cell; the
+    pictures are in the order in which light passes the stages.
 
     It is the first picture of the same variable, so that a picture that gets darker looks darker. For variables that
     share a scale it is the last picture, because values beyond a full well are not brightness. Only pictures with the

@@ -81,8 +81,8 @@ class Content:
         return {**own, "widths": (), "peaks": ()}
 
     def _times(self, factors: Sequence[float]) -> dict[str, Any]:
-        """Return the fields of the largest values after a factor with these lower bounds by band. A blur has no
-        negative weights, so it keeps the factor of light that is nowhere below 0.
+        """Return the fields ``widths`` and ``peaks`` after multiplication by a factor with these lower bounds by band.
+        A blur has no negative weights, so the factor also holds after a blur of light that is nowhere below 0.
         """
         if not self.widths or min(self.low) < 0:
             return {"widths": (), "peaks": ()}
@@ -90,7 +90,7 @@ class Content:
         return {"widths": self.widths, "peaks": peaks}
 
     def weighed(self, factors: tuple[float, ...]) -> Content:
-        """Return the content with every band times its own factor (at least 0)."""
+        """Return the content after multiplication of every band by its factor (at least 0), one factor per band."""
         largest = max(f * h for f, h in zip(factors, self.high, strict=True))
         if largest <= 0:
             return replace(self, full=0.0, **self._nothing())
@@ -108,8 +108,9 @@ class Content:
         return (2, self.power), (1, self.amplitude)
 
     def filtered(self, passed: Rings, peaks: Rings = ()) -> Content:
-        """Return the content after a blur. The blur passes a share of every ring, by band or (one row) equally in all
-        bands, and leaves at least the given largest values. The range of values does not change.
+        """Return the content after a blur. ``passed``: the share of every ring that the blur passes, a row per band or
+        one row for all bands; ``peaks``: lower bounds of the largest values after the blur. The range of values does
+        not change.
         """
         rows = passed if len(passed) > 1 else passed * len(self.power)
         power, amplitude = (
@@ -144,7 +145,9 @@ class Content:
 
     @property
     def detail(self) -> float:
-        """The same (rms) without the means of the bands: 0 if the light is uniform."""
+        """The root of the mean square after subtraction of the mean of each band, relative to ``full``: 0 for uniform
+        light.
+        """
         return math.sqrt(sum(map(sum, self.power)) / len(self.mean))
 
 

@@ -83,7 +83,7 @@ class Grid:
 
     @property
     def count(self) -> int:
-        """The number of values of an array with all dims; cached."""
+        """The number of values of an array with all dims of this grid; cached."""
         known = self.__dict__.get("_count")
         if known is None:
             known = math.prod(coordinate.size for _, coordinate in self.entries)
@@ -104,7 +104,7 @@ class Grid:
         return any(name == dim for name, _ in self.entries)
 
     def line(self, dim: str) -> Line:
-        """Return the coordinate of a dim that must be evenly spaced."""
+        """Return the coordinate of a dim; raise ``TypeError`` if it is not evenly spaced."""
         coordinate = self[dim]
         if not isinstance(coordinate, Line):
             raise TypeError(f"{dim} is not evenly spaced: {coordinate}")

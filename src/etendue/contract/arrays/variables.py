@@ -108,8 +108,8 @@ def variable(name: str) -> Variable:
 
 
 def without(attrs: DocumentView) -> str:
-    """Return the text that names, after a metric's name, the stages that the metric does not include; '' if there are
-    none.
+    """Return the text that follows a metric's name and names the stages that the metric does not include; '' if there
+    are none.
     """
     return f", without {attrs[NOT_IN_IT]}" if attrs.get(NOT_IN_IT) else ""
 

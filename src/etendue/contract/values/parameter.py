@@ -53,7 +53,7 @@ class Parameter:
 
     @property
     def closed_form(self) -> bool:
-        """Whether the reference setting is exact: 0 or infinite, for knobs whose reference omits nothing."""
+        """Whether the reference setting is exact: declared as exact, or 0 or infinite, so that it omits nothing."""
         last = self.settings[-1] if self.settings else None
         return self.exact or (
             isinstance(last, int | float) and not isinstance(last, bool) and (last == 0 or math.isinf(last))

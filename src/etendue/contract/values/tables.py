@@ -53,7 +53,7 @@ class Table:
         return tuple(kind.preset for kind in self.kinds())
 
     def kind_of(self, word: str) -> Table:
-        """Return the table for one of these keys."""
+        """Return the table as if it had only this preset key."""
         return next(kind for kind in self.kinds() if kind.preset == word)
 
 

@@ -45,7 +45,7 @@ class Asked:
 
     @property
     def drawn(self) -> int:
-        """The number of points that are drawn, which exceeds the requested number if requested rows lie beyond it."""
+        """The number of points that are drawn: the requested number, or more if requested rows lie beyond it."""
         fixed = self.method in ("lhs", "list") or not self.rows
         return self.points if fixed else max(self.points, max(self.rows) // self.per_point + 1)
 
@@ -101,7 +101,7 @@ def asked_of(pipeline: PipelineFile, faults: list[Fault]) -> Asked | None:
 
 
 def _rows(design: DocumentView, faults: list[Fault]) -> tuple[int, ...]:
-    """Return the rows to compute, as written; () for all."""
+    """Return the rows to compute, as written in the file; () for all rows."""
     written = design.get("rows", ())
     rows = tuple(written) if isinstance(written, list | tuple) else (-1,)
     if not all(isinstance(row, int) and not isinstance(row, bool) and 0 <= row < LONGEST for row in rows):
@@ -120,7 +120,7 @@ def _too_many(asked: Asked) -> str:
 
 
 def factors_of(design: DocumentView, pipeline: PipelineFile) -> Document:
-    """Return the factors as written, each by its name."""
+    """Return the factors as written in the file, by name."""
     written = design.get("factors", {})
     flat: Document = {key.removeprefix("factors."): value for key, value in design.items() if key[:8] == "factors."}
     for key, value in {**(written if isinstance(written, Mapping) else {}), **flat}.items():

@@ -1,5 +1,5 @@
-"""Axes whose values change together, as one axis of rows. A node that depends on only some of them gets their distinct
-combinations, so that nothing is computed twice.
+"""Join axes whose values change together into one axis of rows. A node that depends on only some of these axes gets the
+distinct combinations of their values, so that nothing is computed twice.
 
 In:  nodes whose axes are the single factors; the axes that share a dim.
 Out: nodes with the axis of rows, or with an axis derived from it; the independent axes; the derived axes.
@@ -15,7 +15,7 @@ from etendue.pipeline.file import PipelineFile
 from etendue.pipeline.zipped import Zip
 from etendue.plan.model import Axis, Node
 
-MOST_SHARED = 4096  # combinations of levels: of more, hardly any would be met twice
+MOST_SHARED = 4096  # combinations of levels; of more combinations, hardly any would occur in two rows
 
 
 class Bundled(NamedTuple):
@@ -75,11 +75,11 @@ def _made(dim: str, numbers: tuple[int, ...], factors: Sequence[Axis], rows: tup
 
 
 def _part(one: Axis, chosen: list[int], pipeline: PipelineFile) -> Axis:
-    """Return the axis of a node that depends on only some factors: the axis of all rows, unless the design lets rows
-    share values.
+    """Return the axis of a node that depends on only some factors: the distinct combinations of these factors if rows
+    of the design share values, else all rows.
 
-    The number of a combination is the number of the first drawn row that contains it, so that additional rows change no
-    number.
+    Combinations are numbered in the order in which they first occur in the drawn rows, so that additional rows change
+    no number.
     """
     zips = [pipeline.zipped[one.factors[n].key] for n in chosen]
     if len(chosen) == len(one.factors) or not _share(zips):
@@ -97,7 +97,7 @@ def _part(one: Axis, chosen: list[int], pipeline: PipelineFile) -> Axis:
 
 
 def _share(zips: Sequence[Zip]) -> bool:
-    """Return whether axes together have values in common between rows."""
+    """Return whether rows share values on all of these axes, with at most ``MOST_SHARED`` combinations."""
     most = 1
     for one in zips:
         most *= one.most or 1
@@ -105,8 +105,8 @@ def _share(zips: Sequence[Zip]) -> bool:
 
 
 def _name(one: Axis, chosen: list[int]) -> str:
-    """Return the name of a part of an axis of rows, from its factors or, if these are fewer, from the factors that it
-    lacks.
+    """Return the name of an axis that has only some factors of an axis of rows. The name consists of these factors or,
+    if fewer are missing, of the missing factors.
     """
     lacking = [n for n in range(len(one.factors)) if n not in chosen]
     if len(lacking) < len(chosen):
@@ -115,7 +115,7 @@ def _name(one: Axis, chosen: list[int]) -> str:
 
 
 def position_maps(axes: Mapping[str, Axis]) -> Mapping[tuple[str, str], tuple[int, ...]]:
-    """Return, for every two axes of one set of rows, the map from positions on one to those on the other."""
+    """Return, for every pair of axes of the same rows, the map from positions on one to positions on the other."""
     sets: dict[str, list[Axis]] = {}
     for axis in axes.values():
         if axis.rows:

@@ -2,7 +2,7 @@
 ``{ uniform = [from, to] }``, ``{ triangular = [from, mode, to] }``, or a list of choices in equal shares.
 
 In:  the factor as written in the file, and its parameter.
-Out: ``Distribution``: values at shares of the probability, and densities; ``Unfit`` for anything else.
+Out: ``Distribution``, which gives quantiles and densities; ``Unfit`` for anything else.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Distribution:
         return math.sqrt(first * last) if self.shape == "log" else (first + last) / 2
 
     def tightened(self, share: float) -> Distribution:
-        """Return the distribution with its spread about the centre reduced by a share."""
+        """Return the distribution with its spread about the centre reduced by the fraction ``share``."""
         keep, centre = 1 - share, self.centre
         if self.shape == "normal":
             return replace(self, numbers=(centre, keep * self.numbers[1]))
@@ -70,7 +70,7 @@ class Distribution:
         return replace(self, numbers=tuple(centre + keep * (x - centre) for x in self.numbers))
 
     def quantile(self, share: float) -> float:
-        """Return the value below which a share of the probability lies; for choices: the position in the list."""
+        """Return the quantile at the cumulative probability ``share``; for choices: the position in the list."""
         if self.shape == "choices":
             return float(min(int(share * self.numbers[0]), int(self.numbers[0]) - 1))
         if self.levels:
@@ -85,7 +85,7 @@ class Distribution:
         return min(max((self._below(value) - low) / (high - low), 0.0), 1.0)
 
     def edges(self) -> list[float]:
-        """Return the edges of its strata of equal probability, one for each level."""
+        """Return the edges of the strata of equal probability, one per level; the outermost edges are infinite."""
         low, high = self._below(self.low), self._below(self.high)
         inner = [self.at(low + step / self.levels * (high - low)) for step in range(1, self.levels)]
         return [-math.inf, *inner, math.inf]
@@ -109,7 +109,7 @@ class Distribution:
         return max(rising, 0.0) * 2 / width / room
 
     def at(self, share: float) -> float:
-        """Return the value below which a share of the untruncated probability lies."""
+        """Return the quantile of the untruncated distribution at the cumulative probability ``share``."""
         first, *_, last = self.numbers
         if self.shape == "normal":
             return first + last * NORMAL.inv_cdf(min(max(share, TINY), 1 - TINY))
@@ -123,7 +123,7 @@ class Distribution:
         return last - math.sqrt((1 - share) * width * (last - mode))
 
     def _below(self, value: float) -> float:
-        """Return the share of the untruncated probability below a value."""
+        """Return the cumulative probability of the untruncated distribution at a value."""
         if self.shape == "choices" or math.isinf(value):
             return float(value > 0)
         first, *_, last = self.numbers
@@ -141,10 +141,11 @@ class Distribution:
 
 
 def level_share(share: float, levels: int) -> float:
-    """Return the level of a share: the middle of its stratum; in the first and the last stratum a little outward.
+    """Return the share that replaces ``share``: the middle of its stratum, moved a little outward in the first and the
+    last stratum.
 
-    The mean of f over n middles is off by (f'(0) - f'(1)) / (24 n^2). With the outer two moved by 1 / (24 n), it is off
-    by -23 (f''(0) + f''(1)) / (1152 n^3).
+    The mean of f over the middles of n strata has the error (f'(0) - f'(1)) / (24 n^2). If the outer two are moved by
+    1/(24 n), the error is -23 (f''(0) + f''(1)) / (1152 n^3).
     """
     stratum = min(math.floor(share * levels), levels - 1)
     return (stratum + 0.5 + OUTWARD * ((stratum == levels - 1) - (stratum == 0))) / levels

@@ -27,7 +27,7 @@ from etendue.types.documents import Document
 
 
 def with_design(pipeline: PipelineFile, registry: Registry) -> PipelineFile:
-    """Return the pipeline with its design drawn; faults are added to its own."""
+    """Return the pipeline with its design drawn; faults of the design are added to the pipeline's faults."""
     if not pipeline.design:
         return pipeline
     faults: list[Fault] = []
@@ -66,7 +66,9 @@ def compared_of(pipeline: PipelineFile, registry: Registry) -> Document:
 
 
 def _in_units(asked: Asked, pipeline: PipelineFile, registry: Registry) -> Asked:
-    """Return a list with its numbers in the units of their parameters: 4 um and 4000 nm are one value."""
+    """Return a list with its numbers in the units of their parameters, so that 4 um and 4000 nm count as the same
+    value.
+    """
     found: Document = {}
     for key, values in asked.factors.items() if asked.method == "list" else ():
         parameter, kind = _parameter(key, pipeline, registry) or (Parameter(), str)
@@ -116,7 +118,7 @@ def _drawn(asked: Asked, found: dict[str, Distribution]) -> tuple[Document, dict
 
 
 def shares_of(asked: Asked) -> Array:
-    """Return, for each row, the place of every factor in its distribution: a share of the probability, 0 to 1."""
+    """Return the cumulative probability, 0 to 1, at which each factor is drawn in each row, (row, factor)."""
     return unit_points(asked.method, asked.drawn, len(asked.factors), asked.seed, asked.correlated)
 
 

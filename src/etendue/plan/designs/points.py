@@ -1,7 +1,7 @@
 """Points of a design in the unit cube, one column per factor, drawn with ``scipy.stats.qmc``.
 
 In:  method, number of points and factors, seed, correlations.
-Out: shares of the probability of each factor, by row. The first rows of a longer design equal the rows of a shorter
+Out: the cumulative probability of each factor, by row. The first rows of a longer design equal the rows of a shorter
      design, except for a Latin hypercube.
 """
 
@@ -28,7 +28,7 @@ def rows_of(method: str, points: int, factors: int) -> int:
 
 @lru_cache(8)
 def unit_points(method: str, points: int, factors: int, seed: int, correlated: tuple[tuple[float, ...], ...]) -> Array:
-    """Return the shares; ``correlated``: the matrix of correlations, () for none."""
+    """Return cumulative probabilities, (row, factor); ``correlated``: the matrix of correlations, () for none."""
     import numpy as np
 
     if method == "saltelli":
@@ -63,7 +63,7 @@ def _drawn(method: str, points: int, factors: int, seed: int) -> Array:
     if method == "random":
         return generator.random((points, factors))
     engines = {"sobol": qmc.Sobol, "halton": qmc.Halton, "lhs": qmc.LatinHypercube}
-    with warnings.catch_warnings():  # that the number is no power of 2 is told in the plan
+    with warnings.catch_warnings():  # the plan reports a number that is no power of 2
         warnings.simplefilter("ignore", UserWarning)
         return np.asarray(engines[method](factors, scramble=True, seed=generator).random(points))
 

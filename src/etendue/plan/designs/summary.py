@@ -20,7 +20,7 @@ from etendue.plan.designs.points import discrepancy
 from etendue.plan.model import Axis, Plan
 from etendue.types.documents import Document
 
-MOST_POINTS = 4096  # of which the discrepancy is worked out: the time grows with the square
+MOST_POINTS = 4096  # largest number of points whose discrepancy is computed: the time grows with the square
 
 
 def axis_said(axis: Axis) -> Document:
@@ -36,7 +36,9 @@ def axis_said(axis: Axis) -> Document:
 
 
 def design_said(plan: Plan) -> Document | None:
-    """Return the method, factors, cells with and without levels, and discrepancy; None for a plan without design."""
+    """Return a description of the design: its method and factors, the number of cells and how many there would be if
+    rows shared no cells, the discrepancy with and without levels; None for a plan without design.
+    """
     faults: list[Fault] = []
     asked = asked_of(plan.pipeline, faults)
     if asked is None:

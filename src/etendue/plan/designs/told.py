@@ -10,7 +10,7 @@ from etendue.types.documents import Document, DocumentView
 
 
 def design_lines(document: Document) -> list[str]:
-    """Return the samples of a design, and the savings and the cost of its levels; nothing for a plan without design."""
+    """Return lines with the factors, shared cells and discrepancy of a design; no lines for a plan without design."""
     own = document.get("design")
     if not own:
         return []

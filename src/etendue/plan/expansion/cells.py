@@ -47,8 +47,8 @@ Told = Callable[[int, int], None]  # called with the cells planned so far and th
 def expand(
     graph: Graph, pipeline: PipelineFile, choice: Choice, told: Told = lambda done, total: None
 ) -> tuple[dict[CellRef, Cell], str, float]:
-    """Return all cells, the precision in which they are computed, and the seconds spent on the analysis of new
-    scenes.
+    """Return all cells, the precision in which they are computed, and the seconds spent on the analysis of scenes that
+    were not in the cache.
     """
     expansion = Expansion(graph, pipeline, choice, told)
     cells = expansion.expand()
@@ -195,7 +195,9 @@ class Expansion:
         return self.described[stage]
 
     def seen_before(self, stage: Stage, facts: Facts, grids: Mapping[str, Grid]) -> tuple[Facts, Mapping[str, Grid]]:
-        """Add the content of its light to the facts of a scene, if this may allow an omission."""
+        """Return the facts of a scene, with the content of its light if omissions or digits may depend on it, and its
+        grids.
+        """
         assert isinstance(stage, Source)
         if not (self.choice.leave_out or self.choice.digits) or facts.content is not None:
             return facts, grids
@@ -230,8 +232,8 @@ class Expansion:
                     self.told(len(cells), total)
 
     def where(self, axes: tuple[str, ...]) -> Mapping[str, tuple[int, tuple[int, ...] | None]]:
-        """Return, by axis and factor of an axis, the place in the index of a cell with these axes and, for factors, the
-        map from positions on the axis to positions on the factor.
+        """Return, for each of these axes and each of their factors, the place in the index of a cell and, for factors,
+        the map from positions on the axis to positions on the factor.
         """
         if axes in self.wheres:
             return self.wheres[axes]
@@ -261,7 +263,7 @@ class Expansion:
 
     @staticmethod
     def by_whom(node: Node, stage: Stage, error: PluginError) -> str:
-        """Return the text of a plugin's fault with the plugin's distribution."""
+        """Return the text of a plugin's fault, preceded by the stage and the plugin's distribution."""
         one = next((a for a in node.alternatives if a.kind is type(stage)), node.alternatives[0])
         return f"{one.use} of {one.distribution} {one.version}: {error}"
 

@@ -35,7 +35,7 @@ class Decisions(NamedTuple):
     approximated: tuple[Approximated, ...]
     error: tuple[float | None, str]
     facts: Facts
-    blind: bool  # whether all but the facts is the same whatever the facts of the inputs
+    blind: bool  # whether the facts of the inputs affect nothing but the facts
 
 
 NOT_ASKED: tuple[float | None, str] = (None, "unknown")
@@ -102,7 +102,8 @@ class Decider:
 
     def noises(self, by_dim: Mapping[str, int]) -> list[Noisy] | None:
         """Return every stage that adds noise, with its parameters at a combination of axis values; None if the
-        parameters of one of these stages are found only during the run, or depend on other axes.
+        parameters of one of these stages are found only during the run, or depend on an axis that is not in this
+        combination.
         """
         found: list[Noisy] = []
         for node, dims, awaits in self.noisy:
@@ -135,7 +136,7 @@ class Decider:
         return known
 
     def with_settings(self, stage: Stage, settings: Settings) -> Stage | None:
-        """Return ``with_settings``, which many cells ask of one stage."""
+        """Return a stage with other settings (``with_settings``), cached because many cells request the same."""
         place = (stage,), *settings.items()
         known = self.tried.get(*place)
         if known is None:
@@ -143,7 +144,7 @@ class Decider:
         return known[0]
 
     def error(self, draft: Draft, stage: Stage, facts: Mapping[str, Facts]) -> tuple[float | None, str]:
-        """Return the error that ``stage`` states in place of the draft's own stage, and its basis."""
+        """Return the error that ``stage`` states if it replaces the stage of the draft, and its basis."""
         node, grids = draft.node, draft.form.input_grids
         if not node.segment or not isinstance(stage, Summed):
             known = self.stated.get((stage, draft.form))

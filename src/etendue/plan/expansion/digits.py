@@ -7,10 +7,10 @@ A step is the largest power of two within the tolerance times full scale. It dep
 of the cell's key, and only on earlier cells, so light is not recomputed when the exposure is edited. Full scale is
 
 - for light and charge, the largest value that it may reach, or twice the value that it is known to reach after any blur
-  if that is less. Rounding changes a value by at most half a step: at most the tolerance times the largest value, also
-  where faint light around a point is rounded and a blur then makes the point as faint;
-- for pictures without a unit, 1; but up to the stage that scales a picture to its white, the part of the range of the
-  converter that the charge reaches, because a dark exposure is made brighter later.
+  if that is less. Rounding changes a value by at most half a step: at most the tolerance times the largest value, even
+  if a later blur makes a bright point as faint as the light around it;
+- for pictures without a unit, 1; but before the stage that scales a picture to its white, the part of the converter's
+  range that the charge reaches, because a dark exposure is made brighter later.
 
 Curves, metrics, maps, integers and coordinates keep all digits.
 """
@@ -78,7 +78,7 @@ class Digits:
                 full = self.reach(draft.node, draft.stage, draft.inputs) if in_range else brightest(own)
                 found.append((name, exponent(self.tolerance * full, self.precision)))
         key = tuple(found)
-        return self.same.setdefault(key, dict(key))  # most cells have the digits of another
+        return self.same.setdefault(key, dict(key))  # most cells have the same digits as another cell
 
     def reach(self, node: Node, stage: Stage, inputs: Inputs) -> float:
         """Return the part of the range that a picture reaches; 0 if it is unknown."""
@@ -127,7 +127,7 @@ def exponent(step: float, precision: str) -> int | None:
 
 
 def stored_bytes(plan: Plan) -> int:
-    """Return the number of bytes stored if each value takes the bits from its sign to its step."""
+    """Return the bytes of all stored arrays if each value takes only the bits from its sign to its rounding step."""
     total = 0.0
     for node in plan.nodes:
         names = [name for name in node.writes if (node.name, name) in plan.with_arrays]

@@ -22,7 +22,7 @@ from etendue.plan.wiring.request import Choice
 
 
 class Earlier:
-    """The cells of one earlier plan. ``unchanged``: the nodes whose own stages and axes equal those of that plan."""
+    """The cells of one earlier plan. ``unchanged``: the nodes that have the same stages and axes in the new plan."""
 
     def __init__(self, plan: Plan, unchanged: frozenset[str], sources: frozenset[str]) -> None:
         self.plan, self.unchanged, self.precision = plan, unchanged, plan.precision
@@ -32,7 +32,7 @@ class Earlier:
         self.settled: Once[Settled] = Once()
 
     def begin(self, precision: str) -> dict[Grid, Grid]:
-        """Return the grids of the plan, each under itself; take nothing over if the precision differs."""
+        """Return the grids of the earlier plan, each mapped to itself; if the precision differs, take no cells over."""
         if precision != self.precision:
             self.unchanged = frozenset()
             return {}
@@ -64,13 +64,13 @@ class Earlier:
         return self.take(cell, recipe)
 
     def take(self, cell: Cell, recipe: Recipes) -> Cell:
-        """Return a cell as one of the new plan: nothing of it refers to the earlier plan."""
+        """Return a copy of a cell for the new plan, without references to the earlier plan."""
         settled = self.settled((cell.settled,), lambda: replace(cell.settled, recipe=recipe))
         return cell.taken(settled)
 
 
 def nearest_of(plans: Sequence[Plan], graph: Graph, pipeline: PipelineFile, choice: Choice) -> Earlier | None:
-    """Return the plan with most unchanged nodes; None if no cell has the same decision."""
+    """Return the earlier plan with the most unchanged nodes; None if all were decided with other options."""
     sources = frozenset(node.name for node in graph.nodes if node.is_source)
     alike = [one for one in plans if _decided_alike(one, choice)]
     same = [(one, one.pipeline.seed == pipeline.seed) for one in alike]
@@ -79,7 +79,7 @@ def nearest_of(plans: Sequence[Plan], graph: Graph, pipeline: PipelineFile, choi
 
 
 def _decided_alike(plan: Plan, choice: Choice) -> bool:
-    """Return whether all properties of the whole pipeline are equal."""
+    """Return whether the tolerance, norm, precision and options on which all decisions depend are equal."""
     own = plan.pipeline
     return (own.tolerance, own.norm, own.precision, plan.leaves_out, plan.expected, plan.digits) == (
         choice.tolerance,

@@ -100,8 +100,8 @@ def _softened(
 
 
 def _contrast_left(rendered: tuple[float, float] | None, pitch: float) -> float:
-    """Return the contrast at half a cycle per pixel left by a Gaussian of some rms width and by cells of some side, in
-    um; 1 for a scene that is no chart.
+    """Return the contrast at half a cycle per pixel after a Gaussian blur and an average over cells, given as (rms
+    width, side) in um; 1 for a scene that is no chart.
     """
     if rendered is None:
         return 1.0

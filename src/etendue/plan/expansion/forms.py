@@ -22,7 +22,9 @@ from etendue.plan.model import Alternative, CellRef, Node
 def output_grid(
     stage: Stage, declaration: Declaration, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()
 ) -> Grid:
-    """Return the grid of one output: as given, else each dim from ``creates``, else from an input."""
+    """Return the grid of one output. Each dim comes from ``given``, else from ``creates``, else from an input; the dim
+    ``stage`` lists the stages looked at.
+    """
     creates = stage.creates
     found = {}
     for dim in declaration.dims:

@@ -26,7 +26,9 @@ from etendue.plan.model import Cell, CellRef
 
 
 def state_growth(cells: dict[CellRef, Cell]) -> None:
-    """Set the growth of every cell with a decision. Bounds on noise refer to distributions and have no growth."""
+    """Set the growth of every cell with a decision. Bounds of noise sources have no growth, because they refer to
+    distributions.
+    """
     decided = [cell for cell in cells.values() if (cell.left_out and cell.left_out.bound > 0) or cell.approximated]
     decided = [cell for cell in decided if not isinstance(cell.stage, Noisy)]
     if not decided:
@@ -80,9 +82,9 @@ class Steps:
 
 
 def factors_of(cells: dict[CellRef, Cell], shares: bool) -> Iterator[tuple[CellRef, float]]:
-    """Yield every cell with the factor by which an error of its output may grow, the last cell first. ``shares``:
-    return the factor for changes that multiply every value by nearly the same number. Clipping does not enlarge such
-    changes relative to full scale, and a number computed from the light is multiplied by the same number.
+    """Yield every cell with the factor by which an error of its output may grow, the last cell first. ``shares``: yield
+    the factor for changes that multiply every value by nearly the same number. Clipping does not enlarge such changes
+    relative to full scale, and a number computed from the light is multiplied by the same number.
     """
     steps = Steps(cells)
     direct: dict[CellRef, float] = {}

@@ -1,7 +1,7 @@
 """Omission: decide for every cell, within a local tolerance, whether its stage can be left out for this scene.
 
-A stage may be left out if it reads and writes the same variable on the same grid and the change to its own output is
-known. A change of exactly zero always qualifies, a bound above zero if it is within the tolerance. For a transfer
+A stage may be left out if it reads and writes the same variable on the same grid and the resulting change of its output
+is known. A change of exactly zero always qualifies, a bound above zero if it is within the tolerance. For a transfer
 function the change is summed over the content of the scene's light at every frequency. Every other stage states the
 bound of its change (``negligible``). For a stage that adds noise the bound is the largest share that the stage
 contributes to the variance after the converter. Nothing here depends on the rest of a sweep, so a cell is decided in
@@ -119,7 +119,7 @@ def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] |
         return None
     low, high = max(facts.low, 0.0), max(facts.high, 0.0)
     own = variance_of(stage, low)
-    # Poisson noise has a variance of one per count; a source above that is never small
+    # Poisson noise has a variance of one per count; a source with a larger variance is never small
     if low == 0 or own is None or own > low:
         return None
     every = noises()

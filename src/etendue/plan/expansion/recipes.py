@@ -3,8 +3,8 @@
 In:  a stage at a combination of the axes, and the cells before it.
 Out: the fields of its key and their digest; the words that key its random numbers.
 
-What comes from files and installed distributions is found when a stage is planned (``head``). Keys and seeds are made
-of it when somebody asks for the first of a stage.
+Files and installed distributions are read when a stage is planned (``head``). The keys and seeds of its cells are made
+later, when the first of them is requested.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class Recipes:
         return found
 
     def make_keys(self, node: Node, cells: list[Cell]) -> None:
-        """Make the keys of the cells of a node; those before them have theirs."""
+        """Make the keys of the cells of a node; the cells of earlier nodes must already have keys."""
         begun: dict[Settled, hashlib.blake2b] = {}  # digests of what cells have in common
         main, every = next(iter(node.writes), ""), self.cells
         for cell in cells:
@@ -118,15 +118,17 @@ class Recipes:
             cell._key = found.hexdigest()
 
     def begin(self, settled: Settled) -> str:
-        """Return the first lines of the text that the keys of some cells digest."""
+        """Return the first lines of the text whose digest is the key of a cell; ``settled``: the cell's shared
+        properties.
+        """
         return f"{settled.head}\n{self.text_of_form(settled)}"
 
     def alternative(self, node: Node, cell: Cell) -> Alternative:
         return node.alternatives[cell.ref[1][node.axes.index(node.use_axis)] if node.use_axis else 0]
 
     def head(self, node: Node, one: Alternative, stage: Stage, asked: frozenset[type[Stage]]) -> Head:
-        """Return the common first part of the keys of all cells of a stage at a node, which look at transfer functions
-        of some kinds. All files that keys and seeds depend on are read here.
+        """Return the first part of the keys of a stage at a node, the same for all its cells; ``asked``: the classes of
+        stages whose transfer functions they look at. All files that keys and seeds depend on are read here.
         """
         if not self.keys:
             return "", NONE
@@ -164,7 +166,7 @@ class Recipes:
         return AS_TEXT(fields), versions
 
     def text_of_form(self, settled: Settled) -> str:
-        """Return the grids of what cells write, and the dims that they are mapped over, as text."""
+        """Return as text the grids of the variables that cells write, and the dims over which the cells are mapped."""
 
         def text() -> str:
             grids = [[v, self.grids((grid,), partial(plain_text, grid))] for v, grid in settled.grids.items()]
@@ -173,8 +175,8 @@ class Recipes:
         return self.forms((settled.grids, settled.mapped), text)
 
     def text_of_segment(self, node: Node, cell: Cell, precision: str) -> str:
-        """Return the number of stages between the beginning of its segment and a transfer function, and whether the
-        light there is streamed band by band: both change bits of the result.
+        """Return as text the number of stages from the beginning of a segment to this transfer function, and whether
+        the segment's input is streamed band by band: both change bits of the result.
         """
         _, first, variable = cell.inputs[0]
         for _ in range(len(node.segment) - 1):
@@ -224,9 +226,9 @@ class Recipes:
         return known
 
     def drawn(self, ref: CellRef) -> Drawn:
-        """Return the words from which the random numbers of a cell follow, and those words whose values are known only
-        in the run. They contain values only, no positions on axes, so that a cell computed alone equals the same cell
-        in a sweep.
+        """Return the words that determine the random numbers of a cell, and the words whose values are known only in
+        the run. Words contain parameter values but no positions on axes, so that a cell computed alone equals the same
+        cell in a sweep.
         """
         cell, name = self.cells[ref], ref[0]
         stage, quantities = cell.stage, cell.settled.reading.quantities
@@ -266,7 +268,7 @@ class Recipes:
         """Return the words of a cell and of all cells that it reads through its ports, directly or indirectly; None if
         one of the values in these words is known only in the run.
 
-        Cells of one stage whose inputs have the same sets share one set.
+        Cells of one stage share one set of words if the sets of their inputs are the same.
         """
         if ref in self.behind:
             return self.behind[ref]

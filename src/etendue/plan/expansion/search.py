@@ -198,10 +198,10 @@ class Search(Generic[_Tried]):
         return found
 
     def explored(self, choices: Choices, goals: Sequence[Goal], most: int, predicted: Predicted) -> None:
-        """Try at most ``most`` combinations. If there are no more, try all. Otherwise try, for each goal in turn, the
-        combination that is predicted to meet it at the lowest cost, until no predicted cost is below the cost of the
-        cheapest trial that meets the goal. The remaining trials go to combinations that differ from that trial in one
-        setting and cost hardly more, because predictions may be wrong.
+        """Try at most ``most`` combinations. If there are only so many, try all. Otherwise try, for each goal in turn,
+        the combination that is predicted to meet it at the lowest cost, until no predicted cost is below the cost of
+        the cheapest trial that meets the goal. The remaining trials go to combinations that differ from that trial in
+        one setting and cost hardly more, because predictions may be wrong.
 
         The first half of the trials are combinations that minimise cost + price x error for some price.
         """

@@ -1,10 +1,10 @@
-"""Settle what cells of a node have in common: each different cell is decided once.
+"""Decide cells of a node that have the same stage and inputs only once, and share the result.
 
 In:  the cells that the cells of a node read.
-Out: cells, which share what is settled about them (``Settled``).
+Out: cells that share the properties decided for them (``Settled``).
 
-Cells with one stage that read equal grids and facts are decided alike. Most stages decide without reading facts: for
-their cells with equal grids, only the facts are found cell by cell.
+Cells of one stage that read equal grids and facts get the same decisions. The decisions for most stages do not depend
+on facts: for cells with equal grids, only the facts are then found cell by cell.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from etendue.plan.structure.cell import PositionMap, Settled
 if TYPE_CHECKING:
     from etendue.plan.expansion.cells import Expansion
 
-MOST_UNLIKE = 10_000  # cells of a stage after which none are remembered if no two were alike
+MOST_UNLIKE = 10_000  # cells of a stage after which results are no longer cached if none was reused
 
 
 class Settling:
-    """The cells of one node. ``expansion`` has those of the nodes before."""
+    """Makes the cells of one node. ``expansion`` has the cells of earlier nodes."""
 
     def __init__(self, expansion: Expansion, node: Node) -> None:
         self.expansion, self.node = expansion, node
@@ -42,7 +42,8 @@ class Settling:
         self.sources = [[self.source(name, at) for _, name, _, at in one.inputs] for one in self.readings]
         self.carries = [one.kind.carry is not Stage.carry for one in node.alternatives]
         self.common: Once[Settled] = Once()
-        # By what is read: what is settled and the facts; and, where no facts matter, what is settled alone.
+        # By what is read: the shared properties with the facts; if decisions do not depend on facts, the properties
+        # alone.
         self.known: Once[tuple[Settled, Facts]] = Once()
         self.blind: Once[Settled] = Once()
         self.hits = self.misses = 0
@@ -79,9 +80,9 @@ class Settling:
     def decided(
         self, number: int, index: tuple[int, ...], stage: Stage, read: Sequence[Cell], known: Settled | None
     ) -> tuple[Settled, Facts, bool] | None:
-        """Decide a cell. Return the properties that it shares with other cells, its facts, and whether the facts of its
-        inputs affect nothing but its facts. Return None if the cell has a fault, which is noted. ``known``: what is
-        decided already.
+        """Decide a cell. Return the properties that it shares with other cells, its facts, and whether its decisions
+        are independent of the facts of its inputs. Return None if the cell has a fault, which is noted. ``known``: the
+        shared properties if they are known already.
         """
         reading = self.readings[number]
         pairs = zip(reading.inputs, read, strict=True)
@@ -97,14 +98,14 @@ class Settling:
         return None
 
     def are_alike(self, read: Sequence[Cell]) -> bool:
-        """Return whether cells that read the same as others are decided like these."""
+        """Return whether other cells that read the same grids and facts get the same decisions."""
         expansion = self.expansion
         if expansion.digits.tolerance > 0:  # digits depend on all cells before
             return False
         return not expansion.choice.decided or all(cell.facts is UNKNOWN for cell in read)
 
     def stage(self, number: int, index: tuple[int, ...], read: Sequence[Cell]) -> Stage:
-        """Return the stage of a cell."""
+        """Return the stage of a cell; ``number``: its alternative; ``read``: the cells that it reads."""
         expansion, node, reading = self.expansion, self.node, self.readings[number]
         if reading.quantities:
             inputs = [(name, cell.ref, v) for (name, _, v, _), cell in zip(reading.inputs, read, strict=True)]
@@ -140,7 +141,7 @@ class Settling:
         decided = expansion.decider.decide(draft, facts_in, expansion.by_dim(node, index), declared)
         stage, left_out, draws = decided.stage, decided.left_out, recipes.draws(decided.stage)
         if draws:
-            stage_calls.common_draws(stage)  # what it answers is used where the seed is asked for
+            stage_calls.common_draws(stage)  # checked here; the result is used when the seed is requested
         kept = ALL_DIGITS if left_out else expansion.digits.of(draft._replace(stage=stage), decided.facts)
         asked = frozenset(type(cells[name, at(index)].stage) for name, at in reading.asked)
 

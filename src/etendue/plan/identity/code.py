@@ -210,8 +210,8 @@ def _of_own(name: str, above: tuple[str, ...]) -> _Step:
 
 
 def _through_the_door(door: str, name: str) -> Iterator[str]:
-    """Yield the place where a name that an ``api`` module re-exports is defined; for the module itself, all its
-    re-exports.
+    """Yield the place where a name that an ``api`` module re-exports is defined; for the module itself, the places of
+    all its re-exports.
     """
     file = _own_file(door)
     for one in sources.known(file).imports if file else ():

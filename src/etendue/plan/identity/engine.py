@@ -1,10 +1,10 @@
 """Divide the engine's own modules into those that can change a bit of a cell, and those that only pass on results.
 
 The key of every cell covers the package ``compute`` and the few modules outside it that its bits depend on; the digest
-of a stage's own code and of all it imports is added to it (``plan.identity.code``). No digest follows the packages in
-``MOVES``, each for the reason given, nor manifests: the class for each name, defaults, dims and patterns are in keys as
-code and values. A test computes cells of every kind of pipeline in fresh processes, and fails if one of them imports a
-module, or reads a table, that is in neither list and in no digest.
+of a stage's own code and of all it imports is added to it (``plan.identity.code``). No digest covers the packages in
+``MOVES``, each for the reason given there. No digest covers manifests, because keys contain what they declare: classes
+as code, and defaults, dims and patterns as values. A test computes cells of every kind of pipeline in fresh processes,
+and fails if one of them imports a module, or reads a table, that is in neither list and in no digest.
 """
 
 from __future__ import annotations

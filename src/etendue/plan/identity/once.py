@@ -28,7 +28,7 @@ class Once(Generic[Found]):
         return known[0]
 
     def get(self, objects: Sequence[object], *also: Hashable | type) -> Found | None:
-        """Return a result that is known."""
+        """Return the cached result for these objects; None if there is none."""
         known = self._found.get((*map(id, objects), *also))
         return None if known is None else known[0]
 

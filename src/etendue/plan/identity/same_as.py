@@ -28,7 +28,7 @@ def same_as(
     kept: Collection[StageVariable],
     copied: Collection[StageVariable],
 ) -> dict[StageVariable, str]:
-    """Return the stage that has the values of each kept variable without an array of its own."""
+    """Return, for each kept variable that needs no array of its own, the stage that has its values."""
     found: dict[StageVariable, str] = {}
     axes = {node.name: set(node.axes) for node in nodes}
     for node in nodes:

@@ -1,7 +1,8 @@
 """A cell: one stage at one combination of its axes.
 
-What cells of a stage have in common is ``Settled`` once. A cell itself has its place, its facts and, once somebody asks
-for them, its key, its seed and the cells that it reads: a plan may have a million cells, of which few differ in more.
+Cells of a stage share their common properties in one ``Settled`` object. A cell itself has its place, its facts and,
+once they are requested, its key, its seed and the cells that it reads. This saves memory: a plan may have a million
+cells, few of which differ in more.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ class Approximated:
 
 
 class Reading(NamedTuple):
-    """The origin of the inputs of an alternative of a node, and the stages that it looks at."""
+    """Where an alternative of a node takes its inputs from, and the stages that it looks at."""
 
     inputs: tuple[tuple[str, str, str, PositionMap], ...]  # port or shared quantity, node, variable, where
     looks_at: tuple[tuple[str, tuple[tuple[str, PositionMap], ...]], ...]
@@ -79,7 +80,7 @@ class Recipe(Protocol):
 
 @dataclass(slots=True, eq=False)
 class Settled:
-    """What several cells of a stage have in common. Compared by identity."""
+    """The properties that several cells of a stage have in common. Compared by identity."""
 
     stage: Stage
     use: str
@@ -98,14 +99,14 @@ class Settled:
     digits: Mapping[str, int | None]
 
     def __reduce__(self) -> tuple[type[Settled], tuple[Hashable, ...]]:
-        """Leave behind what finds keys, seeds and inputs: cells are sent with all of them found."""
+        """Leave out the objects that find keys, seeds and inputs: all of these are found before cells are sent."""
         values = {one.name: getattr(self, one.name) for one in fields(self)}
         values |= {"reading": self.reading._replace(inputs=(), looks_at=(), asked=()), "recipe": Sent()}
         return Settled, tuple(values.values())
 
 
 class Sent:
-    """The recipe of cells that were sent with everything found."""
+    """The recipe of cells that were sent to another process: their keys, seeds and inputs are known already."""
 
     cells: Mapping[CellRef, Cell] = {}
 
@@ -117,7 +118,7 @@ class Sent:
 
 
 def _in_common(name: str) -> Any:
-    """Return a property of a cell that others share."""
+    """Return a property of ``Cell`` that reads this name from ``settled``."""
     return property(attrgetter(f"settled.{name}"))
 
 
@@ -142,7 +143,7 @@ class Cell:
         """Return a copy with other values of some properties."""
         made = self.taken(self.settled)
         made.growth, made._looks_at, made._start = self.growth, self._looks_at, self._start
-        if "ref" in changes:  # what is still to be found is found by the place
+        if "ref" in changes:  # find all values now: at the new place they would differ
             made._key, made._drawn = self.key, (self.seed, self.open_words)
             made._inputs, made._looks_at, made._start = self.inputs, self.looks_at, (self.segment_input,)
         if {"seed", "open_words"} & changes.keys():
@@ -157,7 +158,7 @@ class Cell:
         return made
 
     def taken(self, settled: Settled) -> Cell:
-        """Return the same cell of another plan; its growth depends on later cells and is set anew."""
+        """Return the same cell for another plan. Its growth is set anew, because it depends on later cells."""
         made = Cell(self.ref, settled, self.facts)
         made._key, made._drawn, made._inputs = self._key, self._drawn, self._inputs
         return made
@@ -227,7 +228,7 @@ class Cell:
 
     @property
     def open_words(self) -> tuple[Open, ...]:
-        """Lines of its seed whose value only a run finds (``seed_words.Open``)."""
+        """The lines of its seed whose values are known only in a run (``seed_words.Open``)."""
         return self._found_drawn()[1]
 
     def _found_drawn(self) -> Drawn:

@@ -69,7 +69,7 @@ class Node:
     # optional variables that nothing uses
     optional: Mapping[str, Declaration] = field(default_factory=dict)
     segment: tuple[str, ...] = ()  # names of the transfer nodes of its segment, up to itself
-    mapped: tuple[str, ...] = ()  # leading dims of its inputs that it does not work on: it runs once per value
+    mapped: tuple[str, ...] = ()  # leading dims of its inputs over which it is run slice by slice
 
     @property
     def found(self) -> dict[str, str]:

@@ -136,8 +136,7 @@ def _no_stage(request: Request, use: str) -> str:
 
 
 def unlike(*both: tuple[str, type[Stage]]) -> list[str]:
-    """Return the reasons why two stages, given as (name, class), are not alternatives to each other; an empty list if
-    they are.
+    """Return the reasons why two stages, given as (name, class), are not alternatives; an empty list if they are.
 
     Alternatives write the same variables. An optional variable is available if all alternatives have it.
     """
@@ -158,7 +157,7 @@ def unlike(*both: tuple[str, type[Stage]]) -> list[str]:
 
 
 def _some(declarations: set[str]) -> str:
-    """Return the first of some declarations, and the number of the others."""
+    """Return a text with the first of some declarations and the number of the others."""
     ordered = sorted(declarations)
     more = f" and {len(ordered) - 1} more" if len(ordered) > 1 else ""
     return f"'{ordered[0]}'{more}"

@@ -66,7 +66,7 @@ def _kind(entry: StageEntry, registry: Registry) -> type[Stage] | None:
 
 
 def _known(entry: StageEntry, declared: DocumentView, pipeline: PipelineFile) -> Iterator[tuple[str, Any]]:
-    """Yield the parameters of a stage whose values are known; faults are reported with the graph."""
+    """Yield (name, value) of a stage's parameters whose values are known; ``build_graph`` reports faulty values."""
     for name, (parameter, type_, default) in declared.items():
         if parameter.shared or parameter.file:
             continue

@@ -129,7 +129,7 @@ def _written(made: tuple[Alternative, ...]) -> list[Declaration]:
 def _mapped(
     request: Request, entry: StageEntry, made: tuple[Alternative, ...], inputs: tuple[Bound, ...], earlier: list[Node]
 ) -> tuple[str, ...]:
-    """Return the leading dims of a stage's inputs on which the stage itself does not work."""
+    """Return the leading dims of a stage's inputs over which the stage is run slice by slice."""
     by_name = {node.name: node for node in earlier}
     every = [_mapped_over(request, entry, one, bound, by_name) for one, bound in zip(made, inputs, strict=True)]
     if len(set(every)) > 1:
@@ -143,7 +143,7 @@ def _mapped(
 def _mapped_over(
     request: Request, entry: StageEntry, one: Alternative, bound: Bound, by_name: Mapping[str, Node]
 ) -> tuple[str, ...]:
-    """Return these dims for one alternative."""
+    """Return the dims over which one alternative is run slice by slice."""
     reads = reads_of(one.kind)
     found = [reads[port].mapped(by_name[source].writes[v].dims) for port, source, v in bound if port in reads]
     leading = sorted({dims for dims in found if dims}, key=len)
@@ -258,8 +258,8 @@ def _reach(node: Node, earlier: list[Node]) -> set[str]:
 
 
 def _reach_of_transfer(looked: Node, earlier: list[Node]) -> set[str]:
-    """Return the dims that a transfer function depends on: the dims of its stage and, for its mean over bands, the dims
-    of the scenes and filters before it.
+    """Return the dims that a transfer function depends on: the dims of its stage, and the dims of the scenes and
+    filters before it, which weight its mean over bands.
     """
     names = _before({source for bound in looked.inputs for _, source, _ in bound}, earlier)
     reach = _own_axes(looked)

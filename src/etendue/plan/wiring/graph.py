@@ -43,8 +43,8 @@ class Graph:
     keep: tuple[str, ...] | None
     warnings: tuple[str, ...]
     seen_only: frozenset[str] = frozenset()  # nodes whose stages alone are looked at: nobody needs their values
-    derived: tuple[Axis, ...] = ()  # axes whose positions follow from others'
-    factors: tuple[Axis, ...] = ()  # those that an axis of rows stands for
+    derived: tuple[Axis, ...] = ()  # axes whose positions follow from positions on other axes
+    factors: tuple[Axis, ...] = ()  # the axes that an axis of rows replaces
 
     @property
     def positioned(self) -> dict[str, Axis]:
@@ -213,7 +213,7 @@ def _try_values(request: Request, nodes: list[Node], axes: list[Axis], given: Do
 
 
 def _as_asked(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> list[Node]:
-    """Return the nodes without the optional variables that nothing wants, reads or looks at."""
+    """Return the nodes without those optional variables that are not wanted and that no node reads or looks at."""
     asked = set(wanted) | {(source, variable) for n in nodes for bound in n.inputs for _, source, variable in bound}
     asked |= {(name, what) for n in nodes for _, what, names in n.looks_at for name in names}
     found = []

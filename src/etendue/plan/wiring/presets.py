@@ -108,8 +108,8 @@ def _tables(request: Request, written: Iterable[str], word: str) -> dict[str, Do
 
 
 def _stated(name: str, whose: Table) -> DocumentView:
-    """Return the quantities of an installed preset; none if it cannot be read; this fault is reported where the preset
-    is named.
+    """Return the quantities of an installed preset; none if it cannot be read, which is reported where the preset is
+    named.
     """
     try:
         return preset(name, whose).values()

@@ -1,4 +1,5 @@
-"""Resolve the quantities that the stages of a pipeline share, given in a table of the file or by the preset it names.
+"""Resolve the quantities that the stages of a pipeline share. A table of the file, or the preset it names, gives their
+values.
 
 In:  the alternatives at every stage, the pipeline's shared quantities and preset.
 Out: ``Quantities``: their declarations, their values, and whether a stage writes them.

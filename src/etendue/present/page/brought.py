@@ -40,8 +40,8 @@ class Section:
 
 
 def wordings(opened: Opened) -> Document:
-    """Return the wordings of a page from the distributions whose stages an archive uses, and the names to show
-    first.
+    """Return the texts that a page uses, from the distributions whose stages the archive contains, and the names to
+    show first.
     """
     stages = frozenset(
         str(one).partition(" ")[0] for node in opened.record["nodes"].values() for one in node.get("distributions", ())

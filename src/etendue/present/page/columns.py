@@ -45,7 +45,7 @@ class Columns:
         return place
 
     def words(self, texts: Array) -> Document:
-        """Add repetitive texts: each distinct text once, and an index for every entry."""
+        """Add texts that repeat: store each distinct text once, and an index into them for every entry."""
         known, which = np.unique(np.asarray(texts, dtype=object).astype(str), return_inverse=True)
         kind = "u1" if len(known) <= 256 else "u2" if len(known) <= 65536 else "u4"
         return {**self.put(which, kind), "words": [str(word) for word in known]}

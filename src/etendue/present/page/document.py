@@ -34,8 +34,8 @@ MOST_ROWS = 400_000  # largest number of cells with their own rows in the page; 
 
 
 def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: DocumentView | None = None) -> Document:
-    """Return everything that is shown. ``about``: descriptions of installed stages, by name; ``pictures``: the pictures
-    embedded in the page.
+    """Return everything that the page shows. ``about``: descriptions of the installed stages, by name; ``pictures``:
+    the pictures embedded in the page.
     """
     columns = Columns()
     table = ledger(opened)
@@ -108,8 +108,8 @@ def plain(value: Any) -> Any:
 
 
 def start_of(opened: Opened) -> dict[str, int]:
-    """Return the values at which a page and the contact sheet start: the pipeline's own value if it is on the axis,
-    else the middle.
+    """Return the position on each axis at which a page and the contact sheet start: the position of the pipeline's own
+    value if it is on the axis, else the middle.
     """
     written = _pipeline(opened)
     said = {
@@ -127,10 +127,10 @@ def start_of(opened: Opened) -> dict[str, int]:
 
 
 def _losses_command(opened: Opened, start: Mapping[str, int]) -> str:
-    """Return the command that computes each stage's share of the losses, at the cell where the page starts.
+    """Return the command that computes each stage's share of the losses in the cell that the page shows first.
 
-    '' if there is no pipeline file, or if stages, presets or rows of a design are swept: no option can set all values
-    that a name on such an axis denotes.
+    Return '' if there is no pipeline file, or if stages, presets or rows of a design are swept: a name on such an axis
+    stands for several values, which no option can set.
     """
     last = sorted((opened.folder / "runs").glob("*.toml"))
     if not last or any(
@@ -154,7 +154,7 @@ def _pipeline(opened: Opened) -> Document:
 
 
 def _shared(opened: Opened) -> list[Document]:
-    """Return the shared quantities that some stage has used and that are not swept, with units."""
+    """Return the shared quantities, with units, that are not swept and that at least one stage has used."""
     used = {name for node in opened.record["nodes"].values() for name in node.get("shown", {})}
     swept = {axis.key for axis in opened.axes}
     rows = []
@@ -210,7 +210,7 @@ def _coordinate(one: Coordinate, columns: Columns) -> Document:
 
 
 def _cells(opened: Opened, table: Ledger, columns: Columns) -> Document:
-    """Pack the ledger, column by column; for a very large archive pack only its size."""
+    """Pack the columns of the ledger; for a ledger of more than ``MOST_ROWS`` rows, return only the number of rows."""
     rows = len(table["stage"])
     if rows > MOST_ROWS:
         return {"rows": rows, "columns": {}, "at": {}}

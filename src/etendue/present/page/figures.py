@@ -1,8 +1,8 @@
 """Metrics of an archive: every variable that is not a picture, over all axes that affect it.
 
 In:  an archive opened for display.
-Out: ``Figure``s: numbers over axes, then over their own dims (stages, channels, frequencies), with the coordinates of
-     these dims.
+Out: ``MetricColumn``s: numbers over axes, then over their own dims (stages, channels, frequencies), with the
+     coordinates of these dims.
 """
 
 from __future__ import annotations
@@ -115,7 +115,9 @@ def _arrays(opened: Opened, group: ShownGroup, name: str) -> Iterator[tuple[tupl
 
 
 def _meanings(group: ShownGroup, name: str) -> tuple[str, ...]:
-    """Return the names behind whole numbers: CF flags 0, 1, 2, ..; or the labels of a dim that the number indexes."""
+    """Return the names that whole numbers stand for: the meanings of CF flags 0, 1, 2, .., or the labels of the dim
+    into which the number is an index.
+    """
     attrs = group.data[name].attrs
     words = str(attrs.get("flag_meanings", "")).split()
     flags = np.atleast_1d(attrs.get("flag_values", range(len(words)))).tolist()
@@ -128,7 +130,7 @@ def _meanings(group: ShownGroup, name: str) -> tuple[str, ...]:
 
 
 def _coordinates(opened: Opened, group: ShownGroup, dim: str) -> list[Coordinate]:
-    """Return the coordinates along a dim, the coordinate with the name of the dim first."""
+    """Return the coordinates along a dim; the coordinate named like the dim comes first."""
     found = []
     for name, own in group.data.coords.items():
         if (

@@ -110,7 +110,7 @@ class Live:
     # -- answers --------------------------------------------------------------------------------------
 
     def shown(self, through: str) -> Document:
-        """Return the current document; ``through``: how its page sends requests, ``server`` or ``frame``."""
+        """Return the current document; ``through``: where the page sends its requests, ``server`` or ``frame``."""
         made = self._made()
         return {**made, "live": {**made["live"], "through": through}}
 
@@ -164,8 +164,8 @@ class Live:
         return "application/octet-stream", rgba.tobytes(), {"X-Picture": json.dumps(plain(said), allow_nan=False)}
 
     def _probe(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
-        """Return values at one place after every stage: at ``y``, ``x`` (um, or samples), or at the fractions ``v``,
-        ``u`` of the picture.
+        """Return the values after every stage at one place: at ``y``, ``x`` (um, or samples), or at the fractions
+        ``v``, ``u`` of the picture's height and width.
         """
         at, on_plane = self._at(words), words.get("plane") == "1"
         rows = []
@@ -204,7 +204,7 @@ class Live:
         return _json({"rows": rows})
 
     def _line(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
-        """Return values along a row or column, by channel; for a plane with a pattern, by letters of the pattern."""
+        """Return the values along a row or column by channel, or by filter letter if the plane has a pattern."""
         one = self._asked(words)
         upright = words.get("along") == "y"
         number = int(_number(words, "at_sample"))
@@ -231,8 +231,8 @@ class Live:
         )
 
     def _histogram(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
-        """Return counts by channel over some rows and columns, with mean, standard deviation and the fractions at both
-        ends.
+        """Return a histogram of some rows and columns for each channel, with mean, standard deviation, and the
+        fractions of samples at 0 and at saturation.
         """
         one = self._asked(words)
         bounds = [
@@ -264,8 +264,8 @@ class Live:
         return _json({"channels": channels, "low": low, "high": high, "units": one.units, "ceiling": ceiling})
 
     def _ceiling(self, one: Picture) -> float | None:
-        """Return the value at which a picture saturates: the largest code, or 1 for values relative to clipping or
-        white.
+        """Return the value at which a picture saturates: the largest code, or 1 for values without a unit (relative to
+        clipping or white); None if unknown.
         """
         if name := units().get(one.units, Unit()).bits:
             shown = self.opened.record["nodes"].get(one.group.stage, {}).get("shown", {})
@@ -332,7 +332,7 @@ def _number(words: Words, name: str, default: float | None = None) -> float:
 
 
 def _labels(one: Picture) -> list[str]:
-    """Return the label of each number of a sample: the channel, the band, the frame."""
+    """Return a label for each value of one sample: its channel, band or frame."""
     found = [""]
     for dim in one.dims:
         found = [f"{before} {label}".strip() for before in found for label in one.labels(dim)]
@@ -340,8 +340,8 @@ def _labels(one: Picture) -> list[str]:
 
 
 def _planes(one: Picture) -> list[tuple[str, Array, Array]]:
-    """Return (name, plane, mask) of each channel; for a pattern, the same plane for each letter; for many bands, their
-    mean.
+    """Return (name, plane, mask) of each channel. For a plane with a pattern, return the plane once per filter letter,
+    with the mask of this letter; for bands, return only their mean.
     """
     array = one.array
     for dim in one.dims:

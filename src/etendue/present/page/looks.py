@@ -1,5 +1,4 @@
-"""Appearance of an array on the page: ``plots.pictures`` applied at a position on the axes, and its place on the image
-plane.
+"""The picture of an array at a position on the axes, made by ``plots.pictures``, and its place on the image plane.
 
 In:  an archive opened for display; a stage, a variable, positions on the axes.
 Out: ``Picture``: the stored array, its place on the image plane, and its 8-bit sRGB rendering.
@@ -88,17 +87,17 @@ class Picture:
 
     @cached_property
     def linear(self) -> Array:
-        """(3, y, x) float32: linear sRGB; if encoded or a map, the values as shown."""
+        """The picture as (3, y, x) float32: linear sRGB, or the displayed values if it is encoded or a map."""
         return pictures.appearance_of(self.one).rgb(self.one.values)
 
     @property
     def scaled(self) -> bool:
-        """Whether its brightness is adapted for viewing."""
+        """Whether the brightness of the picture is adapted for viewing."""
         return self.drawn.scaled
 
     @cached_property
     def bright(self) -> float:
-        """The linear value shown as white, which is the same for all stages of a kind."""
+        """The linear value shown as white; pictures of the same kind share it."""
         opened, stages = self.opened, pictured(self.opened)
         order = [
             Pictured(
@@ -123,7 +122,7 @@ class Picture:
         return white_among(order, number, bright_of)
 
     def eight_bit(self, gain: float = 1.0) -> Array:
-        """Return (y, x, 3) uint8. ``gain``: factor of extra brightness."""
+        """Return the picture as (y, x, 3) uint8. ``gain``: factor by which linear values are brightened."""
         return rendered(self.drawn, self.linear, self.bright / gain)
 
     def small(self) -> Array:
@@ -141,7 +140,7 @@ class Picture:
         return (row, column) if 0 <= row < self.size[0] and 0 <= column < self.size[1] else None
 
     def filter_letters(self) -> Any:
-        """Return (y, x) letters of the filters of a pattern; None for any other picture."""
+        """Return the (y, x) array of filter letters if the picture has a pattern, else None."""
         if not self.drawn.pattern:
             return None
         first = [round(float(self.one[dim].values[0])) if dim in self.one.coords else 0 for dim in PLANE]
@@ -176,7 +175,7 @@ def picture(opened: Opened, stage: str, variable: str, at: Mapping[str, int]) ->
 
 
 def _line(opened: Opened, group: ShownGroup, dim: str, at: Mapping[str, int]) -> tuple[float, float, bool]:
-    """Return first position and step along a dim, and whether they are um on the image plane."""
+    """Return the first position and the step along a dim, and whether both are in um on the image plane."""
     own = group.data.coords.get(f"{dim}_um")
     if own is None and dim in group.data.coords and group.data[dim].attrs.get("units") == "um":
         own = group.data[dim]

@@ -55,7 +55,7 @@ class ArchivedAxis:
     def places(self) -> Mapping[AxisValue, int]:
         return {value: place for place, value in enumerate(self.values)}
 
-    factors: tuple[str, ...] = ()  # by value: what changes along it, in words
+    factors: tuple[str, ...] = ()  # by value: the factors that change along the axis, as text
 
     @property
     def text(self) -> bool:
@@ -70,7 +70,7 @@ class ShownGroup:
     path: str
     axes: Mapping[str, list[AxisValue]]  # values by dim, as stored
     data: xarray.Dataset
-    # by dim of rows that have combinations of factors in common: the dim of those as stored, and that of each row
+    # for each dim of rows that share combinations of factors: the stored dim, and the combination of each row
     combined: Mapping[str, tuple[str, Mapping[AxisValue, AxisValue]]] = field(default_factory=dict)
 
     def cell(self, labels: Mapping[str, AxisValue]) -> str:
@@ -103,10 +103,10 @@ class Opened:
     Attributes
     ----------
     record : the record of the last run: parameters, versions, platform
-    running : whether a run is writing to it
-    ended : whether its last run is finished, so that its tables are valid
+    running : whether a run is writing to the archive
+    ended : whether the last run is finished, so that its tables are valid
     damaged : requested parts that are damaged
-    whites : values shown as white, by the picture that sets the value: stage, variable, positions on its axes
+    whites : linear value shown as white, by the picture that sets it: stage, variable, positions on its axes
     """
 
     def __init__(self, folder: Path) -> None:
@@ -147,8 +147,8 @@ class Opened:
 
     @cached_property
     def progress(self) -> Document:
-        """Number of cells requested by the last run and number finished; for a run in progress also the rate (cells/s)
-        and the remaining time (s).
+        """How many cells the last run requested and how many are finished; during a run also the rate (cells/s) and the
+        remaining time (s).
         """
         return progress(self.stored.journal, str(self.record["began"]) if self.running else "")
 
@@ -173,7 +173,7 @@ class Opened:
 
     @cached_property
     def axes(self) -> tuple[ArchivedAxis, ...]:
-        """Every axis that any group has, in the order of the sweep."""
+        """The axes of all groups, in the order of the sweep."""
         values: dict[str, dict[AxisValue, None]] = {str(dim): {} for dim in self.record["axes"]}
         shown: dict[str, tuple[str, str, str]] = {}
         for group in (one for groups in self.groups.values() for one in groups):
@@ -198,7 +198,7 @@ class Opened:
         return list(dict.fromkeys([*(value for value in given if value in known), *known]))
 
     def _factors(self, dim: str) -> dict[AxisValue, str]:
-        """Return, for each row of a dim, the changing values in words; nothing for an ordinary axis."""
+        """Return, for each row along a dim, the values of its factors as text; nothing for an ordinary axis."""
         found: dict[AxisValue, dict[str, AxisValue]] = {}
         units: dict[str, str] = {}
         for group in (one for groups in self.groups.values() for one in groups if dim in one.axes):
@@ -229,7 +229,7 @@ class Opened:
             yield tuple(own[i] for own, i in zip(places, index, strict=True)), name
 
     def find(self, stage: str, at: Mapping[str, int]) -> tuple[ShownGroup, str] | None:
-        """Return the group and name of the cell at positions on the axes; None if the stage has none there."""
+        """Return the group and the name of the stage's cell at positions on the axes; None if there is no such cell."""
         for group in self.groups.get(stage, []):
             labels = {}
             for dim, own in group.axes.items():
@@ -255,8 +255,8 @@ class Opened:
         return entry is not None and entry.event == "done"
 
     def column(self, group: ShownGroup, variable: str) -> tuple[tuple[Array, ...], Array] | None:
-        """Return the positions of all finished cells of a group on the axes of the sweep, and the values of a variable
-        in these cells; None if they must be read one by one.
+        """Return the values of a variable in all finished cells of a group, and the positions of these cells on each
+        axis of the sweep; None if the values must be read cell by cell.
         """
         archive, folder = self.stored.archive, f"{DATA}/{group.path}/{variable}"
         journal = archive.journal
@@ -298,7 +298,7 @@ class Opened:
 
 
 def _in_rows(path: str, axes: Mapping[str, list[AxisValue]], data: xarray.Dataset) -> ShownGroup:
-    """Return a group over the rows of a design, also if several rows have the same combination of factors."""
+    """Return a group with one entry per row of a design, even if several rows share a stored combination of factors."""
     stage = path.split("/")[0]
     combined: dict[str, tuple[str, Mapping[AxisValue, AxisValue]]] = {}
     own: dict[str, list[AxisValue]] = {}

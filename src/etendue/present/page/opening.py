@@ -37,7 +37,7 @@ MOST_FRONT = 60
 
 @dataclass(frozen=True)
 class Number:
-    """One number per cell: a metric, or its value after the last of its stages."""
+    """A metric with one number per cell; if a metric has several numbers per cell, the one at index ``inner``."""
 
     figure: MetricColumn
     inner: int
@@ -61,7 +61,7 @@ class Number:
         return own.reshape(*own.shape[: len(self.figure.axes)], -1)[..., self.inner]
 
     def over(self, axes: Sequence[ArchivedAxis]) -> Array:
-        """Return the values over some axes of the sweep, which include its own."""
+        """Return the values broadcast to ``axes``, which include all axes of the metric."""
         own = list(self.figure.axes)
         sizes = [len(axis.values) if axis.dim in own else 1 for axis in axes]
         order = [own.index(axis.dim) for axis in axes if axis.dim in own]
@@ -71,8 +71,8 @@ class Number:
         return float(self.values[tuple(place[dim] for dim in self.figure.axes)])
 
     def worth(self, values: Array) -> Array:
-        """Return values for which higher is better, on a ratio scale: decibels and stops are converted from
-        logarithms.
+        """Return values of which a higher one is better: decibels and stops become linear ratios, and the sign changes
+        if lower is better.
         """
         if self.figure.units in ("dB", "stop"):
             values = 10 ** (values / 20) if self.figure.units == "dB" else 2.0**values
@@ -97,7 +97,7 @@ def opening(
 
 
 def _opens() -> list[str]:
-    """Return the subjects that are shown open with a metric."""
+    """Return the subjects of which the beginning of the page shows a metric."""
     return [name for name, one in subjects().items() if one.opens]
 
 
@@ -112,16 +112,16 @@ def _number(figure: MetricColumn) -> Number | None:
 
 
 def _ranked(numbers: Sequence[Number], subject: str) -> list[Number]:
-    """Return the metrics of a subject, the most informative first; if several stages write a variable, the value of the
-    last stage.
+    """Return the metrics of a subject, the most informative first. If several stages write a variable, only the last
+    one counts.
     """
     last = {one.figure.variable: one for one in numbers if one.subject == subject}
     return sorted(last.values(), key=lambda one: one.known.rank)
 
 
 def _open(numbers: Sequence[Number], chosen: DocumentView | None) -> list[Number]:
-    """Return one metric of each subject, beginning with the metrics of the front; if no subject is known, the first
-    available metric.
+    """Return at most eight metrics: one of each opening subject, a metric of the front if it has one, then metrics
+    without a subject.
     """
     found = []
     for subject in _opens():
@@ -157,7 +157,7 @@ def _subjects(figures: Sequence[MetricColumn]) -> list[Document]:
 
 
 def _front(numbers: Sequence[Number], axes: Sequence[ArchivedAxis]) -> Document | None:
-    """Return two metrics that a sweep trades against each other, and their front; None if it does not vary two."""
+    """Return the two metrics that the sweep trades off, and their Pareto front; None if fewer than two metrics vary."""
     if not axes or math.prod(len(axis.values) for axis in axes) > MOST_CELLS:
         return None
     moved = [own for subject in _opens() if (own := next(filter(_trades, _ranked(numbers, subject)), None))]
@@ -209,7 +209,7 @@ def _trades(one: Number) -> bool:
 
 
 def _burnt(numbers: Sequence[Number], over: Sequence[ArchivedAxis]) -> Array:
-    """Return a mask of the cells in which a metric exceeds the limit for a chosen cell."""
+    """Return a mask of the cells that may not be chosen, because a metric exceeds its limit there."""
     found = np.zeros([len(axis.values) for axis in over], bool)
     dims = {axis.dim for axis in over}
     for one in numbers:
@@ -222,8 +222,8 @@ def _burnt(numbers: Sequence[Number], over: Sequence[ArchivedAxis]) -> Array:
 
 
 def _shares(worth: Array) -> Array:
-    """Return each value as a share of the best in its column: as a ratio, inverted if lower is better; as a share of
-    the range if values may be 0.
+    """Return each value as a fraction of the best value in its column: the ratio of the two, inverted for negative
+    values (lower is better); if the column reaches or crosses 0, the position within its range.
     """
     found = np.empty_like(worth)
     for number in range(worth.shape[1]):
@@ -241,7 +241,7 @@ def _shares(worth: Array) -> Array:
 def _beside(
     x: Number, y: Number, over: Sequence[ArchivedAxis], place: Mapping[str, int], usable: Any
 ) -> list[Document]:
-    """Return the effect of one step along each axis: both metrics, and whether the cell is usable."""
+    """Return both metrics in the neighbouring cells along each axis, and whether each neighbour is usable."""
     found = []
     for axis in over:
         for step in (-1, 1):
@@ -262,10 +262,11 @@ def _beside(
 
 
 def _limits(figures: Sequence[MetricColumn], place: Mapping[str, int]) -> list[Document]:
-    """Return the limiting factor at a position, and the gain from removing it if a metric gives this gain.
+    """Return the limiting factor of each subject in one cell and, if a metric states it, the gain from removing this
+    factor.
 
-    ``capped``: the factor by which the metric would improve without the factor that caps all others; above 1, the
-    capping factor is reported first.
+    ``capped``: the gain from removing the factor ``cap``, which limits the metric whatever the other factors are; if it
+    is above 1, the page reports this factor first.
     """
     found = []
     for one in figures:
@@ -304,7 +305,9 @@ def _limits(figures: Sequence[MetricColumn], place: Mapping[str, int]) -> list[D
 
 
 def _error(table: Ledger, axes: Sequence[ArchivedAxis], place: Mapping[str, int]) -> Document:
-    """Return the largest stated error of a stage in the cell at a position, and the error bound of its omissions."""
+    """Return the largest error that a stage states in the cell at a position, and the largest error bound of an
+    omission there.
+    """
     here = np.ones(len(table["stage"]), bool)
     for axis in axes:
         column = table["at"].get(axis.dim)

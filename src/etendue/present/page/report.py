@@ -38,8 +38,8 @@ Blame = Callable[[Path, DocumentView], DocumentView]
 
 
 def report(archive: Path, output: Path, blame: Blame | None = None) -> WrittenReport:
-    """Write the report of an archive. ``blame``: function that returns each stage's share of the losses at the cell
-    where the page starts.
+    """Write the report of an archive. ``blame``: function that returns each stage's share of the losses in the cell
+    that the page shows first.
 
     Raises
     ------

@@ -41,13 +41,15 @@ PATIENCE = 30.0  # seconds until a connection without a request is closed
 
 
 class Server(HTTPServer):
-    """Answers until ``shutdown``. Its address is ``url``. A connection without a request occupies no thread."""
+    """HTTP server that answers until ``shutdown`` at the address ``url``. A connection without a request occupies no
+    thread.
+    """
 
     request_queue_size = 128
 
     def __init__(self, live: Live, port: int = 0) -> None:
         self.pool = ThreadPoolExecutor(ANSWERING, "answer")
-        # by connection: its address, and since when
+        # by connection: the address of the client, and the time since which the connection waits
         self.waiting: OrderedDict[socket.socket, tuple[Any, float]] = OrderedDict()
         super().__init__((HOST, port), _Handler)  # closes the socket itself if the port is taken
         self.live = live
@@ -56,7 +58,7 @@ class Server(HTTPServer):
         self.ended.set()
 
     def serve_forever(self, poll_interval: float = 0.1) -> None:
-        """Wait for all connections at once; each connection that has sent a request is answered by a thread."""
+        """Wait for requests on all connections, and let a thread of the pool answer each request."""
         self.ended.clear()
         try:
             with selectors.DefaultSelector() as selector:

@@ -27,8 +27,8 @@ STRIP_SHARE = 0.5  # 24 noisy pictures of 256 x 192 take two thirds of it
 
 
 def chosen(sizes: Sequence[int], start: Sequence[int], most: int = MOST_CELLS) -> list[tuple[int, ...]]:
-    """Choose at most ``most`` positions on axes of these sizes: all positions, or corners, ``start`` and evenly spaced
-    positions.
+    """Choose at most ``most`` cells of a sweep whose axes have these sizes: all cells if they fit, else corners,
+    ``start`` and evenly spaced cells.
     """
     counts = [min(size, 2) for size in sizes]
     if np.prod(counts, dtype=float) >= most and np.prod(sizes, dtype=float) > most:  # more axes than corners fit
@@ -51,7 +51,7 @@ def chosen(sizes: Sequence[int], start: Sequence[int], most: int = MOST_CELLS) -
 
 
 def _along(size: int, count: int, middle: int) -> list[int]:
-    """Return ``count`` positions on an axis: its ends, ``middle``, and the rest evenly spaced."""
+    """Return ``count`` positions on an axis: both ends, ``middle``, and evenly spaced positions between them."""
     places = [round(i * (size - 1) / max(1, count - 1)) for i in range(count)]
     if middle not in places and count > 2:
         places[min(range(1, count - 1), key=lambda i: abs(places[i] - middle))] = middle
@@ -109,8 +109,8 @@ def _shown(opened: Opened) -> list[tuple[str, str]]:
 
 
 def strip(opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE * BUDGET)) -> tuple[list[Document], int]:
-    """Return the picture of every stage at one cell, and their bytes: lossless if they fit; otherwise the largest
-    pictures are compressed first.
+    """Return the picture of every stage in one cell, and their total size in bytes. The pictures are lossless if they
+    fit into ``budget``; otherwise the largest are compressed first.
     """
     found: list[Document] = []
     exact: list[tuple[Array, bytes]] = []
@@ -143,8 +143,8 @@ def strip(opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE *
 def _series(
     opened: Opened, stage: str, variable: str, places: list[dict[str, int]], budget: float, lossless: bool
 ) -> Document | None:
-    """Return one variable of all chosen cells, each cell once, even if some axes do not affect it; None if it does not
-    fit.
+    """Return the pictures of one variable in all chosen cells, without repeating a picture along an axis that does not
+    affect it; None if they do not fit into ``budget``.
     """
     axes = opened.reaching(stage)
     pictures: dict[str, str] = {}

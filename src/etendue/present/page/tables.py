@@ -34,7 +34,7 @@ Ledger = Document
 
 
 def ledger(opened: Opened) -> Ledger:
-    """Return columns with a row per cell; ``at`` holds a column for every axis."""
+    """Return the ledger as columns, with one row per cell; ``at`` holds the column of every axis."""
     if opened.ended:
         try:
             check_group(opened.folder / DATA / "ledger")
@@ -129,7 +129,9 @@ MOST_PICTURES = 3  # with their errors in words
 
 
 def measured(opened: Opened) -> list[Document]:
-    """Return the errors of wanted variables from the reference settings, as last measured by ``run --measure``."""
+    """Return the errors of the wanted variables relative to the reference settings, as ``run --measure`` last measured
+    them.
+    """
     found: dict[str, Document] = {}
     for document in documents(opened.folder).values():
         errors = document.get("errors") if document.get("kind") is None else None

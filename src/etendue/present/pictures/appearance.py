@@ -30,9 +30,9 @@ STRIPE = 4  # samples
 class Appearance:
     """How the arrays of one variable are converted to colours. It is sent to the process that computes the arrays.
 
-    ``matrix``: (3, planes) from the leading dim to linear sRGB; None: the first three planes, or a single one as grey.
-    ``tints``: (rows, columns, 3) of one period of a pattern from its first sample. ``grey``: whether numbers are shown
-    as a map.
+    ``matrix``: (3, planes) matrix from the leading dim to linear sRGB; None: the first three planes are the colours, or
+    a single plane is grey. ``tints``: (rows, columns, 3) colours of one period of a pattern, from its first sample.
+    ``grey``: whether numbers are shown as a map.
     """
 
     drawn: Drawn
@@ -50,7 +50,7 @@ class Appearance:
         return self.mixed(self.share(array, self.ends(array)) if self.grey else self.values(array))
 
     def small(self, array: Array) -> Array:
-        """Return the same, averaged over areas until it fits."""
+        """Return the colours of the whole array, averaged over areas to at most 256 samples per side."""
         array = np.asarray(array)
         if self.tints is not None:
             return tinted(array, self.tints, self.values)
@@ -58,12 +58,12 @@ class Appearance:
         return self.mixed(fitted(array, self.values if ends is None else lambda rows: self.share(rows, ends)))
 
     def values(self, rows: Array) -> Array:
-        """Return numbers above black."""
+        """Return the numbers minus the black level, at least 0, as float32."""
         rows = rows.astype(np.float32, copy=False)
         return np.maximum(rows - np.float32(self.drawn.black), 0) if self.drawn.black else rows
 
     def mixed(self, planes: Iterable[Any]) -> Array:
-        """Return planes mixed to colours, at any size; summed in order, so that they may arrive one by one."""
+        """Mix planes of any size to colours, (3, y, x). Planes are summed in order, so they may arrive one by one."""
         if self.matrix is None:
             planes = planes if isinstance(planes, np.ndarray) else np.stack(list(planes))
             planes = planes[None] if planes.ndim == 2 else planes
@@ -76,7 +76,7 @@ class Appearance:
         return mixed
 
     def ends(self, plane: Array) -> tuple[float, float]:
-        """Return the numbers of a map shown as black and white, or their logarithms."""
+        """Return the numbers that a map shows as black and as white; their logarithms if the map is logarithmic."""
         if self.drawn.range is not None:
             low, high = np.log(self.drawn.range) if self.drawn.log else self.drawn.range
             return float(low), float(high)
@@ -88,7 +88,7 @@ class Appearance:
         return float(low), float(high)
 
     def share(self, rows: Array, ends: tuple[float, float]) -> Array:
-        """Return how far numbers lie between the ends, from 0 to 1."""
+        """Return the position of each number between the ends, from 0 to 1."""
         found, (low, high) = self._measured(rows), ends
         with np.errstate(invalid="ignore"):
             share = (found - low) / (high - low) if high > low else np.where(np.isnan(found), np.nan, 0.5)
@@ -132,10 +132,10 @@ def appearance(
 
 
 def brightness(drawn: Drawn, small: Array | None) -> float:
-    """Return the linear value shown as white in a single picture, from its reduced version.
+    """Return the linear value shown as white in a picture that is shown alone, from its reduced version ``small``.
 
-    If brightness is adapted for viewing, this value is at least a thousandth of the brightest value, because next to a
-    point source all other values may be close to zero.
+    If the brightness is adapted for viewing, the result is at least a thousandth of the brightest value: next to a
+    point source, all other values may be close to zero.
     """
     if not drawn.scaled or small is None:
         return drawn.white or 1.0
@@ -146,8 +146,8 @@ def brightness(drawn: Drawn, small: Array | None) -> float:
 
 
 def white_among(order: Sequence[Pictured], number: int, bright_of: Callable[[int], float | None]) -> float:
-    """Return the linear value shown as white in one of a cell's pictures, which are in the order of the light;
-    ``bright_of`` returns this value for the pictures that exist.
+    """Return the linear value shown as white in picture ``number`` of a cell, whose pictures ``order`` lists in the
+    order of the light; ``bright_of`` returns this value for a picture shown alone, or None.
     """
     there = list(range(len(order)))
     while order[number].drawn.scaled:
@@ -159,7 +159,7 @@ def white_among(order: Sequence[Pictured], number: int, bright_of: Callable[[int
 
 
 def rendered(drawn: Drawn, light: Array, white: float) -> Array:
-    """Return (y, x, 3) uint8: the one picture of a variable, for contact sheets, plots, pages and files.
+    """Return a variable as a (y, x, 3) uint8 picture, the same for contact sheets, plots, pages and files.
 
     ``light`` is the result of `Appearance`, for the whole frame, some rows or a reduced frame; ``white`` is the value
     shown as white.

@@ -86,8 +86,8 @@ def contact_sheet(table: DocumentView, path: Path, title: str, maps: Sequence[Ar
 
 @lru_cache(maxsize=32)
 def _written(size: tuple[int, int], texts: tuple[tuple[float, float, str, int, str], ...]) -> Array:
-    """Return a white band of the sheet with black texts: position, words, height of letters and anchor of each. Cached,
-    because runs of one process often have the same texts.
+    """Return a white band of the sheet with black texts, each given by position, text, letter height and anchor. The
+    result is cached, because runs of one process often have the same texts.
     """
     from PIL import Image, ImageDraw
 
@@ -123,8 +123,9 @@ def _save(pictures: Array, maps: Sequence[Array], path: Path) -> None:
 
 
 def _png(pixels: Array, text: bytes) -> bytes:
-    """Return (y, x, 3) bytes as a PNG with a text entry. Rows hold the difference to the row above (filter 2), which is
-    0 in enlarged samples; Pillow tries five filters on every row, and takes twice the time for as many bytes.
+    """Return (y, x, 3) bytes as a PNG with a text entry. Each row is stored as its difference from the row above
+    (filter 2), which is mostly 0 in enlarged pictures; Pillow tries five filters on every row and takes twice as long
+    for a file of the same size.
     """
     high, wide, _ = pixels.shape
     rows = np.empty((high, 3 * wide + 1), np.uint8)
@@ -141,7 +142,9 @@ def _png(pixels: Array, text: bytes) -> bytes:
 
 
 def _flowed(maps: Sequence[Array], width: int) -> list[tuple[int, list[tuple[int, Array]]]]:
-    """Arrange maps side by side in as many rows as needed: the height of each row, and the left edge of each map."""
+    """Arrange maps side by side in as many rows as needed; return the height of each row, and the left edge of each map
+    in it.
+    """
     rows: list[tuple[int, list[tuple[int, Array]]]] = []
     left = width
     for one in maps:
@@ -185,7 +188,9 @@ def _tiles(table: DocumentView) -> list[_Tile]:
 
 
 def _enlarged(picture: Array, target: int) -> Array:
-    """Return (y, x, 3) with a longer side of ``target``: square samples if the factor is whole, else resampled."""
+    """Return the picture scaled to a longer side of ``target`` dots: samples are repeated if the factor is whole, else
+    the picture is resampled.
+    """
     y, x = picture.shape[:2]
     times, left = divmod(target, max(y, x))
     if times and not left:

@@ -45,7 +45,9 @@ def where_most(pictures: list[Array], side: int) -> tuple[int, int]:
 
 
 def strip(pictures: list[Strip], encoded: bool, title: str) -> bytes:
-    """Return reference and alternatives as PNG; linear pictures are scaled alike and encoded for the screen."""
+    """Return a PNG of the reference and the alternatives; linear pictures share one scale and are encoded for the
+    screen.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -95,7 +97,7 @@ def sized(shape: tuple[int, int], plane: Plane | None) -> str:
 
 
 def _of_one_size(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]], str]:
-    """Return the same rows and columns for each picture, where the compared pictures differ most; and a text with their
+    """Return the window in which the compared pictures differ most, repeated for each picture, and a text with its
     position.
     """
     rows, columns = pictures[0].picture.shape[-2:]
@@ -108,8 +110,8 @@ def _of_one_size(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]]
 
 
 def _of_several(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]], str]:
-    """Return the same square of the image plane in each, where the first compared picture differs most from its
-    reference.
+    """Return the window of each picture that shows the square of the image plane where the first compared picture
+    differs most from the reference; and a text with its size.
     """
     planes = [p.plane for p in pictures if p.plane is not None]
     steps = [step for plane in planes for _, step in plane]

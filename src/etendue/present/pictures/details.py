@@ -42,8 +42,8 @@ class PlaneWindow:
 
 
 def _within(line: Line, low: float, high: float) -> tuple[int, int]:
-    """Return the first sample between two positions and the sample after the last; the whole line if it has no
-    positions.
+    """Return the index of the first sample between two positions (um), and the index after the last; for a line without
+    positions, the whole line.
     """
     start, step = line.um()
     if not step > 0:
@@ -62,7 +62,9 @@ def lines_of(grid: Grid) -> tuple[Line, Line] | None:
 
 
 def kept_window(grids: Sequence[Grid]) -> PlaneWindow | None:
-    """Return the window that is kept of every picture at full resolution: rows of the coarsest."""
+    """Return the window of the image plane that every picture keeps at full resolution: some rows of the coarsest
+    picture.
+    """
     lines = [found for grid in grids if (found := lines_of(grid))]
     if not lines:
         return None
@@ -80,7 +82,7 @@ def kept_window(grids: Sequence[Grid]) -> PlaneWindow | None:
 
 
 def side_of(shape: tuple[int, int]) -> int:
-    """Return the side of a detail in samples of the coarsest picture: fewer for small pictures, which are drawn
+    """Return the side of a detail in samples of the coarsest picture. Small pictures get fewer, because they are drawn
     enlarged anyway.
     """
     largest = max(shape)
@@ -88,8 +90,8 @@ def side_of(shape: tuple[int, int]) -> int:
 
 
 def part_of(picture: Array, side: int) -> tuple[int, int]:
-    """Return the window (y, x) with a strong edge between flat areas in a picture (y, x, 3) or (3, y, x), values 0 to
-    1.
+    """Return the first row and column of the window with the strongest edge between flat areas, in a (y, x, 3) or (3,
+    y, x) picture with values from 0 to 1.
 
     The score is the standard deviation of brightness times the ratio of root mean square to mean step between samples:
     many times larger for one edge than for a ramp or a texture. Areas clipped at black or white do not count, because
@@ -111,14 +113,14 @@ def part_of(picture: Array, side: int) -> tuple[int, int]:
 
 
 def _means(values: Array, side: int) -> Array:
-    """Return means over every window of a size."""
+    """Return the mean over every square window of ``side`` samples."""
     total = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
     total[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
     return (total[side:, side:] - total[:-side, side:] - total[side:, :-side] + total[:-side, :-side]) / side**2
 
 
 def limited(part: Array) -> Array:
-    """Return (3, y, x) area-averaged if it has more samples than dots."""
+    """Return the (3, y, x) detail, averaged over areas if it has more samples than dots."""
     y, x = part.shape[-2:]
     if max(y, x) <= SIDE:
         return part

@@ -46,7 +46,7 @@ def fitted(picture: Array, decode: Decode = as_float) -> Array:
 
 
 def tinted(plane: Array, tints: Array, decode: Decode) -> Array:
-    """`fitted` for a plane in the colours of its pattern, (3, y', x'): each sample contributes to the colours of its
+    """Do the same as `fitted` for a plane with a pattern, as (3, y', x'): each sample contributes to the colours of its
     filter.
     """
     if max(plane.shape) <= LARGEST:
@@ -57,8 +57,8 @@ def tinted(plane: Array, tints: Array, decode: Decode) -> Array:
 
 
 def coloured(plane: Array, tints: Array, first: tuple[int, int] = (0, 0)) -> Array:
-    """Return (3, y, x): a plane with each sample in the colour of its pattern; ``first`` is the plane's first row and
-    column in the whole.
+    """Return a plane as (3, y, x), each sample in the colour of its filter; ``first`` is the row and column of the
+    whole frame at which the plane starts.
     """
     (y, x), (height, width) = plane.shape, tints.shape[:2]
     tiled = tints[np.ix_((first[0] + np.arange(y)) % height, (first[1] + np.arange(x)) % width)]
@@ -109,7 +109,7 @@ class Fitted(Rows):
 
 
 class Tinted(Rows):
-    """Each sample contributes to the colours of its filter."""
+    """`Rows` in which each sample contributes to the colours of its filter."""
 
     def __init__(self, shape: tuple[int, ...], tints: Array, decode: Decode) -> None:
         super().__init__(shape, decode)
@@ -141,8 +141,8 @@ def _fitting(size: int, largest: int) -> int:
 
 @lru_cache(maxsize=16)
 def _down(before: int, after: int) -> tuple[tuple[int, Array], ...]:
-    """Return for each output sample the first input sample in it, and the weights of this sample and the following
-    samples.
+    """Return, for each output sample, the first input sample that it averages, and the weights of this and the
+    following samples.
     """
     whole = area_weights(before, after).astype(np.float32)
     spans = [(row * before // after, -(-(row + 1) * before // after)) for row in range(after)]
@@ -150,7 +150,7 @@ def _down(before: int, after: int) -> tuple[tuple[int, Array], ...]:
 
 
 def _across(rows: Array, down: tuple[tuple[int, Array], ...]) -> Array:
-    """Average columns in the same way: (..., y', x) to (..., y', x')."""
+    """Average along x with the weights from `_down`: (..., y', x) to (..., y', x')."""
     turned = np.ascontiguousarray(np.swapaxes(rows, -1, -2))
     found = np.empty((*turned.shape[:-2], len(down), turned.shape[-1]), np.float32)
     for row, (first, weights) in enumerate(down):

@@ -46,8 +46,8 @@ class Frame:
     drawn: Drawn
     exact: Any = None  # (3, y, x): the picture itself, or a window of a larger one, before scaling and encoding
     bright: float = 1.0  # value shown as white
-    first: tuple[int, int] = (0, 0)  # its first row and column in the whole
-    part: Any = None  # (y, x, 3) detail, the same place of the scene in all
+    first: tuple[int, int] = (0, 0)  # row and column of the whole picture at which ``exact`` starts
+    part: Any = None  # (y, x, 3) detail; all show the same place of the scene
     # of the detail: top, left, height, width as fractions of the whole
     place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
@@ -79,8 +79,8 @@ def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Map
 
 
 def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], kept: PlaneWindow | None) -> None:
-    """Add a detail to every picture, at the same place of the scene: where the last of the coarsest has its strongest
-    edge between flat areas.
+    """Add a detail to every picture, at the same place of the scene: where the coarsest picture (the last of equals)
+    has its strongest edge between flat areas.
     """
     placed = [(f, lines_of(cells[f.stage].grids[f.variable])) for f in frames if f.exact is not None]
     seen = [(f, lines) for f, lines in placed if lines is not None]
@@ -121,7 +121,7 @@ def sheet(
     at: str,
     maps: Callable[[], list[Array]] = list,
 ) -> ContactSheet | None:
-    """Return the sheet of the shown cells, which have the axis values ``at``; None if there is no picture."""
+    """Return the contact sheet of the shown cells; ``at``: their axis values as text; None if there is no picture."""
     frames = render(plan, shown, small)
     if not frames:
         return None
@@ -141,7 +141,7 @@ def same_pictures(folder: Path, maps: Callable[[], list[Array]]) -> ContactSheet
 
 
 def _shared(plan: Plan) -> str:
-    """Return the preferred quantities that are not swept, to follow the axis values of a title."""
+    """Return a text with the preferred quantities that are not swept, to be added to the axis values in a title."""
     # swept, or computed by a stage
     swept, texts = ({axis.key for axis in plan.axes} | {name for node in plan.nodes for name in node.writes}, [])
     for name in first("sides"):

@@ -48,12 +48,12 @@ class SmallMap:
     sides: tuple[tuple[str, tuple[AxisValue, ...], str], ...]  # along x, then y: name, values, unit
     cells: tuple[CellRef, ...]  # (y, x), row by row
     at: str
-    names: tuple[str, ...] = ()  # names of its index values
-    without: tuple[str, ...] = ()  # stages that do not affect it
+    names: tuple[str, ...] = ()  # names that the values, if indices, stand for
+    without: tuple[str, ...] = ()  # stages that the metric does not include
 
 
 def small_maps(plan: Plan) -> list[SmallMap]:
-    """Return the maps on the sheet of a sweep: of preferred metrics, else of the available metrics."""
+    """Return the maps for the contact sheet of a sweep: of preferred metrics, else of any metrics."""
     found: dict[str, SmallMap] = {}
     for node in reversed(plan.nodes):
         for name, declared in node.writes.items():
@@ -92,7 +92,7 @@ def _names(plan: Plan, ref: CellRef, name: str) -> tuple[str, ...]:
 
 
 def _some(axis: Axis) -> list[int]:
-    """Return ordered positions of as many values along an axis as fit."""
+    """Return the positions of as many values along an axis as fit, evenly chosen, numbers in ascending order."""
     places = list(range(len(axis.values)))
     if not any(isinstance(value, str) for value in axis.values):
         places.sort(key=lambda place: float(axis.values[place]))
@@ -102,7 +102,7 @@ def _some(axis: Axis) -> list[int]:
 
 
 def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Array]]) -> Array:
-    """Return (y, x) float64, the last of several stages; NaN for missing cells."""
+    """Return the values of a map as (y, x) float64, NaN for missing cells; of several stages, the last."""
     found = [
         float(np.ravel(figures[ref][one.variable])[-1]) if one.variable in figures.get(ref, {}) else math.nan
         for ref in one.cells
@@ -111,7 +111,7 @@ def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Array]]) -> 
 
 
 def drawn(one: SmallMap, values: Array, failed: Array) -> Array:
-    """Return (dots, dots, 3) uint8: the map below its title, x to the right, y upwards, both increasing."""
+    """Return a (dots, dots, 3) uint8 picture of the map below its title; x increases to the right, y upwards."""
     from PIL import Image, ImageDraw
 
     letters = font(LETTERS)
@@ -156,7 +156,7 @@ def drawn(one: SmallMap, values: Array, failed: Array) -> Array:
 
 
 def _draw_names(pen: ImageDraw.ImageDraw, names: Sequence[str], base: int) -> None:
-    """Draw the legend of the colours in a line."""
+    """Draw the legend of the colours on one line."""
     place, letters = 6, font(LETTERS)
     for number, text in enumerate(names):
         pen.rectangle((place, base, place + 10, base + 10), fill=tuple(int(c) for c in NAMED[number % len(NAMED)]))
@@ -165,8 +165,8 @@ def _draw_names(pen: ImageDraw.ImageDraw, names: Sequence[str], base: int) -> No
 
 
 def _colours(values: Array, named: bool) -> Any:
-    """Return (y, x, 3) colours: by share of the range, logarithmic if numbers differ by more than a factor of thirty;
-    or by index.
+    """Return the (y, x, 3) colours of indices, or of numbers by their position within the range, which is logarithmic
+    if it spans more than a factor of thirty.
     """
     if named:
         return NAMED[np.nan_to_num(values).astype(int) % len(NAMED)]
@@ -191,7 +191,7 @@ def _title(one: SmallMap) -> str:
 
 
 def _along(one: SmallMap) -> str:
-    """Return the labels of the sides."""
+    """Return the titles of both sides as text."""
     names = [f"{name}{f', {unit}' if unit not in ('', '1') else ''}" for name, _, unit in one.sides]
     return f"{names[0]} →" + (f"   {names[1]} ↑" if len(names) > 1 else "")
 

@@ -30,8 +30,8 @@ from etendue.types.arrays import Array, FloatArray
 
 @dataclass(frozen=True)
 class Thumbnail:
-    """A small picture, (3, y, x) float32, not scaled if linear; its true size; for larger pictures also a window at
-    full resolution, and the first row and column of that window.
+    """A small picture, (3, y, x) float32, whose linear values are not scaled; the true size of the picture; for larger
+    pictures also a window at full resolution, and the first row and column of that window.
     """
 
     picture: Any
@@ -71,14 +71,14 @@ class View:
         return Thumbnail(np.ascontiguousarray(picture, dtype=np.float32), size, window, self.first)
 
     def window(self, array: Array) -> Array | None:
-        """Return a window of a large picture at full resolution, in the colours of the whole."""
+        """Return the kept window of a large picture at full resolution, in colours; None if no window is kept."""
         first, last = self.rows
         if last <= first or self.seen.grey:
             return None
         return self.coloured(np.asarray(array[..., first:last, slice(*self.columns)]))
 
     def coloured(self, window: Array) -> Array:
-        """Return the window in the colours of the whole."""
+        """Return the colours of the window, (3, y, x) float32; a pattern is aligned to the whole picture."""
         return np.array(self.seen.rgb(window, self.first), dtype=np.float32)
 
     def _large_light(self, array: Array) -> tuple[Any, Any]:
@@ -104,7 +104,7 @@ class View:
         return Gathering(self, shape, Fitted(shape, self.seen.values))
 
     def finished(self, small: FloatArray) -> FloatArray:
-        """Return the picture of a reduced variable."""
+        """Return the colours of a variable that has been reduced already."""
         return small if self.seen.tints is not None else self.seen.mixed(small)
 
 
@@ -119,7 +119,7 @@ class Observer:
     kept: frozenset[str] = frozenset()  # variables passed on unchanged
 
     def __call__(self, arrays: Mapping[str, Any]) -> dict[str, Any]:
-        """Return thumbnails and metrics by variable; existing thumbnails are passed on."""
+        """Return the thumbnails and metrics of a cell by variable; inputs that are thumbnails already are passed on."""
         found = {v: arrays[v] for v in self.figures | self.kept if v in arrays}
         for variable, view in self.views.items():
             if variable in self.kept:
@@ -131,8 +131,8 @@ class Observer:
         return found
 
     def beside(self, keeps: bool, kept: frozenset[tuple[str, str]], stage: str) -> Observer:
-        """Return the observer for a store that keeps the arrays themselves: pictures are then made from the stored
-        arrays.
+        """If the store keeps arrays, return an observer that passes the kept variables on: their pictures are made from
+        the stored arrays later.
         """
         return replace(self, kept=frozenset(v for s, v in kept if s == stage)) if keeps else self
 
@@ -144,7 +144,7 @@ class Observer:
 
 
 class Gathering:
-    """A thumbnail of rows that arrive in order, bit-identical to the thumbnail of the whole picture."""
+    """Makes a thumbnail from rows that arrive in order; it is bit-identical to the thumbnail of the whole picture."""
 
     def __init__(self, view: View, shape: tuple[int, ...], rows: Rows) -> None:
         self.view, self.size, self.rows = view, (shape[-2], shape[-1]), rows
@@ -163,19 +163,19 @@ class Gathering:
 
 
 def only(found: Mapping[str, Any]) -> dict[str, Thumbnail]:
-    """Return the thumbnails among the results of a look."""
+    """Return only the thumbnails among the results of an observer."""
     return {variable: one for variable, one in found.items() if isinstance(one, Thumbnail)}
 
 
 def window_of(plan: Plan, shown: Iterable[CellRef]) -> PlaneWindow | None:
-    """Return the window that is kept of every picture of some cells, before it is known which will exist."""
+    """Return the window of the image plane that all pictures of these cells keep at full resolution."""
     return kept_window(
         [grid for ref in shown for v, grid in plan.cells[ref].grids.items() if known(v).shown not in ("", "map")]
     )
 
 
 def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Observer]:
-    """Return how each of some cells is shown."""
+    """Return, for each shown cell, the observer that reduces it."""
     found, shown = {}, list(shown)
     refs = set(shown)
     window = window_of(plan, shown)
@@ -198,7 +198,9 @@ def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Observer]:
 
 
 def drawn_before(plan: Plan, cell: Cell, variable: str, shown: Collection[CellRef]) -> CellRef | None:
-    """Return the shown cell whose picture also shows a cell that is left out; None if it needs one of its own."""
+    """Return the earlier shown cell whose picture is also that of this left-out cell; None if this cell needs a picture
+    of its own.
+    """
     found, ref = None, source_of(cell, variable)
     while ref is not None and ref in shown:
         found, ref = ref, source_of(plan.cells[ref], variable)

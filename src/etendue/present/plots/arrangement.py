@@ -67,8 +67,8 @@ class Arrangement:
 
 
 def dims_of(held: Sequence[HeldVariable]) -> list[PlotDim]:
-    """Return the dims of the plotted variable: first the sweep axes, preferred axes at their head, then named dims such
-    as ``stage``.
+    """Return the dims of the plotted variables: first the preferred axes of the sweep, then its other axes, then named
+    dims such as ``stage``.
     """
     found: dict[str, PlotDim] = {}
     for one in held:
@@ -93,10 +93,11 @@ def arranged(
     most: int = MOST_PANELS,
     middle: AxisValues | None = None,
 ) -> Arrangement:
-    """Place dims: up to ``sides`` of them along the sides, others over panels as long as they fit, the rest at one
-    value.
+    """Place dims: up to ``sides`` of them along the sides of a panel, others over panels as long as they fit, and each
+    remaining dim at one value.
 
-    ``at`` fixes the value of a dim; ``middle`` gives the value of dims that do not fit, by default the middle of each.
+    ``at`` fixes the values of dims; ``middle`` gives the values at which dims that do not fit are shown, by default the
+    middle of each dim.
 
     Raises
     ------
@@ -128,7 +129,7 @@ def _check(asked: Sequence[str], free: Mapping[str, PlotDim], at: AxisValues) ->
 
 
 def _sides(x: str, y: str, sides: int, free: Sequence[PlotDim]) -> tuple[str, str]:
-    """Return the dims along the sides: as requested, else numeric dims before named ones."""
+    """Return the dims along the sides x and y: the requested ones, else numeric dims before named dims."""
     candidates = [dim.name for dim in sorted(free, key=lambda dim: not dim.counted)]
     if not x and candidates:
         x = candidates.pop(0)
@@ -138,7 +139,9 @@ def _sides(x: str, y: str, sides: int, free: Sequence[PlotDim]) -> tuple[str, st
 
 
 def _over_panels(chosen: list[PlotDim], rest: Sequence[PlotDim], most: int) -> tuple[list[PlotDim], list[PlotDim]]:
-    """Return the dims that fit over panels, rows last, and the dims that do not fit."""
+    """Return the dims over which panels are laid out (at most two, the second for the rows), and the dims that do not
+    fit.
+    """
     left, room = [], most // max(1, math.prod(len(dim.values) for dim in chosen))
     for dim in sorted((dim for dim in rest if len(dim.values) > 1), key=lambda dim: len(dim.values)):
         if len(chosen) < 2 and len(dim.values) <= room:
@@ -152,6 +155,8 @@ def _over_panels(chosen: list[PlotDim], rest: Sequence[PlotDim], most: int) -> t
 
 
 def _value(dim: PlotDim, middle: AxisValues) -> Any:
-    """Return the value of a dim that does not fit: the value of ``middle`` if the dim has it, else its middle."""
+    """Return the value at which to show a dim that does not fit: the value in ``middle`` if the dim has it, else the
+    middle value of the dim.
+    """
     value = middle.get(dim.name)
     return value if value in dim.values else dim.values[len(dim.values) // 2]

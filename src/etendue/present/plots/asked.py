@@ -23,7 +23,7 @@ from etendue.types.documents import AxisValues, Document, DocumentView
 
 @dataclass(frozen=True)
 class PlotRequest:
-    """The request beside the kind; '' and () mean automatic."""
+    """The request for a plot apart from its kind; '' and () mean an automatic choice."""
 
     figures: tuple[str, ...] = ()
     x: str = ""
@@ -45,8 +45,8 @@ class PlotRequest:
         return self.figures[1] if len(self.figures) > 1 else ""
 
     def cell(self, held: HeldVariable) -> Document:
-        """Return one value of every axis that affects a variable: the requested value, else the value at which the
-        run's pictures are shown, else the middle.
+        """Return one value for each axis that affects a variable: the requested value, else the value in ``middle``,
+        else the middle value of the axis.
         """
         asked = resolved([held], self.at)
         found = {}
@@ -61,7 +61,7 @@ def map_of(holdings: Holdings, asked: PlotRequest) -> Plot:
 
 
 def names_of(holdings: Holdings, asked: PlotRequest) -> Plot:
-    """Return a map of an index into names, such as the limiting factor."""
+    """Plot a map of a variable that is an index into names, such as the limiting factor."""
     return factor_map(holdings, asked.first, asked.x, asked.y, asked.panels, asked.at, asked.middle)
 
 

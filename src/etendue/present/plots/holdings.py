@@ -1,8 +1,8 @@
 """The content of a tree that can be plotted: metrics, curves and pictures of every stage, over the axes of its sweep.
 
 In:  an ``xarray.DataTree`` from ``open_archive``, xarray or ``simulate``.
-Out: ``Held`` by stage and variable; its values over the whole sweep, with the groups of a stage joined, NaN where a
-     cell failed.
+Out: ``HeldVariable`` by stage and variable; its values over the whole sweep, with the groups of a stage joined, NaN
+     where a cell failed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FAILED = (2, 3)  # failed, skipped
 BESIDE = ("status",)
 ANY = "ARCHIVE"
 KINDS = ("figure", "curve", "picture", "other")
-SHOWN = {"figure": "metric"}  # kinds that screens call by another word
+SHOWN = {"figure": "metric"}  # kinds whose displayed name differs
 
 
 @dataclass(frozen=True)
@@ -78,21 +78,21 @@ class HeldVariable:
 
     @property
     def error_text(self) -> str:
-        """Its error with unit and parts, such as ``\u00b10.03 cycles/mm (bins 0.02)``; '' if unknown."""
+        """The error of the variable as text, such as ``\u00b10.03 cycles/mm (bins 0.02)``; '' if unknown."""
         return str(self.attrs.get("error_parts", ""))
 
     @property
     def title(self) -> str:
-        """The title of the variable, with the stages that the metric does not include; without the unit, which is shown
-        separately.
-        """
+        """The title of the variable, without its unit. It names the stages that the metric does not include."""
         own = str(self.attrs.get("long_name", self.variable.replace("_", " ")))
         shown = ", line pairs per mm" if self.units in ("cycles/mm", "mm-1") else ""
         return own.removesuffix(shown) + without(self.attrs)
 
     @property
     def kind(self) -> str:
-        """``figure``: numbers, perhaps by name; ``curve``: over one numeric dim; ``picture``: over y and x."""
+        """``figure``: one number per cell, or one per name; ``curve``: numbers over one numeric dim; ``picture``: over
+        y and x.
+        """
         own = self.dims
         if own[-2:] == PLANE:
             return "picture"
@@ -105,7 +105,7 @@ class HeldVariable:
         return coordinate is None or coordinate.dtype.kind in "fiu"
 
     def values_of(self, dim: str) -> list[Any]:
-        """Return the values along an axis or a dim, over all shapes; numbers sorted."""
+        """Return the values along an axis or a dim in all groups; along an axis, numbers are sorted."""
         found: dict[Any, None] = {}
         for group in self.groups:
             if dim in group.coords:
@@ -132,7 +132,8 @@ class HeldVariable:
         return str(group[dim].attrs.get("parameter", dim)) if dim in group.coords else dim
 
     def values(self, at: AxisValues | None = None) -> xarray.DataArray:
-        """Return all values, or those at given axis values: float64, NaN for missing cells; axes in order.
+        """Return the values of all cells, or of the cells at the axis values ``at``, as float64 with NaN for missing
+        cells.
 
         Raises
         ------
@@ -201,7 +202,9 @@ class HeldVariable:
 
 
 def rows_of(group: xarray.Dataset, dim: str) -> xarray.DataArray | None:
-    """Return the entry along a dim of combinations that every row of a design has; None for any other dim."""
+    """Return, for every row of a design, its entry along ``dim``, a dim of combinations of factors; None for any other
+    dim.
+    """
     rows = group.get(f"{dim}{ROW}")
     if rows is None or rows.ndim != 1 or dim not in group.coords or rows.dims[0] not in group.coords:
         return None
@@ -209,7 +212,7 @@ def rows_of(group: xarray.Dataset, dim: str) -> xarray.DataArray | None:
 
 
 def by_row(group: xarray.Dataset) -> xarray.Dataset:
-    """Return a group with its values in every row of a design, instead of the combinations that several rows share."""
+    """Return a group with one entry for every row of a design, instead of one for every combination of factors."""
     for dim in [str(dim) for dim in group.dims]:
         rows = rows_of(group, dim)
         if rows is not None:
@@ -226,7 +229,7 @@ class Holdings:
         tree = xarray.DataTree(tree) if isinstance(tree, xarray.Dataset) else tree_with_left_out(tree)
         self.tree = tree
         self.held: dict[tuple[str, str], HeldVariable] = {}
-        self.whites: dict[tuple[Any, ...], float | None] = {}  # what is bright in a picture, by its name and place
+        self.whites: dict[tuple[Any, ...], float | None] = {}  # value shown as white, by picture
         stages = [(stage, [by_row(group) for group in groups]) for stage, groups in _stages(tree)]
         self.order = self._order(group for _, groups in stages for group in groups)
         for stage, groups in stages:
@@ -254,8 +257,8 @@ class Holdings:
         return {dim: list(values) for dim, values in found.items()}
 
     def _order(self, groups: Iterable[xarray.Dataset]) -> dict[str, dict[AxisValue, int]]:
-        """Return the order of names along each axis, as swept: from the ledger, else from the group with most of these
-        names.
+        """Return the position of each name along each axis, in the order of the sweep: from the ledger, else from the
+        groups, the one with most names first.
         """
         ledger = self.table("ledger")
         found: dict[str, dict[AxisValue, None]] = {}

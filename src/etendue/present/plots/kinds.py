@@ -30,8 +30,8 @@ _HERE = "etendue.present.plots.asked"
 @dataclass(frozen=True)
 class Kind:
     """``place``: ``module:function`` of (holdings, asked) that returns a ``Plot`` or a matplotlib figure; ``takes``:
-    maximum number of variables; ``uses``: the fields of `Asked` it reads; ``index``: it is the default plot of a
-    variable that is an index into names.
+    maximum number of variables; ``uses``: the fields of `PlotRequest` that the function reads; ``index``: whether it is
+    the default plot of an index into names.
     """
 
     place: str
@@ -69,7 +69,7 @@ OWN = {
     "scatter": Kind(f"{_HERE}:scatter_of", 8, "every two factors and metrics of the samples of a design", ("at",)),
     "budget": Kind(f"{_HERE}:budget_of", 0, "run time, stated error and omissions by stage", ("blame",)),
 }
-WORDS = ("x", "y", "lines", "panels", "better")  # fields of `Asked` that not every kind uses
+WORDS = ("x", "y", "lines", "panels", "better")  # fields of `PlotRequest` that not every kind uses
 
 
 @cache
@@ -126,7 +126,7 @@ def draw(holdings: Holdings, kind: str = "", asked: PlotRequest | None = None) -
 
 
 def _by_dims(holdings: Holdings, asked: PlotRequest) -> PlotRequest:
-    """Return the request with dims in place of the parameters that they set."""
+    """Return the request with each parameter replaced by the dim that sets it."""
 
     def own(word: str) -> str:
         return dim_of(holdings, word)[0] or word if word else ""
@@ -145,7 +145,9 @@ def _refuse_unused(kind: str, asked: PlotRequest) -> None:
 
 
 def kind_of(holdings: Holdings, kind: str, figures: Sequence[str] = ()) -> tuple[str, tuple[str, ...]]:
-    """Return the kind: as named, as suggested by a variable given in its place, or the kind that suits the archive."""
+    """Return the kind of plot and its variables. If ``kind`` is a variable, the kind suits this variable; if it is '',
+    the archive.
+    """
     if kind in kinds():
         return kind, tuple(figures)
     if kind:

@@ -41,7 +41,7 @@ def unit_text(units: str) -> str:
 
 
 def value_text(value: Any, units: str = "", dim: str = "") -> str:
-    """Return an axis value with its unit or the prefix of its quantity; seconds with an SI prefix."""
+    """Return an axis value with its unit (seconds with an SI prefix), or with the prefix of its quantity instead."""
     if isinstance(value, str) or value is None or not _is_number(value):
         return str(value)
     number = float(value)
@@ -55,7 +55,9 @@ def value_text(value: Any, units: str = "", dim: str = "") -> str:
 
 
 def bare_text(value: Any, units: str = "", dim: str = "") -> str:
-    """Return an axis value without its unit, for ticks of an axis whose title has it; seconds keep their SI prefix."""
+    """Return an axis value without its unit, for the ticks of an axis whose title states the unit; seconds keep unit
+    and SI prefix.
+    """
     if isinstance(value, str) or not _is_number(value):
         return str(value)
     return value_text(value, units, dim) if units == "s" or wording.prefix(dim) else f"{float(value):.4g}"

@@ -23,18 +23,18 @@ ENDS = ("band_from", "band_to")
 
 
 def drawn_as(array: xarray.DataArray) -> Drawn:
-    """Return how an array is drawn, at its place on the axes of a sweep."""
+    """Return the drawing properties of the array of one cell, whose axis values are in the coordinates."""
     at = {str(name): one.item() for name, one in array.coords.items() if not one.dims}
     return read(str(array.name), array.attrs, at)
 
 
 def one_frame(array: xarray.DataArray) -> xarray.DataArray:
-    """Return the middle of several frames; planes and bands form one picture."""
+    """Return the middle one of several frames; planes and bands are kept, because they form one picture."""
     return array.isel({dim: array.sizes[dim] // 2 for dim in array.dims if dim not in ("y", "x", *flat_dims())})
 
 
 def with_bands(array: xarray.DataArray, group: xarray.Dataset) -> xarray.DataArray:
-    """Add the edges of the bands from the group: because the centres alone do not give the widths."""
+    """Add the edges of the bands from the group, because the band centres alone do not give the widths."""
     band = banded(map(str, array.dims))
     if not band or f"{band}{BOUNDS}" not in group:
         return array
@@ -66,7 +66,7 @@ def appearance_of(array: xarray.DataArray) -> Appearance:
 
 
 def bright_in(array: xarray.DataArray) -> float:
-    """Return the linear value shown as white in a picture that is shown alone."""
+    """Return the linear value shown as white if this picture is shown alone."""
     array = upright(array)
     own = appearance_of(array)
     return brightness(own.drawn, own.small(array.values) if own.drawn.scaled else None)
@@ -91,7 +91,7 @@ def upright(array: xarray.DataArray) -> xarray.DataArray:
 
 
 def _edges(array: xarray.DataArray, band: str) -> Array:
-    """Return the edges of bins: as stored beside the light, else midway between their centres."""
+    """Return the edges of the bands: as stored next to the light, else midway between the band centres."""
     if set(ENDS) <= set(array.coords):
         first, last = (array[name].values for name in ENDS)
         return np.append(first, last[-1])

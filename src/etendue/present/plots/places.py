@@ -37,15 +37,15 @@ def read_at(texts: Iterable[str]) -> dict[str, str]:
 
 
 def is_called(name: str, dim: str, key: str) -> bool:
-    """Return whether a word names a dim: by its own name, or by the parameter that it sets, ``sharpen.strength`` or in
-    Python ``sharpen__strength``.
+    """Return whether ``name`` stands for a dim: it is the name of the dim or of the parameter that the dim sets,
+    ``sharpen.strength`` or in Python ``sharpen__strength``.
     """
     word = name.replace("__", ".")
     return name == dim or word in (key, *(table.place(key) for table in tables().values()))
 
 
 def dim_of(held: Iterable[HeldVariable], name: str) -> tuple[str, HeldVariable | None]:
-    """Return the dim that a word names and its owner; ('', None) if there is none."""
+    """Return the dim that ``name`` stands for, and the variable that has this dim; ('', None) if there is none."""
     return next(
         ((dim, one) for one in held for dim in (*one.axes, *one.dims) if is_called(name, dim, one.key_of(dim))),
         ("", None),
@@ -73,8 +73,8 @@ def _number(text: str) -> Decimal | str:
 
 
 def resolved(held: Sequence[HeldVariable], at: AxisValues) -> Document:
-    """Return the request as values of dims. Names are names of dims or of the parameters that axes set; values are
-    numbers or texts with units.
+    """Return the requested value of each dim. In ``at``, names may be dims or the parameters that axes set, and values
+    may be numbers or texts with units.
 
     Raises
     ------

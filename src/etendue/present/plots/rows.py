@@ -40,8 +40,8 @@ def factors_of(holdings: Holdings, dim: str) -> list[RowFactor]:
 
 
 def rows_dim(holdings: Holdings) -> str:
-    """Return the dim along which the rows of a design lie, else another dim along which several values change together;
-    '' if there is none.
+    """Return the dim of the rows of a design, else another dim along which several factors change together; '' if there
+    is none.
     """
     axes = sorted(holdings.axes, key=lambda dim: dim != SAMPLE)
     return next((dim for dim in axes if factors_of(holdings, dim)), "")

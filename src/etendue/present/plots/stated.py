@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def stated(tree: xarray.DataTree, answers: DocumentView | None) -> xarray.DataTree:
-    """Write measured errors into the attributes of a tree's variables."""
+    """Write the measured error of each variable into its attributes ``error`` and ``error_parts``."""
     for error in answers["errors"].values() if answers is not None and is_sound(answers) else ():
         for group in (
             tree[error["stage"]].subtree if says_enough(error, True) and error["stage"] in tree.children else ()

@@ -68,7 +68,7 @@ def document(found: Any) -> Document:
 
 
 def _times(timing: Any, stages: Collection[str] | None = None) -> Document:
-    """Return minimum and median seconds of the compared runs and of the cold runs."""
+    """Return the minimum and median time (s) of the compared runs, the warm runs and the cold runs."""
     return {
         "seconds": timing.least("", stages),
         "median_seconds": timing.median("", stages),
@@ -109,7 +109,7 @@ def _curve(curve: Any) -> Document:
 
 
 def csv_text(document: DocumentView) -> str:
-    """Return a row for each setting of each knob alone, and for each combination on the front."""
+    """Return a row for each setting of each knob varied alone, and for each combination on the Pareto front."""
     text = io.StringIO()
     rows = csv.writer(text)
     times = ("warm_seconds", "warm_median_seconds", "cold_seconds", "cold_median_seconds", "runs")
@@ -137,9 +137,9 @@ def files_of(document: DocumentView) -> dict[str, bytes]:
 
 
 def diagram(document: DocumentView) -> bytes:
-    """Plot the results. Left: each knob alone, error of its stage against the time of the stages it affects. Middle:
-    all trials. Right: the knobs that cause the error, for each combination on the Pareto front. Error bars reach from
-    the shortest time to the median.
+    """Plot the results. Left: for each knob varied alone, the error of its stage against the run time of the stages
+    that the knob affects. Middle: all trials. Right: each knob's part of the error, for each combination on the Pareto
+    front. Error bars reach from the shortest time to the median.
     """
     floor, by = document["reference_floor"], document["by"]
     colours = _colours(document)
@@ -191,7 +191,9 @@ def _colours(document: DocumentView) -> dict[str, str]:
 
 
 def print_accuracy(document: Document, files: list[Path]) -> None:
-    """Print every knob alone, the front, the cheapest setting for each tolerance, and notes."""
+    """Print the results of every knob varied alone, the Pareto front, the cheapest setting for each tolerance, and
+    notes.
+    """
     console = _out()
     if not console.is_terminal:
         console.width = max(console.width, UNBOUNDED)
@@ -273,12 +275,14 @@ def _law(curve: DocumentView) -> str:
 
 
 def _reference(curve: DocumentView) -> Any:
-    """Return the default setting of a study: the finest setting; a discretisation has none."""
+    """Return the reference setting of a knob, its finest; None for a discretisation, which has none."""
     return None if curve["discretisation"] else curve["reference"]
 
 
 def _split(parts: DocumentView) -> str:
-    """Return a bar of ten cells, shaded by cause, the largest first, and the causes with their shares."""
+    """Return a bar of ten characters, shaded by cause, and the causes with their shares of the error (%), largest
+    first.
+    """
     whole = math.fsum(parts.values())
     if not whole:
         return "nothing"
@@ -289,7 +293,7 @@ def _split(parts: DocumentView) -> str:
 
 
 def _spread(p: DocumentView, how: str) -> str:
-    """Return the least time and the median: '9.8/10.1 ms'."""
+    """Return minimum and median time as text: '9.8/10.1 ms'."""
     least, median = p[f"{how}_seconds"], p[f"{how}_median_seconds"]
     if least is None:
         return "-"
@@ -305,7 +309,7 @@ def _value(value: Any) -> str:
 
 
 def _settings(settings: DocumentView, reference: Mapping[str, Any] = {}) -> str:
-    """Return settings as text, omitting those at their reference."""
+    """Return, as text, the settings that differ from their reference values."""
     moved = {key: value for key, value in settings.items() if key not in reference or value != reference[key]}
     return ", ".join(f"{key} = {_value(value)}" for key, value in moved.items()) or "the reference"
 

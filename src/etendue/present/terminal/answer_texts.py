@@ -14,8 +14,8 @@ from etendue.types.documents import DocumentView
 
 MATTERS = 0.02  # of the total: smaller parts are not listed
 LONGEST = 300  # characters of a text in a stored document
-NOISE = "noise"  # in ``open``: that of one draw
-OMITTED = "omissions"  # the only part that is no discretisation
+NOISE = "noise"  # key in ``open`` of the noise of one draw
+OMITTED = "omissions"  # the only part of an error that is not from a discretisation
 TEXTS, NUMBERS = ("stage", "variable", "unit"), ("rms", "max")
 
 
@@ -76,7 +76,9 @@ def unknown_parts(error: DocumentView) -> list[str]:
 
 
 def size(error: DocumentView) -> float:
-    """Return the error of a result: the largest error of numbers, or the rms error of pictures and curves."""
+    """Return the error of a variable: the largest error if it consists of numbers, the rms error if it is a picture or
+    a curve.
+    """
     return number(error[_norm(error)])
 
 
@@ -85,15 +87,15 @@ def _norm(error: DocumentView) -> str:
 
 
 def _shares(error: DocumentView) -> list[tuple[float, str]]:
-    """Return the parts of an error that matter, largest first."""
+    """Return (size, name) of the parts that matter in an error, largest first."""
     norm = _norm(error)
     own = sorted(((number(part[norm]), name) for name, part in error["parts"].items()), reverse=True)
     return [(value, name) for value, name in own if value > MATTERS * size(error)]
 
 
 def parts_text(error: DocumentView, missing: bool = True) -> str:
-    """Return the parts of an error that matter, largest first, as ``bins 0.02, spacing 0.01``, and the
-    missing parts.
+    """Return the parts that matter in an error as text, largest first: ``bins 0.02, spacing 0.01``; then the parts that
+    were not measured.
     """
     known = ", ".join(f"{name} {value:.2g}" for value, name in _shares(error))
     more = ", ".join(unknown_parts(error)) if missing else ""
@@ -134,8 +136,8 @@ def number(value: Any) -> float:
 
 
 def remedies(document: DocumentView, command: str = "") -> list[str]:
-    """Return a line with the settings for smaller errors, the most effective first; empty if they would reduce no
-    relevant part of an error. ``command``: the command to which the settings are added.
+    """Return a line with the settings that reduce the errors, the most effective first; an empty list if no setting
+    reduces a part that matters. ``command``: the command to which the settings are added.
     """
     effect: dict[str, float] = {}
     for one in document.get("errors", {}).values():
@@ -150,8 +152,8 @@ def remedies(document: DocumentView, command: str = "") -> list[str]:
 
 
 def notes(document: DocumentView, remedied: bool = False) -> list[str]:
-    """Return notes: the cell at which errors were measured, the errors that were not measured, and the time or the
-    options that measuring them requires. ``remedied``: another line already gives the remedy.
+    """Return notes: where the errors were measured, which were not, and the time or the option needed to measure these.
+    ``remedied``: whether another line already gives the settings for smaller errors.
     """
     if document.get("why"):
         return [f"error of the answer not measured: {document['why']}"]
@@ -167,7 +169,7 @@ def notes(document: DocumentView, remedied: bool = False) -> list[str]:
 
 
 def _missing(document: DocumentView) -> list[str]:
-    """Return a text that names the parts that were not measured, because they are too costly or for another reason."""
+    """Return texts that name the parts that were not measured, because they are too costly or for another reason."""
     costly: dict[str, None] = {}
     whose: dict[str, None] = {}
     others: dict[tuple[str, str], list[str]] = {}

@@ -24,7 +24,9 @@ def cells(columns: Iterable[Column], rows: Iterable[Any]) -> list[list[str]]:
 
 
 def once(rows: Iterable[Document], key: str, *also: str) -> list[Document]:
-    """The rows; ``key`` is empty if it and ``also`` equal the row above."""
+    """Return the rows; the value of ``key`` becomes '' if ``key`` and all of ``also`` have the same values as in the
+    row above.
+    """
     told, above = [], None
     for row in rows:
         own = [row[name] for name in (key, *also)]

@@ -22,8 +22,8 @@ SHOWN = 10  # rows; smaller errors are summarised in one line
 def global_error_document(
     found: Any, tolerance: float, norm: str = "rms", stated: Mapping[str, float | None] | None = None
 ) -> Document:
-    """Return ``global_error`` by variable and the method of measurement; ``stated`` holds bounds for cells that were
-    not measured.
+    """Return the global error of each variable, and the cost of the measurement; ``stated`` holds, by variable, error
+    bounds for the cells that were not measured.
     """
     errors = {}
     for name, error in found.errors.items():
@@ -40,7 +40,7 @@ def global_error_document(
 
 
 def not_held(hold: Document, errors: Any) -> list[str]:
-    """Return the variables whose error exceeds its limit, the excess, and the causes."""
+    """Return a text for each variable whose error exceeds its limit: by how much, and for which causes."""
     said = []
     for name in hold["missed"][:SHOWN]:
         own = errors[name] if isinstance(errors[name], dict) else vars(errors[name])
@@ -59,7 +59,7 @@ def not_held(hold: Document, errors: Any) -> list[str]:
 
 
 def print_global_error(document: Document) -> None:
-    """Print the largest errors, the variables that could not be measured, and the time it took."""
+    """Print the largest errors, the variables that could not be measured, and the time of the measurement."""
     out, told = _out(), document["measured"]
     errors = sorted(
         document["global_error"].items(), key=lambda item: -math.inf if item[1]["rms"] is None else -item[1]["rms"]
@@ -91,7 +91,7 @@ def _plain(value: Any) -> str:
 
 
 def _print_held(out: Console, document: Document, errors: list[tuple[str, Document]]) -> None:
-    """Print whether the wanted variables are within the tolerance, and the points at which this was measured."""
+    """Print whether the errors of wanted variables are within the tolerance, and where they were measured."""
     told = document["measured"]
     if len(errors) > SHOWN:
         out.print(f"{len(errors) - SHOWN} more variables, rms at most {_number(errors[SHOWN][1]['rms'])}")

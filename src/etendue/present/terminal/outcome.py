@@ -65,7 +65,7 @@ def outcome_document(outcome: Any) -> Document:
 
 
 def together(reasons: Mapping[str, str]) -> dict[str, list[str]]:
-    """Group stages by the reason for which they are recomputed."""
+    """Return the stages grouped by the reason why they are recomputed."""
     found: dict[str, list[str]] = {}
     for name, why in reasons.items():
         found.setdefault(why, []).append(name)
@@ -107,7 +107,7 @@ def replay(plan: Plan, ref: CellRef) -> str:
 
 
 def _row_settings(plan: Plan, axis: Axis, ref: CellRef) -> list[str]:
-    """Return the options that reduce an axis of rows to one row that has a cell."""
+    """Return the options that reduce an axis of rows to the row that contains this cell."""
     at = dict(zip(plan.node(ref[0]).axes, ref[1], strict=True))
     position = at.get(axis.dim, 0)
     for part in plan.derived:

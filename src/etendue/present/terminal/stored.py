@@ -16,7 +16,7 @@ from etendue.types.documents import Document
 
 
 def _span(sizes: list[int]) -> str:
-    """Return '32', or '24..48' if cells of one stage differ in size."""
+    """Return a size as text: '32', or '24..48' if it differs between the cells of a stage."""
     return f"{min(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)}..{max(sizes)}"
 
 
@@ -60,8 +60,8 @@ def print_archive(document: Document) -> None:
 
 
 def _print_stage(console: Console, document: Document, stage: Document, axes: dict[str, str]) -> None:
-    """Print the cells of a stage, and each of its variables once: cells of several sizes are stored in one group
-    each.
+    """Print the cells of a stage, and each variable once, although cells of different sizes are stored in separate
+    groups.
     """
     cells = ", ".join(f"{n} {s}" for s, n in stage["cells"].items()) or "not started"
     if document["running"] and stage["planned"]:

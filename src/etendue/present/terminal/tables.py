@@ -25,8 +25,8 @@ from etendue.types.documents import Document
 
 
 class Column:
-    """A table column that is built when it is converted to an array: all columns of a large table at once would take
-    more memory than the plan.
+    """A table column that is built only when it is converted to an array: all columns of a large table together would
+    take more memory than the plan.
     """
 
     def __init__(self, make: Callable[[], list[Any]], dtype: Any) -> None:
@@ -37,16 +37,18 @@ class Column:
 
 
 def ledger(plan: Plan, reports: Reports) -> Document:
-    """Return one row per cell: stage, axes (missing if they do not apply), seconds, error and its basis, key."""
+    """Return a table with one row per cell: stage, axis values (missing if an axis does not affect the stage), seconds,
+    error and its basis, key.
+    """
     cells, nodes = plan.cells, {node.name: node for node in plan.nodes}
     arrays: Document = {}
 
     def put(name: str, long_name: str, of: Callable[[Cell], float | str], units: str = "") -> None:
-        """Add a column computed from each cell: text, or numbers if there are units."""
+        """Add a column computed from each cell: numbers if ``units`` is given, else text."""
         _put(arrays, name, long_name, lambda: [of(cell) for cell in cells.values()], units)
 
     def put_report(name: str, long_name: str, of: Callable[[int], Any], units: str = "") -> None:
-        """Add a column computed from the report of each cell, by its number."""
+        """Add a column computed from the report of each cell; ``of`` gets the number of the cell."""
         nothing = math.nan if units else ""
         _put(
             arrays,
@@ -115,7 +117,7 @@ def _put(arrays: Document, name: str, long_name: str, make: Callable[[], list[An
 
 
 def _at(plan: Plan, axis: Axis) -> Column:
-    """Return the axis value of each cell; empty or NaN if the axis does not affect the cell."""
+    """Return the column with the axis value of each cell: '' or NaN if the axis does not affect the cell."""
     text = any(isinstance(v, str) for v in axis.values)
     place = {node.name: node.axes.index(axis.dim) for node in plan.nodes if axis.dim in node.axes}
     nothing: Any = "" if text else math.nan
@@ -161,7 +163,7 @@ def stage_rows(plan: Plan, reports: Reports) -> list[Document]:
 
 
 def summary(plan: Plan, reports: Reports) -> Document:
-    """Return the rows of stages as a group of the archive."""
+    """Return the table with one row per stage, in the form of a group of the archive."""
     rows = stage_rows(plan, reports)
     dims = ("stage",)
     arrays = {
@@ -184,7 +186,9 @@ def summary(plan: Plan, reports: Reports) -> Document:
 
 
 def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]:
-    """Return a sentence for each stage whose count of values lifted to a floor, or above saturation, is not 0."""
+    """Return a sentence for each stage that counts values of the type ``counted`` (lifted to a floor, or above
+    saturation) and found some.
+    """
     texts = []
     for node in plan.nodes:
         if not any(variable(v).counted == counted for v in node.writes):
@@ -200,7 +204,7 @@ def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]
 
 
 class Headline(NamedTuple):
-    """A metric of a shown cell; ``without``: the stages that it does not include."""
+    """The value of a metric in a shown cell; ``without``: the stages whose effect the metric does not include."""
 
     name: str
     value: float

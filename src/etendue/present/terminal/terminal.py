@@ -55,7 +55,9 @@ def _table(
     wrap: tuple[str, ...] = (),
     style: Callable[[Any], str] = lambda row: "",
 ) -> Table:
-    """A table of rows; only columns in ``wrap`` are broken into lines. ``style`` of a row: such as bold."""
+    """Return a table; only columns in ``wrap`` are broken into lines. ``style`` returns the style of a row, such as
+    bold.
+    """
     table = _Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for name, justify, *_ in columns:
         broken = name in wrap
@@ -95,7 +97,7 @@ def short_axes(keys: Iterable[str]) -> dict[str, str]:
 
 
 def _product(names: Iterable[str]) -> str:
-    """Return 'gain*spacing*time'; with blanks, where lines may break, if it is long."""
+    """Return 'gain*spacing*time'; if the text is long, add blanks at which lines may break."""
     names = list(names)
     text = "*".join(names) or "-"
     return text if len(text) <= 24 else " * ".join(names)
@@ -120,8 +122,8 @@ def _uses(stages: list[Document]) -> list[str]:
 
 
 def _bound(stages: list[Document]) -> list[str]:
-    """Return lines for stages that take a shared quantity from an earlier one, and for stages that are run once for
-    each index of a dim.
+    """Return lines for the shared quantities that one stage computes for later stages, and for the stages that are run
+    once for each index of a dim.
     """
     found: dict[tuple[str, str], list[str]] = {}
     mapped: dict[str, list[str]] = {}
@@ -164,7 +166,7 @@ def plan_columns(product: Callable[[Iterable[str]], str]) -> tuple[Column, ...]:
 
 
 def expected_seconds(document: Document) -> str:
-    """Return expected seconds, with '~' if this machine has not run the stages yet (not known for earlier plans)."""
+    """Return the expected run time (s) as text, with '~' if this machine has not run the stages yet."""
     return f"{'' if document.get('seconds_known', True) else '~'}{human_seconds(document['seconds'])}"
 
 
@@ -213,19 +215,19 @@ def print_plan(document: Document) -> None:
 
 
 def _saving(seconds: float | None) -> str:
-    """Return the end of a sentence that states the saving; '' if it is unknown or too small to mention."""
+    """Return '; saves about ... s', to end a sentence; '' if the saving is unknown or too small to mention."""
     return f"; saves about {seconds:.2g} s" if seconds is not None and seconds >= LEAST_TOLD else ""
 
 
 def _at_most(at_stage: float, at_wanted: float) -> str:
-    """Return the text of a bound: at the stage and, if later stages increase it, in the wanted results."""
+    """Return the text of an error bound at the stage, and in the wanted results if the bound differs there."""
     grown = f", {at_wanted:.2g} in the results" if f"{at_wanted:.2g}" != f"{at_stage:.2g}" else ""
     grown = grown if at_wanted < 1 else ", not bounded below full scale in the results"
     return f"at most {at_stage:.2g} of full scale at this stage{grown}"
 
 
 def omission_lines(name: str, left: Document | None, knobs: list[Document] | None) -> list[str]:
-    """Return the summaries of a stage as sentences."""
+    """Return sentences that state the omission and the knob settings of a stage."""
     said = []
     if left:
         wrong = "exactly" if left["bound"] == 0 else f"error {_at_most(left['at_stage'], left['bound'])}"

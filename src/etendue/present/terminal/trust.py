@@ -26,7 +26,7 @@ def _counted(number: int) -> str:
 
 
 def print_reproduction(document: Document) -> None:
-    """Print, for each stage, the number of reproduced arrays and the deviation of the others; then the differences in
+    """Print, for each stage, how many arrays were reproduced and how far the others deviate; then the differences in
     platform and software.
     """
     console = _out()

@@ -110,8 +110,8 @@ TimedError = tuple[float, float, float]  # least seconds, error, median seconds
 
 @dataclass(frozen=True)
 class Series:
-    """Points of one kind: drawn with a ``line`` through them, as ``dots``, as the ``front``, as the front of ``cold``
-    times, or as a ``star``.
+    """Points drawn in the same way: with a ``line`` through them, as ``dots``, as the Pareto ``front``, as the front of
+    the ``cold`` run times, or as a ``star``.
     """
 
     label: str
@@ -134,8 +134,8 @@ Split = tuple[str, list[Bar], Mapping[str, str]]  # title, bars, colours of the 
 
 
 def diagrams(title: str, panels: list[Panel], split: Split) -> bytes:
-    """Return work-precision diagrams side by side as PNG, both axes logarithmic, and a bar for the error of each
-    setting; points without error or time are omitted.
+    """Return a PNG with work-precision diagrams side by side, both axes logarithmic, and bars that split the error of
+    each setting. Points without error or time are omitted.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -179,7 +179,7 @@ def _draw(axes: Axes, series: Series) -> None:
 
 
 def _bars(axes: Axes, title: str, bars: list[Bar], colours: Mapping[str, str]) -> None:
-    """Draw the shares of every error as one bar, the first setting at the top."""
+    """Draw one bar for each setting, divided by each cause's share of the error, %; the first is at the top."""
     left, places = [0.0] * len(bars), [-number for number in range(len(bars))]
     wholes = [sum(bar.parts.values()) or 1.0 for bar in bars]
     for cause, colour in colours.items():

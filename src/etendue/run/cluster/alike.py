@@ -59,7 +59,7 @@ class Common:
 
 
 def common_of(run: str, stages: Iterable[type[Stage]], platform: Platform, mark: Mark | None) -> Common:
-    """Return the owner's state. A class that no module holds is sent as a whole, and not looked up."""
+    """Return the owner's state. A class that workers cannot import is sent as a whole, so its code is not compared."""
     code = {}
     for kind in dict.fromkeys(stages):
         if kind.__module__ != "__main__" and "." not in kind.__qualname__ and kind is not Stage:

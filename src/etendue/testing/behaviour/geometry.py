@@ -50,8 +50,8 @@ PLAIN = Pattern(
 
 
 def pattern_of(bench: Bench) -> Pattern:
-    """Return the pattern that a variable of the stage declares, else the pattern of any variable, else a plain
-    pattern.
+    """Return the pattern that a variable of the stage declares, else one that any installed variable declares, else a
+    plain pattern.
     """
     own = (d.variable for d in (*bench.reads.values(), *bench.writes.values()))
     every = itertools.chain(own, discovery.installed().names("variables"))
@@ -67,8 +67,8 @@ def told_where(bench: Bench) -> bool:
 
 
 def frames(bench: Bench, same: bool = True) -> bool:
-    """Return whether a stage reads and writes frames and draws no random numbers; on request, return whether, in
-    addition, both frames have the same pixels.
+    """Return whether a stage reads and writes frames and draws no random numbers and, with ``same``, whether input and
+    output have the same pixels.
     """
     if is_random(bench.kind) or bench.looks or bench.given_grids:
         return False
@@ -90,7 +90,7 @@ def frames(bench: Bench, same: bool = True) -> bool:
 
 
 def room(bench: Bench, inputs: Arrays, frame: Frame) -> float:
-    """Return the difference that two results may have: twice the error that the stage states in double precision."""
+    """Return the allowed difference of two results: twice the error that the stage states for double precision."""
     return 2 * max(bound_of(bench, inputs, "float64", 0.0, frame), OWN)
 
 
@@ -120,7 +120,7 @@ def uniform_to_the_rim(bench: Bench) -> None:
 
 
 def of_a_larger_frame(bench: Bench) -> None:
-    """Compare a uniform frame with the same places of a larger uniform frame, whose border is farther away."""
+    """Compare the result for a uniform frame with the same places of the result for a larger uniform frame."""
     inner, outer, edge = (25, 27), (37, 39), 6
     large, small = Places(bench, (0, 0), outer), Places(bench, (edge, edge), outer)
     of_large, of_small = bench.arrays("uniform", outer, 0.3), bench.arrays("uniform", inner, 0.3)
@@ -184,8 +184,8 @@ def mirror_images(bench: Bench) -> None:
 
 
 def shifted_pictures(bench: Bench) -> None:
-    """Check that a spot on a uniform background gives the same picture at every place. Near a border, differences are
-    allowed up to the differences of the background alone.
+    """Check that a spot on a uniform background gives the same picture at every place. Places near the border are not
+    compared.
     """
     if not frames(bench) or is_transfer(bench.kind) or told_where(bench):
         return
@@ -224,7 +224,7 @@ def shifted_pictures(bench: Bench) -> None:
 
 def far_corner(bench: Bench) -> None:
     """Check that the last rows and columns of a frame of a hundred million places are computed like the first rows and
-    columns. Applies to stages that depend on a position only through the period of a mask.
+    columns. Applies to stages whose result repeats with the period of a mask.
     """
     if not frames(bench) or is_transfer(bench.kind) or not told_where(bench):
         return
@@ -249,7 +249,7 @@ def far_corner(bench: Bench) -> None:
 
 
 class Places(Bench):
-    """A bench with some rows and columns of a larger frame."""
+    """A bench whose frames are windows of a larger frame."""
 
     def __init__(self, bench: Bench, first: Frame, whole: Frame) -> None:
         super().__init__(bench.stage, None, bench.scales, bench.coordinates)
@@ -266,7 +266,7 @@ class Places(Bench):
 
 
 def tried(bench: Bench, inputs: Arrays, frame: Frame) -> BenchTrial | None:
-    """Return a result; None if the stage refuses the frame or the input (other laws test this)."""
+    """Return the result for these inputs; None if the stage refuses the frame or an input (other laws test this)."""
     try:
         trial = bench.run(inputs, frame=frame)
     except ValueError:
@@ -275,7 +275,7 @@ def tried(bench: Bench, inputs: Arrays, frame: Frame) -> BenchTrial | None:
 
 
 def places_of(bench: Bench, trial: BenchTrial | None) -> Mapping[str, Array]:
-    """Return the written values at some places, as floats."""
+    """Return, as floats, the finite outputs that have positions; {} without a result."""
     if trial is None:
         return {}
     return {

@@ -22,14 +22,14 @@ from etendue.testing.checks import bound_of
 from etendue.testing.measured import ratio_of, within
 
 NOTHING = ("none", "off", "identity", "nothing")
-NEARLY = 0.05  # of the effect at other values: a value with a smaller effect than this is meant to have none
+NEARLY = 0.05  # a value is meant to have no effect if it has less than this fraction of the effect of other values
 EXACT = 1e-9
-SIDE = 0.2  # of a value, or of the range beside 0
+SIDE = 0.2  # distance of a neighbour, as a fraction of the value, or of the range if the value is 0
 
 
 def neutral_is_identity(bench: Bench) -> None:
-    """Find the values at which the stage hardly changes its input, for each parameter alone and for all such parameters
-    together. At these values the stage must not change its input at all.
+    """Find the values of each parameter at which the stage hardly changes its input, with the other numbers unchanged
+    and with all of them at 0. There the change must be within the stated error.
     """
     port = bench.one_array
     if port is None or is_random(bench.kind) or bench.given_grids:
@@ -52,7 +52,7 @@ def neutral_is_identity(bench: Bench) -> None:
 
 
 def _hold_neutral(bench: Bench, name: str, parameter: Parameter, others: list[dict[str, float]]) -> None:
-    """Test the neutral value of a parameter, if it has one, with several values of each other parameter."""
+    """Test the neutral value of a parameter, if it has one, with each of ``others``: values of the other parameters."""
     span = span_of(parameter, float, getattr(bench.stage, name))
     far = [getattr(bench.stage, name), *(span or ()), *real_ends(parameter, getattr(bench.stage, name))]
     effect = max((e for value in far if (e := done(bench, {name: value})) is not None and e <= 1.0), default=0.0)
@@ -88,7 +88,7 @@ def _hold_number(bench: Bench, name: str, parameter: Parameter) -> None:
 
 
 def _hold_nothing(bench: Bench, name: str, word: str) -> None:
-    """Test a choice that switches the stage off, with other parameters set to values that would have an effect."""
+    """Test a choice that switches the stage off, if it changes the input far less than the other choices do."""
     left = done(bench, {name: word})
     others = [done(bench, {name: one}) for one in parameters_of(bench.kind)[name][0].choices or () if one != word]
     effect = max((e for e in others if e is not None), default=0.0)
@@ -107,15 +107,15 @@ def _hold_left(bench: Bench, name: str, value: object, left: float, effect: floa
 
 
 def beside(value: float, span: tuple[float, float] | None) -> list[float]:
-    """Return a value on either side, within the range."""
+    """Return a smaller and a larger value nearby, as far as the range allows."""
     low, high = span or (value, value)
     step = SIDE * (abs(value) or high - low)
     return [side for side in (value - step, value + step) if low <= side <= high]
 
 
 def done(bench: Bench, values: Mapping[str, object]) -> float | None:
-    """Return the largest change that the stage makes with these values, relative to full scale; None if it refuses
-    them.
+    """Return the largest change of the input that the stage makes with these parameter values, relative to full scale;
+    None if it refuses them.
     """
     variable = bench.reads[str(bench.one_array)].variable
     try:

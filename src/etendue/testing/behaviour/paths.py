@@ -42,7 +42,7 @@ DEAR = (9, 0, 40.0)  # the same for a stage that prepares tables or is a transfe
 VAGUE = 0.05  # stated error above which a jump along a parameter cannot be distinguished from that error
 NICE = (2.0, 0.5, 1.0, 3.0, 1.5, 4.0, 5.0, 2.5, 6.0, 8.0)  # values for which a stage may use a separate formula
 BESIDE = 1e-9
-PROOF: Frame = (6, 8)  # frame with which is tested whether places influence each other
+PROOF: Frame = (6, 8)  # frame for testing whether places influence each other
 BY_ITSELF = 1e-12  # relative; vector instructions round differently depending on the place in the array
 Path = tuple[str, Array, Walk, int]
 
@@ -53,13 +53,13 @@ def stated(bench: Bench, inputs: Arrays, frame: Frame = SMALL) -> float:
 
 
 def by_place(bench: Bench) -> list[str]:
-    """Return the variables that have positions; others may be counts."""
+    """Return the written variables that have positions; other variables may be counts."""
     return [name for name, d in bench.writes.items() if {"y", "x"} <= set(d.dims)]
 
 
 def continuous_in_light(bench: Bench) -> None:
-    """Check for jumps with uniform light over thirteen decades, an ordinary picture of varying level, one channel that
-    fades, and one bright place.
+    """Search for jumps of the result with uniform light over thirteen decades, an ordinary picture of varying level,
+    one channel that fades, and one bright place.
     """
     if not bench.reads or bench.looks or bench.given_grids or is_transfer(bench.kind) or not may_be_walked(bench):
         return
@@ -92,8 +92,8 @@ def may_be_walked(bench: Bench) -> bool:
 
 
 def treats_places_alone(bench: Bench) -> bool:
-    """Return whether a value depends on its own place only: it stays the same if the places are permuted or their
-    neighbours change.
+    """Return whether each output value depends on the input at the same place only: it stays the same if places are
+    permuted or neighbours change.
     """
     framed = [port for port, d in bench.reads.items() if d.dims[-2:] == ("y", "x")]
     if any(d.dims[-2:] != ("y", "x") for d in bench.writes.values() if {"y", "x"} & set(d.dims)):
@@ -205,7 +205,9 @@ def of_codes(bench: Bench, port: str) -> None:
 
 
 def along_entries(bench: Bench, port: str) -> None:
-    """Vary each of the first numbers of an input without positions, such as the white level of each channel."""
+    """Search for jumps while one of the first three numbers of an input without positions fades, such as the white
+    level of a channel.
+    """
     ordinary = bench.arrays("ordinary", SMALL)
     allowed = 2 * stated(bench, ordinary) + LEAST
     for entry in range(min(ordinary[port].size, 3)):
@@ -223,8 +225,8 @@ def along_entries(bench: Bench, port: str) -> None:
 
 
 def continuous_in_parameters(bench: Bench) -> None:
-    """Check every numeric parameter over its whole range, except values that are declared as ``apart``. The other
-    parameters take values beside 0 if their ordinary value is 0: otherwise the result might not depend on them.
+    """Search for jumps over the whole range of every numeric parameter, except at values declared as ``apart``. Other
+    parameters that are ordinarily 0 get small values, since a 0 might switch off the effect under test.
     """
     if not bench.reads or bench.looks or bench.given_grids or not may_be_walked(bench):
         return
@@ -243,7 +245,7 @@ def continuous_in_parameters(bench: Bench) -> None:
 
 
 def continuous_in(bench: Bench, name: str, span: tuple[float, float], inputs: Arrays, dear: bool) -> None:
-    """Check one numeric parameter over a range, with fewer values for slow stages."""
+    """Search for jumps over a range of one numeric parameter, with fewer values for slow stages."""
     points, worth, rank = DEAR if dear else OFTEN
     (low, high), apart = span, parameters_of(bench.kind)[name][0].apart
     ways = [np.linspace(low, high, points)]
@@ -288,8 +290,8 @@ def cheaper(bench: Bench) -> Bench:
 
 
 def awake(bench: Bench) -> Bench:
-    """Return the bench of the stage with numbers near 0 instead of numbers that are ordinarily 0, as many as it accepts
-    together. Numbers whose 0 has a special meaning are not changed.
+    """Return a bench in which numbers that are ordinarily 0 have small values instead, as many of them as the stage
+    accepts together. Numbers whose 0 has a special meaning are not changed.
     """
     now = {name: getattr(bench.stage, name) for name in parameters_of(bench.kind)}
     wanted = {
@@ -303,9 +305,7 @@ def awake(bench: Bench) -> Bench:
 
 
 def nearer(span: tuple[float, float], now: float) -> tuple[float, float]:
-    """Return the part of a range within a factor of ten of the ordinary value; if that is 0, a hundredth of the
-    range.
-    """
+    """Return the part of a range up to ten times the ordinary value; if this is 0, up to a hundredth of the range."""
     low, high = span
     size = 10 * abs(now) or 0.01 * max(abs(low), abs(high))
     return (max(low, size / 100 if low > 0 else -size), min(high, size)) if low < size and high > -size else span
@@ -319,7 +319,7 @@ def at_value(at: Callable[[float], Bench], value: float, inputs: Arrays) -> Resu
 
 
 def beside_a_whole_number(bench: Bench, walk: Walk, value: float, name: str, error: Callable[[float], float]) -> None:
-    """Compare the result at a number that may have its own formula with the result at the next number."""
+    """Compare the results at a value for which the stage may use a special formula and at a value close to it."""
     own, near = walk(np.array([value, value * (1 + BESIDE)]))
     for variable in by_place(bench) if own and near else ():
         assert own is not None

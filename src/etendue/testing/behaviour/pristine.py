@@ -42,7 +42,7 @@ Answer = list[dict[str, str] | None]
 
 
 def digests_alone(bench: Bench, inputs: list[Arrays]) -> Answer | None:
-    """Return the digests of every result, computed in this order by a fresh process."""
+    """Return the digests of the results for these inputs, which a fresh process computes in this order."""
     if not hasattr(os, "fork") or bench.kind.__module__ == "__main__":
         return None
     words = (bench.stage, bench.given_grids, bench.scales, bench.coordinates, inputs)
@@ -118,7 +118,7 @@ def serve() -> None:
         for name in pickle.loads(question)[0]:
             with contextlib.suppress(Exception):
                 importlib.import_module(name)
-        gc.freeze()  # a child that looked through what it has from here would copy it
+        gc.freeze()  # otherwise garbage collection in a child would copy the memory shared with this process
         reading, writing = os.pipe()
         child = os.fork()
         if not child:

@@ -134,7 +134,7 @@ def stopping_at_lines_of(bench: Bench, call: Callable[[], None]) -> Iterator[Non
 
 
 def own_folder(bench: Bench) -> str:
-    """Return the file or the package folder of a stage's code, without the engine's code."""
+    """Return the folder of the package that contains a stage's code, or the file if it is a single module."""
     module = sys.modules.get(bench.kind.__module__)
     file = getattr(module, "__file__", None)
     if not file:

@@ -36,7 +36,7 @@ NEAR: tuple[Frame, ...] = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
 
 
 def z_of(p: float) -> float:
-    """Return the two-sided normal quantile."""
+    """Return how many standard deviations a normal variable exceeds, on either side, with probability ``p``."""
     from scipy.stats import norm
 
     return float(norm.isf(p / 2))
@@ -64,14 +64,14 @@ def drawn_as_declared(bench: Bench) -> None:
 
 
 def even(bench: Bench, port: str, frame: Frame, level: float) -> dict[str, Array]:
-    """Return uniform inputs, one of them at a share of full scale; whole numbers if it holds codes."""
+    """Return uniform inputs; the input ``port`` is ``level`` times full scale, rounded if it holds codes."""
     array = bench.array(port, "uniform", frame) * level
     whole = bench.reads[port].dtype != "float"
     return {**bench.arrays("uniform", frame), port: np.rint(array) if whole else array}
 
 
 def check_level(bench: Bench, port: str, main: str, level: float, by_line: bool) -> None:
-    """Check each plane by itself and together with the next plane."""
+    """Check the draws of each plane, and the correlation of successive planes, at one level."""
     inputs = even(bench, port, FRAME, level)
     value = float(np.asarray(inputs[port]).flat[0])
     expected: dict[str, Array] | None = None
@@ -124,7 +124,9 @@ def check_plane(
 
 
 def draw(bench: Bench, inputs: Any, number: int) -> dict[str, Array] | None:
-    """Draw once, with another owner of fixed patterns each time."""
+    """Return the outputs for seed ``number``; fixed patterns also differ between seeds. None if the stage refuses the
+    inputs.
+    """
     trial = bench.run(inputs, "float64", FRAME, seed=seed_of(f"statistics {number}"))
     return trial.arrays if trial.done else None
 
@@ -148,8 +150,8 @@ def check_means(
 def check_variances(
     bench: Bench, found: Array, port: str, main: str, value: float, z: float, share: float, by_line: bool
 ) -> None:
-    """Compare the variances if input and output have the same unit; the law of the stated variance compares the
-    others.
+    """Compare the measured variance with the stated one if input and output have the same unit; another law tests the
+    other stages.
     """
     stage: Any = bench.stage
     if bench.writes[main].unit != bench.reads[port].unit:
@@ -173,8 +175,8 @@ def check_variances(
 
 
 def check_independence(bench: Bench, found: Array, main: str, value: float, z: float) -> None:
-    """Check that places are uncorrelated, at every displacement and in rows and columns, and that successive draws are
-    uncorrelated.
+    """Check that there is no correlation between places at any displacement, along rows or columns, or between
+    successive draws.
     """
     apart = found - found.mean()
     variance = float((apart**2).mean())

@@ -24,7 +24,7 @@ SPANS = ((0.02, 0.9), (1e-4, 0.05), (1e-7, 1e-3), (0.5, 20.0))  # of full scale
 
 
 def codes_in_the_middle(bench: Bench) -> None:
-    """Compare the steps of evenly spread input with the stated error, and codes with the stated mean, or with a
+    """For evenly spread input, compare the step widths with the stated error, and the codes with the stated mean or a
     straight line through whole numbers.
     """
     framed = [p for p, d in bench.reads.items() if {"y", "x"} <= set(d.dims) and d.dtype == "float"]
@@ -49,8 +49,8 @@ def codes_in_the_middle(bench: Bench) -> None:
 
 
 def codes_of(bench: Bench, port: str, main: str, shares: Array) -> Array | None:
-    """Return the last plane of the result for an input in units of full scale; None if the stage refuses the input or
-    changes the size of the frame.
+    """Return the last plane of the result for the input ``shares``, given as fractions of full scale; None if the stage
+    refuses the input or changes the size of the frame.
     """
     inputs = bench.arrays("uniform", FRAME)
     inputs[port] = np.broadcast_to(shares * bench.scale(port), inputs[port].shape).copy()

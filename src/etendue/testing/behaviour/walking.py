@@ -18,10 +18,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from etendue.testing.measured import ratio_of, untried
 from etendue.types.arrays import Array
 
-PARTS = 4  # into which a step is divided
+PARTS = 4  # number of parts into which a step is divided
 DEPTH = 17  # divisions: 4^17 = 2e10
 SHALLOW = 4  # for a stage with expensive runs
-NEAR, TINY = 1e-9, 1e-100  # of the first step from 0
+NEAR, TINY = 1e-9, 1e-100  # fractions of the first step from 0
 FALLS = 6  # number of divisions over which the change at a jump stays constant, while that of a square root falls
 LEAST = 1e-6  # of full scale; the change of a smooth stage with a condition number of 1,000 over a billionth
 ENOUGH = 4.0  # times smaller than allowed: not subdivided further
@@ -29,15 +29,15 @@ RANK = 4.0  # a step is subdivided if its curvature exceeds that of its neighbou
 AROUND = 13  # number of neighbouring steps with which a step is compared
 Results = Mapping[str, Array]
 Walk = Callable[[Array], Sequence[Results | None]]  # results at several places of a path; None where refused
-Jump = tuple[float, float, float]  # of the largest value, between two places
+Jump = tuple[float, float, float]  # size relative to the largest value, and the two places between which it lies
 
 
 def jumps_along(
     walk: Walk, places: Array, variables: Sequence[str], allowed: float, worth: int, rank: float = RANK
 ) -> dict[str, Jump]:
-    """Return the largest jump of each variable along a path, among the unusual steps; 0 for jumps that are much smaller
-    than allowed. ``worth`` is the number of steps that are subdivided for each of the three numbers of ``summaries``;
-    with 0, a single step is subdivided a few times.
+    """Return the largest jump of each variable along a path, relative to its value, and the ends of the step with the
+    jump; a jump far below ``allowed`` counts as 0. ``worth``: how many unusual steps are subdivided for each of the
+    three ``summaries``; if 0, one step is subdivided a few times.
     """
     found = {variable: (0.0, float(places[0]), float(places[-1])) for variable in variables}
     trials = walk(places)
@@ -59,7 +59,9 @@ def jumps_along(
 
 
 def outstanding(places: Array, values: Sequence[Array | None], worth: int, rank_at_least: float) -> list[int]:
-    """Return the steps whose change differs from a polynomial through the neighbouring steps."""
+    """Return the unusual steps: those whose change differs most from a polynomial through the changes of the
+    neighbouring steps.
+    """
     if len(places) < 2:
         return []
     table = summaries(values)
@@ -77,13 +79,13 @@ def outstanding(places: Array, values: Sequence[Array | None], worth: int, rank_
         ranks = np.where(usable, bent / (quiet + 1e-10), -1.0)
         order = [int(n) for n in np.argsort(-ranks) if ranks[n] > rank_at_least]
         inside = [n for n in order if 3 <= n < change.size - 3]
-        found += [*inside[:worth], *[n for n in order if n not in inside][:1]]  # at the ends few are beside it
+        found += [*inside[:worth], *[n for n in order if n not in inside][:1]]  # few neighbours at the ends
     return list(dict.fromkeys(found))
 
 
 def beside_zero(walk: Walk, variable: str, first: float, allowed: float) -> Jump | None:
-    """Compare the result at 0 with the results at two small numbers. At the smaller number even a square root has
-    changed little, but a jump has the same size at both numbers.
+    """Compare the result at 0 with the results at two small numbers. Up to the smaller number even a square root
+    changes less than up to the larger one, but a jump is equally large.
     """
     trials = walk(np.array([0.0, first * TINY, first * NEAR]))
     values = [np.asarray(one[variable], dtype=float) for one in trials if one is not None]

@@ -106,7 +106,7 @@ def sum_kept(bench: Bench) -> None:
 
 def variance_told(bench: Bench) -> None:
     """Check that ``run`` adds the variance that ``Noisy.variance`` states. The input varies a little around each of
-    several levels; the added variance is the variance of the output around a straight line.
+    several levels; the added variance is the variance of the output around a straight line over the input.
 
     Tolerance: five standard errors of a variance, from the fourth moment of the drawn values.
     """
@@ -160,11 +160,11 @@ def check_variance(bench: Bench, given: Array, found: Array, unit: str, by_line:
 
 
 def matrix_told(bench: Bench) -> None:
-    """Measure the condition number of the problem that a stage solves: of a matrix that it writes, or of its mapping
-    from colours to colours.
+    """Record the condition numbers of the matrices that a stage writes, and of its linear mapping from colours to
+    colours.
 
-    A table that may contain undefined values is not a matrix. A linear stage on channels is inverted: its effect on
-    three colours can be undone as accurately as its condition number allows.
+    A table that may contain undefined values does not count as a matrix. A linear stage on channels is inverted: it
+    must be possible to recover three colours as accurately as the condition number allows.
     """
     trial = bench.run(bench.arrays("ordinary"))
     for variable, d in bench.writes.items() if trial.done else ():

@@ -18,7 +18,7 @@ class ExtremeLaws:
     bench: Bench
 
     def test_digits_are_kept_in_every_precision(self) -> None:
-        """Single, double and long double precision, from a millionth to a thousand times full scale."""
+        """Results agree in single, double and long double precision, for inputs from 1e-6 to 1000 times full scale."""
         digits.digits_kept(self.bench)
 
     def test_a_small_change_of_what_is_read_changes_little(self) -> None:
@@ -30,7 +30,7 @@ class ExtremeLaws:
         small_changes.parameter_changes(self.bench)
 
     def test_the_unit_of_light_does_not_matter(self) -> None:
-        """Light in a unit a million times as large; this reveals a hidden constant."""
+        """Results do not depend on the unit of light, even if it is a million times as large (no hidden constants)."""
         small_changes.unit_changes(self.bench)
 
     def test_the_order_that_it_keeps_is_kept(self) -> None:
@@ -42,9 +42,11 @@ class ExtremeLaws:
         declared_laws.sum_kept(self.bench)
 
     def test_the_noise_has_the_variance_that_it_says(self) -> None:
-        """``Noisy.variance`` against the draws of ``run``."""
+        """The draws of ``run`` have the variance that ``Noisy.variance`` states."""
         declared_laws.variance_told(self.bench)
 
     def test_what_it_solves_costs_no_more_digits_than_its_condition(self) -> None:
-        """Matrices that are written, and mappings from colours to colours."""
+        """Matrices that the stage writes, and its mapping from colours to colours, lose no more digits than their
+        condition numbers imply.
+        """
         declared_laws.matrix_told(self.bench)

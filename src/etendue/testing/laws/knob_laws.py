@@ -38,14 +38,14 @@ class KnobLaws:
     coordinates: ClassVar[Mapping[str, Coordinate]]
 
     def test_its_mean_is_that_of_its_draws(self) -> None:
-        """A stage that draws or rounds and states its mean has this mean on average, within the uncertainty of the
-        draws.
+        """The average result of a stage that draws or rounds equals the mean that the stage states, within the
+        uncertainty of the draws.
         """
         if issubclass(self.bench.kind, Sampled):
             check_mean(self.bench)
 
     def test_its_draws_are_those_that_it_declares(self) -> None:
-        """Mean, variance and correlation of two million draws at each of several levels, at p = 1e-6."""
+        """Mean, variance and correlation of two million draws at several levels are as declared, at p = 1e-6."""
         statistics.drawn_as_declared(self.bench)
 
     def test_a_finer_setting_states_no_larger_error(self) -> None:
@@ -74,8 +74,8 @@ class KnobLaws:
 
 
 def check_mean(bench: Bench) -> None:
-    """Check that ``mean`` gives the same variables and, on a flat input, the mean over draws and places at p = 1e-6,
-    plus half a code if the stage rounds.
+    """Check that, for a uniform input, ``mean`` agrees with the mean of each variable over draws and places at p =
+    1e-6, within another half code if the stage rounds.
     """
     kind = bench.kind
     assert issubclass(kind, Sampled)

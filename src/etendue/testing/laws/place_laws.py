@@ -26,9 +26,9 @@ class PlaceLaws:
         geometry.mirror_images(self.bench)
 
     def test_a_shifted_picture_gives_the_shifted_result(self) -> None:
-        """For a stage that gets no positions."""
+        """A shifted picture gives the shifted result; tested for stages that get no positions."""
         geometry.shifted_pictures(self.bench)
 
     def test_the_far_corner_of_a_large_frame_is_like_the_near_one(self) -> None:
-        """Places are counted up to a hundred million of them."""
+        """The far corner of a frame of a hundred million places is computed like the near corner."""
         geometry.far_corner(self.bench)

@@ -21,7 +21,9 @@ class RangeLaws:
         paths.continuous_in_light(self.bench)
 
     def test_nothing_jumps_over_the_range_of_a_parameter(self) -> None:
-        """The same condition for every number of the stage."""
+        """As a numeric parameter varies, a stage that decides or writes whole numbers may jump, by at most twice its
+        stated error.
+        """
         paths.continuous_in_parameters(self.bench)
 
     def test_codes_stand_in_the_middle_of_their_steps(self) -> None:
@@ -29,7 +31,5 @@ class RangeLaws:
         steps.codes_in_the_middle(self.bench)
 
     def test_a_neutral_value_changes_nothing(self) -> None:
-        """If a stage with a parameter at 0 or 1 hardly changes its input, the change must be within the stated
-        error.
-        """
+        """If a stage with a parameter at 0 or 1 hardly changes its input, the change is within the stated error."""
         neutral.neutral_is_identity(self.bench)

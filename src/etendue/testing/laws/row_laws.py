@@ -59,8 +59,8 @@ class RowLaws:
 
 
 def _differing(whole: Mapping[str, Array], cut: Mapping[str, Array], names: list[str]) -> str:
-    """Describe the largest difference between these arrays, relative to the largest value; '' if they are not
-    numeric.
+    """Return a text with the largest difference between the arrays ``names``, relative to the largest value; '' if they
+    are not numeric or differ in shape.
     """
     shares = []
     for name in names:

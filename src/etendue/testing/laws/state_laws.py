@@ -22,5 +22,5 @@ class StateLaws:
         remembering.one_after_another(self.bench)
 
     def test_two_threads_do_not_notice_each_other(self) -> None:
-        """Another thread computes another picture at every line of its code; both results stay the same."""
+        """At every line of the stage's code, another thread computes another picture; both results stay the same."""
         remembering.one_inside_another(self.bench)

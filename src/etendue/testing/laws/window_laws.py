@@ -37,7 +37,9 @@ class WindowLaws:
     bench: Bench
 
     def test_a_window_of_the_whole_is_read_where_it_stands(self) -> None:
-        """Windows from odd rows and columns: of uniform colours, and of any picture if the stage states its reach."""
+        """Windows that start at odd rows and columns are tested: of uniform colours, and also of a picture if the stage
+        states its reach.
+        """
         bench = self.bench
         if bench.given_grids or is_transfer(bench.kind) or draws_anew(bench.kind) or not _pixel_by_pixel(bench):
             return
@@ -59,7 +61,9 @@ class WindowLaws:
                     self._stands_there(found, full, first, frame, halo if what == "a picture" else None)
 
     def _stands_there(self, found: BenchTrial, full: BenchTrial, first: Frame, frame: Frame, halo: int | None) -> None:
-        """Compare a window with the same place of the whole; without ``halo``, of even colours."""
+        """Compare the result for a window with the same place of the result for the whole; without ``halo``, for
+        uniform colours.
+        """
         bench, what = self.bench, "even colours" if halo is None else "a picture"
         for variable, declaration in bench.writes.items():
             if has_rows(declaration.dims):
@@ -75,8 +79,8 @@ class WindowLaws:
 
 
 def _off(found: Array, expected: Array, halo: int | None) -> float:
-    """Return the difference between a window and the same place of the whole, in full scale: the maximum inside its
-    border, else the median.
+    """Return the difference between a window and the same place of the whole, relative to full scale: the maximum
+    farther than ``halo`` from the window's border; without ``halo``, the median.
     """
     away = apart(found, expected)
     if halo is None:  # each method fills borders by its own rule, as far as it reaches
@@ -87,7 +91,7 @@ def _off(found: Array, expected: Array, halo: int | None) -> float:
 
 
 class _Window(Bench):
-    """A bench that reads some rows and columns of a larger frame."""
+    """A bench whose frames are windows of a larger frame."""
 
     def __init__(self, bench: Bench, first: Frame, whole: Frame) -> None:
         super().__init__(bench.stage, None, bench.scales)
@@ -104,7 +108,9 @@ class _Window(Bench):
 
 
 def _pixel_by_pixel(bench: Bench) -> bool:
-    """Return whether a stage writes frames of the pixels that it reads; light by band is never cut by rows."""
+    """Return whether the outputs of a stage have the same pixels as its inputs; False if it reads light by band, which
+    is never cut by rows.
+    """
     if any(dims.banded(declaration.dims) for declaration in bench.reads.values()):
         return False
     read = [bench.input_grids()[port] for port, d in bench.reads.items() if has_rows(d.dims)]
@@ -115,8 +121,8 @@ def _pixel_by_pixel(bench: Bench) -> bool:
 
 
 def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -> Array:
-    """Return an input for the whole frame. For uniform colours, a masked frame has at every pixel the level of its
-    filter's colour, and each of several planes has its own level.
+    """Return an input for the whole frame. For uniform colours, every pixel of a frame with a filter pattern has the
+    level of its filter's colour, and every plane of several has its own level.
     """
     declaration = bench.reads[port]
     if what == "a picture" or not has_rows(declaration.dims):

@@ -82,7 +82,7 @@ class WordLaws:
                 raise LawBroken(f"{name}.libraries names {library!r}, which is not an installed distribution") from None
 
     def test_it_is_a_value(self) -> None:
-        """Frozen, hashable, equal to its copy, and restored by its repr and its pickle."""
+        """A stage is frozen, hashable and equal to its copy, and can be restored from its repr and its pickle."""
         stage, kind = self.stage, type(self.stage)
         for field in dataclasses.fields(stage):
             try:

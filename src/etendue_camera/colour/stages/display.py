@@ -48,10 +48,11 @@ def primaries_to_xyz(display: str) -> FloatArray:
 
 
 def primaries_to_cones(display: str) -> FloatArray:
-    """Return the matrix from linear RGB to cone responses, white (1, 1, 1) to (1, 1, 1): primaries x cone fundamentals
-    (section 3.2 of the paper).
+    """Return the matrix from linear RGB to cone responses, which maps white (1, 1, 1) to (1, 1, 1): primaries x cone
+    fundamentals (section 3.2 of the paper).
 
-    For an RGB space, which has no spectra: its XYZ, with cone responses fitted to the colour-matching functions.
+    For an RGB space, which has no spectra, its XYZ is multiplied by a matrix fitted from colour-matching functions to
+    cones.
     """
     if display in MEASURED:
         found = spectra.cone_fundamentals(TABLE_EDGES).T @ spectra.display_primaries(display, TABLE_EDGES)
@@ -255,7 +256,7 @@ class Encode(_Encoding):
         return {"rgb_display": encoded.reshape(rgb_linear.shape), "gamut_clipped": np.array(outside)}
 
     def joined(self, parts: Mapping[str, Sequence[Array]], sizes: Sequence[int]) -> dict[str, Array]:
-        """Return the fraction of all values, from integer counts."""
+        """Return the clipped fraction of all values, from the counts of the parts."""
         clipped = sum(round(float(share) * size) for share, size in zip(parts["gamut_clipped"], sizes, strict=True))
         return {"gamut_clipped": np.array(clipped / max(sum(sizes), 1))}
 

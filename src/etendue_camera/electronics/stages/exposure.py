@@ -77,7 +77,9 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         return dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, time)
 
     def variance(self, charge: float) -> float:
-        """Return the variance of both fixed patterns for a pixel with this charge, dark charge included."""
+        """Return the variance of PRNU and dark current pattern, electron^2, for a pixel with this charge, dark charge
+        included.
+        """
         dark = float(self.dark_charge(self.integration_time))
         light_mean, light_variance = distributions.cut_normal_moments(self.photo_spread)
         dark_mean, dark_variance = distributions.cut_normal_moments(self.dark_spread)
@@ -110,7 +112,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         return {"expected_charge": signal}
 
     def mean(self, photocurrent: FloatArray) -> dict[str, Array]:
-        """Return the mean over many sensors."""
+        """Return the expected charge, averaged over many sensors, electron."""
         kind = photocurrent.dtype.type
         dark = self.dark_charge(self.integration_time) * noise.mean_factor(self.dark_spread)
         return {
@@ -131,7 +133,9 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         return rounding + (odds / (1 + odds) if math.isfinite(odds) else 1.0), "proved"
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Return the range from darkest to brightest light with a six-sigma pattern: one pixel in 1e9 lies outside."""
+        """Return the range of charge for darkest to brightest light and six-sigma patterns: one pixel in 1e9 lies
+        outside.
+        """
         light = facts["photocurrent"]
         if light.low is None or light.high is None:
             return Facts()
@@ -220,7 +224,7 @@ class ShotNoise(Sampled, Noisy, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class FullWell(Well, Bounded, Datasheet):
-    """Clip charge at the full well, after the random draw, so that saturated pixels have no noise."""
+    """Clip charge at the full well, after shot noise is drawn, so that saturated pixels have no noise."""
 
     role: ClassVar = "full well"
     reads: ClassVar = {"charge": "y x [electron]"}
@@ -240,7 +244,7 @@ class FullWell(Well, Bounded, Datasheet):
         return {"charge": np.minimum(charge, charge.dtype.type(self.well()))}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        """Return a bound on the decrease of the mean of a Poisson count by clipping, relative to the full well."""
+        """Bound the amount by which clipping lowers the mean of a Poisson count, relative to the full well."""
         if facts.high is None or facts.high >= self.well():
             return None
         sigma = math.sqrt(max(facts.high, 1.0))

@@ -19,7 +19,9 @@ def analogue_gain(stage: Amplifier) -> float:
 
 
 def common_draws(noise: str) -> bool | str:
-    """Return whether all cells have the same draws, for a value of the quantity ``noise``; a number chooses others."""
+    """Return whether all cells share their draws, for a value of the quantity ``noise``; a number, which selects the
+    draws, is returned itself.
+    """
     return noise if noise.isdigit() else noise == "common"
 
 
@@ -40,7 +42,7 @@ class ReadOut(Amplifier):
     read_noise_after: float = quantity("read_noise_after")
 
     def read_sigma(self) -> float:
-        """Return the input-referred read noise at the gain, electron."""
+        """Return the input-referred read noise at the analogue gain, electron."""
         return float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
 
 
@@ -67,15 +69,15 @@ class GainChain(Well, Amplifier):
     response_order: float = quantity("response_order")
 
     def bend_scale(self) -> float:
-        """Return the charge at which the response has lost ``response_bend``: 2^bits - 1 DN, electron."""
+        """Return the charge (electron) at which the relative loss is ``response_bend``: that of 2^bits - 1 DN."""
         return float((2**self.bits - 1) / self.dn_per_electron())
 
     def after_bend(self, charge: Floats) -> Floats:
-        """Return charge after the response, electron."""
+        """Return the charge after the non-linear response, electron."""
         return response.bent(charge, self.response_bend, self.response_order, self.bend_scale())
 
     def before_bend(self, charge: Floats) -> Floats:
-        """Return charge before the response, electron."""
+        """Return the charge before the non-linear response, electron."""
         return response.unbent(charge, self.response_bend, self.response_order, self.bend_scale())
 
     def dn_per_electron(self) -> float:
@@ -84,13 +86,13 @@ class GainChain(Well, Amplifier):
         )
 
     def saturation(self) -> float:
-        """Return the charge at which the full well or the top code is reached."""
+        """Return the charge at which the full well or the top code is reached, electron."""
         found = amplifier.saturation_charge(self.well(), self.dn_per_electron(), self.black_level, self.bits)
         top = float((2**self.bits - 1 - self.black_level) / self.dn_per_electron())  # after the response
         return found if self.response_bend == 0 else min(self.well(), float(self.before_bend(top)))
 
     def white(self) -> float:
-        """Return the DN between black and saturation: to the top code, or to the full well where it is reached
+        """Return the range from black to saturation, DN: up to the top code, or to the full well if it is reached
         first."""
         well = self.well() if self.response_bend == 0 else float(self.after_bend(self.well()))
         return amplifier.white_level(well, self.dn_per_electron(), self.black_level, self.bits)

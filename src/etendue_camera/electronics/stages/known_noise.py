@@ -1,4 +1,4 @@
-"""Noise model of the camera maker: variance of a pixel of the linearised mosaic, from camera quantities.
+"""Noise model as the camera maker knows it: variance of a pixel of the linearised mosaic, from camera quantities.
 
 Noise that is not a camera quantity, such as row and column noise, is taken from the ``datasheet`` of the stages.
 """
@@ -35,11 +35,11 @@ class KnownNoise(ReadOut, GainChain):
     dsnu: float = quantity("dsnu")
 
     def electrons(self) -> float:
-        """Return the electrons at 1 of ``mosaic_linear``."""
+        """Return the charge at which ``mosaic_linear`` is 1, electron."""
         return self.white() / self.dn_per_electron()
 
     def noise_model(self) -> tuple[float, float]:
-        """Return the variance per unit of value, and the variance in the dark."""
+        """Return the noise variance of ``mosaic_linear``: shot noise per unit of value, and floor in the dark."""
         electrons = self.electrons()
         return 1 / electrons, self.dark_floor() / electrons**2
 
@@ -51,5 +51,5 @@ class KnownNoise(ReadOut, GainChain):
         return own + (elsewhere(sheets, "read_noise") + elsewhere(sheets, "dsnu"))
 
     def dark_sigma(self) -> float:
-        """Return the standard deviation of a pixel in the dark."""
+        """Return the standard deviation of ``mosaic_linear`` in the dark."""
         return math.sqrt(self.noise_model()[1])

@@ -94,7 +94,7 @@ class Meter(GainChain):
         return low, light.high
 
     def timed(self, level: float) -> float:
-        """Return the time at a metered level, s."""
+        """Return the exposure time for a metered level, s."""
         share = self.target or (HIGHLIGHT if self.metering == "highlight" else AVERAGE)
         if math.isinf(level):
             return self.shortest

@@ -24,8 +24,8 @@ from etendue_camera.roles import DEFECTIVE, PROCESSING
 from etendue_camera.sensor.stages.crosstalk import mixing_of
 from etendue_camera.sensor.stages.sensitivity import Collecting, electrons_per_irradiance
 
-# roles of stages that change noise but enter no metric of a good pixel
 Colours = tuple[FloatArray, FloatArray, tuple[float, ...]]  # electrons per irradiance, lumens, edges of the bands
+# roles of stages that change noise but enter no metric of a good pixel
 NOT_OF_A_PIXEL = (*DEFECTIVE, *PROCESSING, "merging")
 
 
@@ -45,7 +45,7 @@ class NoiseFloor(GainChain):
         return dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, time)
 
     def sigma(self) -> float:
-        """Return the read noise at the gain, electron."""
+        """Return the input-referred read noise at the analogue gain, electron."""
         return float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
 
     def dark_variance(self, time: float, sheets: Sheets) -> float:
@@ -57,7 +57,7 @@ class NoiseFloor(GainChain):
 
 
 def _with(noise: float, more: float) -> float:
-    """Return the rms with a variance added; bit-identical if the variance is 0."""
+    """Return the rms after the variance ``more`` is added; bit-identical to ``noise`` if this variance is 0."""
     return math.sqrt(noise**2 + more) if more else noise
 
 
@@ -65,9 +65,9 @@ def _with(noise: float, more: float) -> float:
 class DynamicRange(NoiseFloor):
     """Compute the dynamic range, down to the dark noise (eqs. 12-13) and down to SNR = 1 (EMVA 1288).
 
-    Both are at the camera's analogue gain, which ``system_gain`` gives in DN per electron. Row and column noise is
-    treated as if it were independent in each pixel; the DSNU of eq. 13 does not include the non-uniformity of the dark
-    current.
+    Both values are for the camera's analogue gain, which ``system_gain`` gives in DN per electron. Row and column noise
+    is treated as if it were independent in each pixel; the DSNU of eq. 13 does not include the non-uniformity of the
+    dark current.
     """
 
     role: ClassVar = "figures"
@@ -145,11 +145,11 @@ class ExposureNumbers(NoiseFloor, Collecting):
 
     ``exposure_value`` is log2(N^2 / t). ``saturation_iso`` is 78 over the exposure (lx s) at which the first channel
     saturates (ISO 12232), by full well or ADC. ``snr_18`` is the temporal signal-to-noise ratio of an 18 % grey card in
-    the raw channel with most charge: shot noise of light and dark current, read noise (also of rows and columns),
-    quantisation; no fixed patterns. ``snr10_illuminance`` is the scene illuminance (lx on the card) at which that ratio
-    is 10, at this f-number, time and light; the mobile industry's metric of this name, which is measured after a colour
-    matrix at 1/15 s, f/2.8 and 3200 K, is larger by the noise amplification of the matrix. ``snr_18`` and
-    ``snr10_illuminance`` are undefined (NaN) if the card saturates first.
+    the raw channel with most charge. Its noise is shot noise of light and dark current, read noise (also of rows and
+    columns) and quantisation, without fixed patterns. ``snr10_illuminance`` is the scene illuminance (lx on the card)
+    at which that ratio is 10, at this f-number, time and light. The mobile industry's metric of this name is measured
+    after a colour matrix at 1/15 s, f/2.8 and 3200 K, and is larger by the noise amplification of the matrix.
+    ``snr_18`` and ``snr10_illuminance`` are undefined (NaN) if the card saturates first.
     """
 
     role: ClassVar = "figures"

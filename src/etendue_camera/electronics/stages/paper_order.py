@@ -20,7 +20,9 @@ from etendue_camera.electronics.stages.gain_chain import Well
 
 @dataclass(frozen=True, kw_only=True)
 class ChargeFraction(Well, Haloed):
-    """Give the photocurrent as a fraction of the full well after a reference time: the paper's noise-free mosaic."""
+    """Convert photocurrent to the fraction of the full well that it fills in a reference time: the paper's noise-free
+    mosaic.
+    """
 
     role: ClassVar = "linearisation"
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}

@@ -125,7 +125,9 @@ class PhotonTransfer(Stage):
 
 
 def _measured(times: Array, stacks: Any) -> emva.SensorFigures | None:
-    """Measure levels (level, frame, y, x) whose first is dark; None if they form no photon transfer curve."""
+    """Measure a sensor from levels (level, frame, y, x), the first of them dark; None without a photon transfer
+    curve.
+    """
     if len(times) < 5 or not 0 <= times[0] < DARK * times[1:].min():
         return None
     order = np.argsort(times[1:]) + 1

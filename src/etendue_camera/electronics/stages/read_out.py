@@ -171,7 +171,7 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
         return (0.0, "there is no row or column noise") if quiet else None
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Keep the facts, except with fixed patterns, which are unbounded: the expected value is unchanged."""
+        """Keep the facts, since the expected value is unchanged; keep none with fixed patterns, which are unbounded."""
         return facts["charge"] if self.of_row_pattern == self.of_column_pattern == 0 else Facts()
 
 
@@ -215,8 +215,8 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
         }
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
-        """Return the brightest charge over the charge at the top code or the full well, at which full scale of the
-        output lies.
+        """Return the largest charge divided by the charge at full scale of the output, which is the top code or the
+        full well.
         """
         high = facts["charge"].high
         return 1.0 if high is None else high / self.saturation()
@@ -271,7 +271,7 @@ class Linearise(KnownNoise, Scaled):
         }
 
     def _straightened(self, raw: Array, white: float, sigma: float) -> dict[str, Array]:
-        """Invert the response first, so that values are proportional to light again."""
+        """Invert the non-linear response, so that values are proportional to light again."""
         gain, full = self.dn_per_electron(), self.saturation()
         codes = np.asarray(raw, dtype=np.float64) - self.black_level
         well = float(self.after_bend(self.well()))

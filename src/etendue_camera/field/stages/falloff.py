@@ -88,7 +88,7 @@ class Falloff(Dimming, Profiled, Banded, Bounded):
         return radiometry.cos4(tangent)
 
     def place(self, radius_um: Floats, corner_um: float) -> FloatArray:
-        """Return the position in the table of a radius: image height in mm, or object-side field angle in degrees."""
+        """Return the table position of a radius (um): image height in mm, or object-side field angle in degrees."""
         if self.rows().axis == "height_mm":
             return np.asarray(radius_um) * 1e-3
         sideways = self.pupil_magnification if self.geometry == "physical" else 1.0

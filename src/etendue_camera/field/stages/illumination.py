@@ -169,7 +169,7 @@ class AngularResponse(Dimming, Banded, Bounded):
         return field_table(self.table, ("angle_deg",))
 
     def folded(self, angle: FloatArray) -> FloatArray:
-        """Return the table's value for either sign, if it begins on the axis."""
+        """Return angles as the table has them: without their sign if the table begins on the axis."""
         return np.abs(angle) if self.rows().nodes[0] >= 0 else angle
 
     def bounds(self, grid: Grid) -> tuple[float, float]:

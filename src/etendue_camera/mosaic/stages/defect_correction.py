@@ -20,7 +20,7 @@ from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 
 @dataclass(frozen=True, kw_only=True)
 class DefectDetection(KnownNoise):
-    """Parameters and result of defect detection."""
+    """A stage that detects defective pixels as outliers of the picture."""
 
     error: ClassVar = measured(2e-7, 1e-15)  # arithmetic error; the true value at a defect is unknown
 
@@ -58,8 +58,8 @@ class CorrectDefects(DefectDetection):
 
     ``by = "map"`` replaces the pixels of the sensor's map, like a camera with a defect list from its maker.
     ``"detection"`` replaces the pixels detected in the picture, like a camera without a list. ``"both"`` searches the
-    picture after correcting the list. In every case the map serves to count the defects that were missed (including hot
-    pixels too weak to be visible) and the good pixels that were replaced. Counts are in pixels.
+    picture after correcting the listed pixels. In every case the map serves to count the defects that were missed
+    (including hot pixels too weak to be visible) and the good pixels that were replaced. Counts are in pixels.
     """
 
     role: ClassVar = "defect correction"
@@ -89,7 +89,7 @@ class CorrectFoundDefects(DefectDetection):
     """Replace outliers of the picture with values interpolated from neighbours of the same colour, without a defect
     map.
 
-    It takes the place of ``correct_defects`` for a sensor with unknown defects. On a sensor without defects, every
+    This stage replaces ``correct_defects`` for a sensor with unknown defects. On a sensor without defects, every
     correction is a false alarm.
     """
 

@@ -105,8 +105,8 @@ class DemosaicDirectional(_Demosaic, Haloed):
     )
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Return a bound on the rounding plus the differences hidden by the floor, such as two greens on a flat
-        background that differ by a tenth of full scale.
+        """Bound the rounding error, which grows as the floor decreases: for instance where two greens on a flat
+        background differ by a tenth of full scale.
         """
         return (4e-7 + 5e-9 / self.floor if precision == "float32" else 1e-15 + 1e-17 / self.floor), "measured"
 
@@ -145,5 +145,7 @@ class DemosaicAny(Haloed):
         return {"rgb_camera": any_mask.linear(mosaic_linear, mask_of(self.pattern), *first_pixel(y, x))}
 
     def halo(self) -> int:
-        """Return at least a period: a frame with fewer rows is padded differently."""
+        """Return the reach of the interpolation, at least one period: a frame with fewer rows is interpolated
+        differently.
+        """
         return any_mask.reach_of(mask_of(self.pattern))

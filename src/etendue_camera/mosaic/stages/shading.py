@@ -111,8 +111,8 @@ class LensShading(Conjugates, Bounded, Haloed):
         return found
 
     def rows(self) -> shading.GainTable:
-        """Return the table. It has a column for each channel of the pattern, or one column for all; for a single plane
-        only its column is returned.
+        """Return the table, which must have a column for each channel of the pattern, or one column for all; for a
+        single plane, it may have more columns.
         """
         table = _table(self.table, file_state(self.table))
         channels, columns = set(mask_of(self.pattern).channels), set(table.columns)

@@ -58,7 +58,9 @@ class White(GainChain, Collecting):
         return electrons_per_irradiance(self, edges), edges
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Return the range over channels and exposure times, and the contrast of the channels."""
+        """Return the range of ``white`` over channels and exposure times, and the ratio of its largest to its smallest
+        channel.
+        """
         light = facts["white_irradiance"].white
         if light is None:
             return Facts()
@@ -90,13 +92,13 @@ def _per_second(
 
 @dataclass(frozen=True, kw_only=True)
 class WhiteEstimate(KnownNoise):
-    """Estimate the colour of the white from the picture, or take it from a preset; the level of the white remains that
-    of ``white``.
+    """Estimate the colour of the white from the picture, or take it from a preset; the level stays that of the true
+    white.
 
     ``grey_world``: the scene is grey on average; ``white_patch``: the brightest area is white; ``shades_of_grey``: a
     power mean between the two; ``preset``: gains from a list; ``illuminant``: the true white, unchanged. Mosaic cells
     with a value of at least 0.98 or a mean below 3 sigma of the dark noise are ignored as a whole, and ``white_used``
-    is the fraction of cells used. ``white_error`` is the angle between this white and the true one. If no cell is
+    is the fraction of cells used. ``white_error`` is the angle between this white and the true white. If no cell is
     usable, the stage fails.
     """
 
@@ -165,7 +167,7 @@ class WhiteEstimate(KnownNoise):
         }
 
     def from_the_picture(self, mosaic: FloatArray, first: tuple[int, int]) -> tuple[Any, float]:
-        """Return the white by channel, and the fraction of the cells used for it."""
+        """Return the estimated white by channel, and the fraction of the cells used."""
         lowest = DARK_SIGMAS * self.dark_sigma()
         means, cells = white_balance.cell_means(mosaic, mask_of(self.pattern), self.cell, CLIPPED, lowest, *first)
         require.that(
@@ -187,10 +189,10 @@ class BalanceMosaic(Haloed):
     colours.
 
     Gains are relative to the largest channel of the white, which is the first to clip: ``clipping_level`` remains the
-    level at which that channel clips. Above this level its true value is unknown, so ``highlights = "neutral"`` clips
-    the other channels there too. ``white`` becomes the level rendered as display white, equal in all channels. This is
-    the scene white if no channel clips below it; otherwise (and always with ``brightness = "camera"``) it is the
-    clipping level. Overexposed areas are white at any exposure, and later stages need no change.
+    level at which that channel clips. Above this level the channel's true value is unknown, so ``highlights =
+    "neutral"`` clips the other channels there too. ``white`` becomes the level rendered as display white, equal in all
+    channels. This is the scene white if no channel clips below it; otherwise (and always with ``brightness =
+    "camera"``) it is the clipping level. Overexposed areas are white at any exposure, and later stages need no change.
     """
 
     role: ClassVar = "white balance"
@@ -218,7 +220,7 @@ class BalanceMosaic(Haloed):
         return {"white": channels, "balance_gains": channels}
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
-        """Return the largest gain over the level that is rendered as white: later stages use that level as full
+        """Return the largest gain divided by the level that is rendered as white: later stages use that level as full
         scale.
         """
         white = facts["white"]

@@ -146,8 +146,8 @@ class OpticalFilter(Banded, Bounded, Tinting):
         }
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        """Return the largest fraction that the filter removes from a band, because the white has light in
-        every band.
+        """Return the largest fraction that the filter removes from any band, with a reason; every band counts, because
+        the white has light in every band.
         """
         if not self.table and math.isinf(self.cut_off):
             return 0.0, "it transmits everything"

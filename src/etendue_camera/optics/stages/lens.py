@@ -92,8 +92,7 @@ class Diffraction(Blur, Cone, Transfer):
 
 
 def too_coarse(facts: Facts, grid: Grid, f_number: float) -> list[str]:
-    """Return a note if there are frequencies above the Nyquist frequency of the grid that the scene contains and the
-    lens passes."""
+    """Return a note if the scene contains, and the lens passes, frequencies above the Nyquist frequency of the grid."""
     cutoff = 1.0 / (grid.bands().edges[0] * 1e-3 * f_number)
     step = grid.line("x").step
     if facts.uniform or facts.band_limit is None or min(cutoff, facts.band_limit) <= 1.001 * 0.5 / step:

@@ -193,7 +193,9 @@ class Wavefront(Blur, Aberrated, Transfer):
         return imaging.steepest_slope(path, pupil.amplitude(shape, COARSE), shape.reach())
 
     def samples(self, shortest: float) -> int:
-        """Return the pupil samples at a wavelength (um): as requested, or eight per wave per pupil radius."""
+        """Return the number of samples across the pupil at a wavelength (um): as requested, but at least eight per wave
+        of slope per pupil radius; four times as many if the pupil is round.
+        """
         needed = math.ceil(8.0 * self.shape().reach() * self.steepness / shortest)
         if needed > MOST_SAMPLES:
             raise ValueError(
@@ -295,8 +297,8 @@ class Wavefront(Blur, Aberrated, Transfer):
         return lambda nu: outline.at(2.0 * nu, place)
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Return the bound for the transform pair plus the rms error over scenes of how the transfer function is
-        computed (points and edges: `benchmarks/pupil.py`).
+        """Return the error bound of the transform pair plus the error of the computed transfer function, rms over
+        scenes (points and edges: `benchmarks/pupil.py`).
         """
         own = super().error(facts, grid, precision)[0]
         if self.aperture == "polygonal":

@@ -23,7 +23,7 @@ PASSES = 2
 
 @dataclass(frozen=True)
 class Binned:
-    """Means by bin about the edge."""
+    """Mean pixel value in each bin across the edge."""
 
     means: FloatArray  # means of bins that are `knot` apart across the rows, with the edge in the middle
     knot: float
@@ -45,8 +45,9 @@ class Binned:
         return 0.5 * len(self.means) * self.knot * self.cosine
 
     def response(self, frequency: FloatArray) -> FloatArray:
-        """Return |DFT| of the windowed three-point derivative over its value at 0, at any frequency along the
-        normal."""
+        """Return |DFT| of the windowed three-point derivative, 1 at zero, at frequencies along the normal,
+        cycles/pixel.
+        """
         line = 0.5 * (self.means[2:] - self.means[:-2])
         places = (np.arange(len(line)) - 0.5 * (len(line) - 1)) * self.knot
         centre = float((places * line).sum() / line.sum())
@@ -60,8 +61,9 @@ class Binned:
         return np.asarray(found, np.float64)
 
     def crossing(self, share: float) -> float:
-        """Return the distance along the normal at which the means pass a fraction of the step, nearest to the
-        middle."""
+        """Return the distance along the normal, pixels, at which the means pass a fraction of the step; of several
+        crossings, the nearest to the middle.
+        """
         values = (self.means - self.low) / (self.high - self.low)
         middle = max(int(np.argmax(values >= 0.5)), 1)
         at = (
@@ -103,7 +105,7 @@ def binned(
     bins : int
         Bins per pixel, measured across the rows.
     window : {"tukey", "hamming"}
-        Window on the derivative of the rows, and window on the derivative of the bins.
+        Window applied to the derivative of the rows and to the derivative of the bins.
     derivative : bool
         Whether to correct for the loss of the three-point derivative.
     cosine : bool
@@ -114,7 +116,7 @@ def binned(
     Returns
     -------
     coefficients : (order + 1,) array
-        The edge, pixels from the middle column, over -1 to 1 from the first row to the last.
+        Polynomial of the edge's position, pixels from the middle column, over v from -1 (first row) to 1 (last row).
     curve : Binned
 
     Raises

@@ -60,7 +60,7 @@ def doubts(found: MeasuredEdge, rise: float) -> tuple[str, ...]:
 
 
 def _bend(found: MeasuredEdge) -> float:
-    """Return the largest distance of the line from a straight one, pixels."""
+    """Return the largest distance of the edge from a straight line, pixels."""
     v = np.linspace(-1.0, 1.0, found.rows)
     own = np.polynomial.polynomial.polyval(v, found.coefficients)
     straight = np.polynomial.polynomial.polyval(v, np.polynomial.polynomial.polyfit(v, own, 1))
@@ -70,7 +70,7 @@ def _bend(found: MeasuredEdge) -> float:
 
 
 def _changes(found: MeasuredEdge) -> bool:
-    """Return whether segments of the edge have different steps: each by least squares against the common curve."""
+    """Return whether the step changes along the edge: each segment is fitted by least squares to the common curve."""
     fit = found.fit
     spline = fit.value - fit.rest
     part = np.minimum((fit.row - fit.row.min()) * PARTS // max(int(np.ptp(fit.row)), 1), PARTS - 1)
@@ -84,7 +84,7 @@ def _changes(found: MeasuredEdge) -> bool:
 
 
 def _pattern(found: MeasuredEdge) -> bool:
-    """Return whether means of the residuals over squares exceed independent pixel noise."""
+    """Return whether mean residuals over squares vary more than independent pixel noise explains."""
     fit, step = found.fit, abs(float(found.curve.high - found.curve.low))
     across = ((fit.distance - fit.distance.min()) / SIDE).astype(np.intp)
     place = (fit.row // SIDE) * (int(across.max()) + 1) + across
@@ -114,7 +114,7 @@ def _shape(found: MeasuredEdge) -> dict[str, bool]:
 
 
 def _noise(found: MeasuredEdge) -> float:
-    """Return the rms difference between neighbours of the smoothed curve, relative to the step, expected from noise."""
+    """Return the rms difference that noise causes between neighbouring samples of the curve, relative to the step."""
     fit = found.fit
     each = fit.distance.size / max(float(np.ptp(fit.distance)), 1.0)  # pixels per pixel of distance
     smoothed = 1 / math.sqrt(2 * math.sqrt(math.pi) * FINE * each)
@@ -122,7 +122,7 @@ def _noise(found: MeasuredEdge) -> float:
 
 
 def _peaks(slope: FloatArray, least: float) -> tuple[list[float], list[float]]:
-    """Return maxima above a threshold, and the lowest value between each and the next."""
+    """Return maxima above a threshold, and the lowest value between each maximum and the next."""
     at = [
         i
         for i in range(1, len(slope) - 1)

@@ -108,13 +108,13 @@ def edge_resolution(
     window : (top, bottom, left, right) or None, pixels
         The part to use, as slice limits: bottom and right are exclusive. None: all.
     find : bool
-        Search the strongest straight edge in the window, and measure a strip about it.
+        Whether to search the strongest straight edge in the window, and measure only a strip about it.
     sites : (y, x) array of bool or None
         The pixels to use; see `slanted_edge`.
     written : callable or None
         Maps a picture and a Generator to the picture as it is read back from its file format, each time at another
-        position relative to the compression blocks and the codes. The interval then includes both effects, see
-        `edge_rewritten`.
+        position relative to the compression blocks and the codes. The interval then includes the effects of blocks and
+        codes, see `edge_rewritten`.
 
     Returns
     -------
@@ -129,15 +129,15 @@ def edge_resolution(
     -----
     The edge spread function is linear in the pixels once the line is known, so that new noise needs no new fit: the
     residuals of every row are multiplied by a standard normal number, and their contribution to the curve is known row
-    by row. Rows whose contributions to the response near MTF50 are correlated (in a demosaiced picture) share smoothed
-    numbers, over six times the lag at which correlation ends. The interval is the percentile interval.
+    by row. Rows whose contributions to the response near MTF50 are correlated (in a demosaiced picture) share random
+    numbers, smoothed over six times the lag at which correlation ends. The interval is the percentile interval.
 
-    The interval includes noise only: not the error of the method itself (0.05 % of MTF50), nor texture or a bend that
-    ``order`` does not follow, nor the effect of the uncertainty of the line, which is of second order. Coverage was
-    92.5 to 96.5 % over 200 seeds, for steps of 10, 30 and 100 times the noise at 2, 5, 10 and 40 degrees, 93 to 95 %
-    for shot noise and 91 to 95 % for noise averaged over 3 x 3 pixels; at 10 the mean error is at most 1 % of MTF50 and
-    its scatter 6 %: ``python benchmarks/resolution.py`` prints these numbers. One edge of 200 x 400 pixels takes 0.05
-    s.
+    The interval includes noise only. It excludes the error of the method itself (0.05 % of MTF50), texture, a bend that
+    ``order`` does not follow, and the second-order effect of the uncertainty of the line. Coverage was 92.5 to 96.5 %
+    over 200 seeds, for steps of 10, 30 and 100 times the noise at 2, 5, 10 and 40 degrees, 93 to 95 % for shot noise
+    and 91 to 95 % for noise averaged over 3 x 3 pixels. For steps of 10 times the noise, the mean error is at most 1 %
+    of MTF50 and the scatter 6 %: ``python benchmarks/resolution.py`` prints these numbers. One edge of 200 x 400 pixels
+    takes 0.05 s.
     """
     require.only(draws >= 50, "draws", draws, "at least 50")
     require.only(0 < confidence < 1, "confidence", confidence, "between 0 and 1")
@@ -247,7 +247,7 @@ def _draws(
     block: int,
     widening: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return MTF50 and MTF10 of curves with other noise, inf if they are not reached."""
+    """Return MTF50 and MTF10 of every draw, cycles/pixel, inf where they are not reached."""
     count = rows.coefficients.shape[0]
     found: list[FloatArray] = []
     for start in range(0, draws, AT_A_TIME):
@@ -264,7 +264,7 @@ def _draws(
 
 
 def lowest_crossing(frequency: FloatArray, sfr: FloatArray, share: float) -> FloatArray:
-    """Return where each of many responses (n, frequency) first falls below a level, by chords; inf if it does not."""
+    """Return the frequency at which each response (n, frequency) first falls below a level, by chords; inf if never."""
     below = sfr < share
     at = np.maximum(below.argmax(axis=1), 1)
     each = np.arange(len(sfr))

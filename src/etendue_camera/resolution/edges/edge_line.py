@@ -60,8 +60,9 @@ def _mean(image: FloatArray) -> FloatArray:
 
 
 def first_line(image: FloatArray, sites: Sites | None = None) -> tuple[bool, FloatArray]:
-    """Return whether the edge is nearer to a column than to a row, its position at v = 0, and the change of its
-    position from v = 0 to v = 1, from the squared gradient."""
+    """Return whether the edge is nearer to a column than to a row, and its line from the squared gradient: position at
+    v = 0 and change to v = 1, pixels, where v runs from -1 (first row) to 1 (last row).
+    """
     gy, gx = gradient(image, sites)
     weight = gx**2 + gy**2
     # Keep about as many strong pixels as the edge has rows.
@@ -83,7 +84,7 @@ def first_line(image: FloatArray, sites: Sites | None = None) -> tuple[bool, Flo
 
 
 def _moments(weight: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:
-    """Return place at v = 0 and change to v = 1 of the line through weighted pixels."""
+    """Return the position at v = 0, and the change to v = 1, of the line through weighted pixels."""
     total = weight.sum()
     if not total > 0:
         raise ValueError(lost("its rows have no step"))

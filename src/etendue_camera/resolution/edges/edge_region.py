@@ -31,7 +31,8 @@ RAISED = 4.0  # times the strength that four fifths of the picture exceed; weake
 
 
 def find_edge(image: FloatArray, sites: Sites | None = None) -> tuple[tuple[int, int, int, int], Sites]:
-    """Return the window (top, bottom, left, right) about the strongest straight edge, and its pixels in the window.
+    """Return the window (top, bottom, left, right) about the strongest straight edge, and the mask of the edge's pixels
+    in the window.
 
     Raises
     ------
@@ -41,7 +42,7 @@ def find_edge(image: FloatArray, sites: Sites | None = None) -> tuple[tuple[int,
     Notes
     -----
     The seed is where the squared gradient, times the square of its coherence, is largest at a measurable angle. The
-    strip follows the edge until its strength ends, and extends across it until the gradient rises again.
+    strip follows the edge until its gradient becomes weak, and extends across it until the gradient rises again.
     """
     survey = _surveyed(image, sites)
     row, column = np.unravel_index(int(survey.score.argmax()), survey.score.shape)
@@ -77,8 +78,8 @@ def find_edges(
 
     Notes
     -----
-    As for `find_edge`, from one seed after the other: pixels covered by an edge, or by a rejected candidate, give no
-    seed.
+    Works as `find_edge`, with one seed after the other: pixels covered by an edge, or by a rejected candidate, are not
+    used as seeds.
     """
     try:
         survey = _surveyed(image, sites)
@@ -126,13 +127,15 @@ class _Ridge:
 
     @property
     def along(self) -> FloatArray:
-        """Return one place per pixel of its length."""
+        """Return positions along the edge, one per pixel of its length."""
         return np.arange(self.start, self.stop + 0.5)
 
 
 @dataclass(frozen=True)
 class _Survey:
-    """Gradient strength, its mean over a square, its direction there, and the weight of a slanted edge."""
+    """By pixel: squared gradient, its mean over a square, direction of the gradient in that square, and score as a
+    slanted edge.
+    """
 
     energy: FloatArray
     total: FloatArray
@@ -211,7 +214,7 @@ def _sampled(energy: FloatArray, ridge: _Ridge, along: FloatArray, across: Float
 
 
 def _centre(energy: FloatArray, row: float, column: float, turn: float) -> tuple[float, float]:
-    """Move the seed across onto the ridge."""
+    """Return the seed (y, x), moved onto the ridge perpendicular to the edge."""
     across = np.arange(-AROUND, AROUND + 0.5, 0.5)
     strength = _sampled(energy, _Ridge((row, column), turn), np.arange(-4.0, 5.0), across).sum(0)
     move = float(across[int(strength.argmax())])
@@ -219,7 +222,7 @@ def _centre(energy: FloatArray, row: float, column: float, turn: float) -> tuple
 
 
 def _ended(energy: FloatArray, ridge: _Ridge) -> _Ridge:
-    """Return the ridge with its extent to either side of its place."""
+    """Return the ridge with the positions at which it ends on both sides."""
     reach = math.hypot(*energy.shape)
     along = np.arange(-math.ceil(reach), math.ceil(reach) + 1.0)
     profile = scipy.ndimage.uniform_filter(_sampled(energy, ridge, along, np.arange(-6.0, 6.5)).sum(1), 5)
@@ -233,7 +236,7 @@ def _ended(energy: FloatArray, ridge: _Ridge) -> _Ridge:
 
 
 def _straightened(energy: FloatArray, ridge: _Ridge) -> _Ridge:
-    """Return the ridge with centre and direction from a line through the centroids across it."""
+    """Return the ridge with the centre and direction of a line fitted to the centroids of its cross-sections."""
     along, across = ridge.along, np.arange(-6.0, 6.5)
     if along.size < 3:
         return ridge
@@ -253,7 +256,7 @@ def _straightened(energy: FloatArray, ridge: _Ridge) -> _Ridge:
 
 
 def _half_width(energy: FloatArray, ridge: _Ridge) -> float:
-    """Return the half width up to where other content begins on either side, within the picture."""
+    """Return the half width of the strip, pixels, up to which neither side of the edge has other content."""
     reach = math.ceil(math.hypot(*energy.shape))
     across = np.arange(-reach, reach + 1.0)
     seen = _sampled(energy, ridge, ridge.along, across)

@@ -21,7 +21,7 @@ from etendue_camera.resolution.edges.edge_spread import EdgeSpread, refitted
 from etendue_camera.resolution.edges.slanted_edge import MeasuredEdge
 
 Written = Callable[[FloatArray, np.random.Generator], FloatArray]
-TIMES, TRIED = 16, 3  # rewritten edges, and those used to set their noise
+TIMES, TRIED = 16, 3  # number of rewritten edges, and number used to set their noise
 # Factors on the bootstrap interval and on the spread of rewritten edges; both contain the noise of the picture.
 BY_ROWS, AGAIN = (
     0.93,
@@ -33,22 +33,24 @@ MOST = 3.0  # the noise assumed before the file is at most this factor times the
 
 @dataclass(frozen=True)
 class Rewritten:
-    """The relative shift of a frequency by a file."""
+    """The relative shift of MTF50 or MTF10 that a lossy file causes."""
 
     bias: float
     spread: float  # standard deviation
-    noise: float  # rms noise assumed before the file, unit of the picture; on the side of the edge with less
+    noise: float  # rms noise assumed before writing, unit of the picture; on the quieter side of the edge
 
     def about(self, value: float, low: float, high: float, confidence: float) -> tuple[float, float]:
-        """Return the interval about a measured frequency, including the interval of the bootstrap by rows (low, high).
+        """Return the interval about a measured frequency: the effect of the file combined with the bootstrap interval
+        (low, high).
 
         Notes
         -----
-        The squares of both parts are added. Both parts contain the noise of the picture; without noise, only the second
-        part contains the effect of the file. `BY_ROWS` and `AGAIN` minimise the interval score (Gneiting and Raftery
-        2007) of 4,800 edges, 60 kinds of file, blur and noise, which ``benchmarks/measure_coverage.py`` does not draw
-        (other seeds; for half of them other sides, angles and levels), times 1.045: coverage is 96 %, and the coverage
-        of the 60 kinds scatters no more than expected from the draws.
+        The half-widths of bootstrap and rewriting are added in quadrature. Both contain the noise of the picture;
+        without noise, only the second contains the effect of the file. `BY_ROWS` and `AGAIN` are 1.045 times the values
+        that minimise the interval score (Gneiting and Raftery 2007) over 4,800 edges with 60 combinations of file, blur
+        and noise. ``benchmarks/measure_coverage.py`` tests with other edges (other seeds; for half of them other sides,
+        angles and levels): coverage is 96 %, and scatters between the 60 combinations no more than expected from the
+        draws.
         """
         if not math.isfinite(self.spread):
             return low, math.inf
@@ -67,13 +69,14 @@ def rewritten(
     crossings: Callable[[EdgeSpread], FloatArray],
     rng: np.random.Generator,
 ) -> list[Rewritten]:
-    """Return the shifts of some frequencies that writing the picture to a file causes. ``crossings`` finds the
-    frequencies in curves (frequency, curve); a shift is inf if its frequency is not reached.
+    """Return the shifts that writing the picture to a file causes in the frequencies ``own`` (MTF50, MTF10).
+    ``crossings`` finds these frequencies in curves, (frequency, curve); the spread is inf if a frequency is not
+    reached.
 
     Notes
     -----
     The measured edge spread function replaces the scene. On each side of the edge, white noise is added so that the
-    residual after writing equals the measured one. No noise is added where the file format removes it.
+    residual after writing equals the measured residual. No noise is added where the file format removes it.
 
     """
     v, across = np.linspace(-1.0, 1.0, found.rows), np.arange(found.columns) - 0.5 * (found.columns - 1)

@@ -30,7 +30,7 @@ class EdgeShape:
 
 
 def edge_shape(image: FloatArray, sites: Sites | None = None) -> EdgeShape:
-    """Return angle and bend of the strongest edge of a picture, even if it cannot be measured.
+    """Return angle and bend of the strongest edge of a picture, even if its response cannot be measured.
 
     Parameters
     ----------

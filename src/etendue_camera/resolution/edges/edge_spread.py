@@ -29,7 +29,7 @@ FAINTEST = 2.0  # minimum step of an edge over the noise of a pixel
 
 @dataclass(frozen=True)
 class Fit:
-    """A cubic spline on uniform knots about distance 0, through the values by distance."""
+    """A cubic spline with uniform knots, fitted to the pixel values over their distance from the edge."""
 
     coefficients: FloatArray
     knot: float
@@ -45,7 +45,7 @@ class Fit:
 
     @property
     def noise(self) -> float:
-        """Rms of a pixel about the spline, corrected for the degrees of freedom of the spline."""
+        """Rms residual of a pixel about the spline, corrected for the degrees of freedom of the spline."""
         return float(np.sqrt((self.rest**2).sum() / max(self.rest.size - len(self.coefficients), 1)))
 
     def by_row(self, rows: int) -> FloatArray:
@@ -102,7 +102,7 @@ def fit(
 
 
 def _filled(distance: FloatArray, limit: float, spacing: float) -> int:
-    """Return the intervals on either side of 0 up to which all have `ENOUGH` pixels."""
+    """Return the number of intervals on either side of 0 up to which every interval has `ENOUGH` pixels."""
     most = int(limit / spacing)
     inside = distance[np.abs(distance) < most * spacing]
     counts = np.bincount(np.minimum((inside / spacing + most).astype(np.intp), 2 * most - 1), minlength=2 * most)
@@ -112,7 +112,7 @@ def _filled(distance: FloatArray, limit: float, spacing: float) -> int:
 
 @dataclass(frozen=True)
 class EdgeSpread:
-    """A complete edge spread function: coefficients of a cubic spline about distance 0, plateaus with tails beyond.
+    """A complete edge spread function: a cubic spline about distance 0, and plateaus with tails beyond it.
 
     It may hold n functions: ``coefficients`` is then (n, coefficients), and the plateaus and the spread are (n,).
     """
@@ -131,8 +131,8 @@ class EdgeSpread:
     def response(self, frequency: FloatArray) -> FloatArray:
         """Return |Fourier transform of the derivative|, 1 at zero: (..., frequency).
 
-        For the spline it is the transform of the differences of its coefficients times the transform of a quadratic
-        B-spline; beyond its ends the derivative is ``spread``/d^2.
+        For the spline, the transform is that of the coefficient differences times that of a quadratic B-spline; beyond
+        its ends the derivative is ``spread``/d^2.
         """
         ends = float(self.places[-1]) + 0.5 * self.knot
         tail = self.spread / ends  # the remainder beyond the ends
@@ -148,7 +148,7 @@ class EdgeSpread:
         return np.asarray(np.hypot(real, imaginary) / np.abs(self.high - self.low)[..., None], np.float64)
 
     def at(self, distance: FloatArray) -> FloatArray:
-        """Return values at distances from the edge."""
+        """Return the values of the function at distances from the edge, pixels."""
         count = len(self.coefficients)
         place = distance / self.knot + 0.5 * (count - 1) - 1
         first = np.clip(np.floor(place).astype(np.intp), 0, count - DEGREE - 1)
@@ -161,7 +161,7 @@ class EdgeSpread:
         return np.asarray(np.where(inside, spline, far), np.float64)
 
     def crossing(self, share: float) -> float:
-        """Return the distance at which the spline passes a fraction of its step; if there are several, the distance
+        """Return the distance, pixels, at which the spline passes a fraction of its step; of several crossings, the
         nearest to the middle.
         """
         c = self.coefficients
@@ -183,7 +183,7 @@ class EdgeSpread:
 
 
 def cubic(t: FloatArray | float) -> FloatArray:
-    """Return the weights of the four coefficients about a place, t of an interval from its knot: (4, ...)."""
+    """Return the weights (4, ...) of the four coefficients that act at a fraction ``t`` of a knot interval."""
     t = np.asarray(t)
     return np.stack([(1 - t) ** 3, 4 - 6 * t**2 + 3 * t**3, 1 + 3 * t + 3 * t**2 - 3 * t**3, t**3]) / 6
 
@@ -218,8 +218,8 @@ def whole(found: Fit, half_width: float | None, tails: bool) -> EdgeSpread:
 
 
 def _strays(found: Fit, model: FloatArray, width: float, reach: float) -> bool:
-    """Return whether the spline deviates from plateaus and tails between half a width and a width by no more than it
-    does farther out.
+    """Return whether the spline deviates from plateaus and tails no more between ``width``/2 and ``width`` than it does
+    beyond ``width``.
     """
     if width > 0.5 * reach:
         return False
@@ -239,7 +239,7 @@ def _far(found: Fit, width: float, tails: bool) -> tuple[NDArray[np.bool_], Floa
 
 
 def joined(coefficients: FloatArray, knot: float, model: FloatArray, width: float) -> EdgeSpread:
-    """Blend the spline (..., coefficients) into the plateaus and, if ``model`` (..., 2 or 3) has one, its tail."""
+    """Blend the spline (..., coefficients) into the plateaus and, if ``model`` (..., 2 or 3) has 3 values, the tail."""
     places = centred(coefficients.shape[-1]) * knot
     kept = np.abs(places) <= width
     places = places[kept]
@@ -251,7 +251,7 @@ def joined(coefficients: FloatArray, knot: float, model: FloatArray, width: floa
 
 
 def _plateau(places: FloatArray, model: FloatArray, knot: float) -> FloatArray:
-    """Return plateaus and the tail at distances: (..., places)."""
+    """Return the values of plateaus and tail at distances ``places``: (..., places)."""
     far = np.where(places < 0, model[..., 0, None], model[..., 1, None])
     if model.shape[-1] > 2:
         far = far - model[..., 2, None] / np.where(np.abs(places) < knot, knot, places)

@@ -60,7 +60,7 @@ class EdgeResponse:
 
 @dataclass(frozen=True)
 class MeasuredEdge:
-    """The fit behind a response by the spline: all data needed to measure again with other noise."""
+    """The spline fit from which a response is computed: all data needed to measure again with other noise."""
 
     fit: Fit
     curve: EdgeSpread
@@ -91,7 +91,7 @@ def slanted_edge(
     order : int
         Degree of the polynomial fitted to the edge, 1 (straight) to 5 (bent by distortion).
     knots_per_pixel : float
-        Knots of the spline along the normal, 1 to 16. Fewer are used if the angle puts all pixels at few distances.
+        Knots of the spline along the normal, 1 to 16. Fewer are used if the pixels are at few distances from the edge.
     half_width : float or None, pixels
         Only pixels within this distance of the edge are used; None: up to where plateaus and tails describe the picture
         equally well. At least 4.
@@ -102,8 +102,8 @@ def slanted_edge(
     samples : int
         Frequencies from 0 to ``highest``, at least 3.
     method : {"spline", "iso"}
-        ``"iso"``: quarter-pixel bins as in the standard, with its corrections; `edge_bins.binned` has each of them as
-        an option. ``knots_per_pixel`` and ``tails`` are then ignored.
+        ``"iso"``: quarter-pixel bins as in the standard, with its corrections; each correction is an option of
+        `edge_bins.binned`. ``knots_per_pixel`` and ``tails`` are then ignored.
     sites : (y, x) array of bool or None
         The pixels to use, such as all pixels of one colour of a mosaic; None: all. Frequencies stay in cycles per pixel
         of the picture.
@@ -124,8 +124,7 @@ def slanted_edge(
     gradient and is refined by Gauss-Newton on the picture itself. (2) Pixels are projected along the edge: their
     distances d from the line include the cosine of the slope. (3) Instead of a mean by bin, a cubic spline with uniform
     knots is fitted to all (d, value) by least squares, so that uneven filling of bins and their averaging have no
-    effect:
-    the error of the fit in the response is of the order (f/knots_per_pixel)^8. (4) The spline is differentiated
+    effect: the error of the fit in the response is of the order (f/knots_per_pixel)^8. (4) The spline is differentiated
     analytically and its Fourier transform is a closed form, so that no derivative filter needs correction.
 
     The result is the transfer function of everything before the sampling, including the pixel aperture, even above 0.5
@@ -157,8 +156,8 @@ def slanted_edge(
 def measured(
     image: FloatArray, sites: Sites | None, *, order: int, knots_per_pixel: float, half_width: float | None, tails: bool
 ) -> MeasuredEdge:
-    """Return the line and the edge spread function of a picture by the spline; arguments are as checked by
-    `slanted_edge`.
+    """Return the line and the edge spread function of a picture by the spline method; `slanted_edge` checks the
+    arguments.
     """
     vertical, line = first_line(image, sites)
     u_image = image if vertical else image.T
@@ -227,8 +226,8 @@ def _said(
 
 
 def folded(frequency: FloatArray, sfr: FloatArray) -> float:
-    """Return the fraction of the line spread energy (Parseval: the integral of sfr^2) above 0.5 cycles/pixel; 0 if none
-    is sampled.
+    """Return the fraction of the line spread energy (Parseval: the integral of sfr^2) above 0.5 cycles/pixel; 0 if
+    ``frequency`` ends below.
     """
     power = sfr**2
     below = np.minimum(frequency, NYQUIST)
@@ -239,7 +238,7 @@ def folded(frequency: FloatArray, sfr: FloatArray) -> float:
 
 def _falls_to(curve: EdgeSpread | edge_bins.Binned, share: float, frequency: FloatArray, sfr: FloatArray) -> float:
     """Return the lowest frequency at which the response has fallen to a level: bracketed on samples, then solved by
-    Brent's method.
+    Brent's method; NaN if it does not fall.
     """
     below = np.flatnonzero(sfr < share)
     if below.size == 0:

@@ -39,9 +39,9 @@ def direction(angle: float) -> tuple[float, float]:
 class Observed:
     """The channel and light whose contrast is computed.
 
-    ``weights``: (wavelength,) photons of the second channel (green) or the only one; None for equal bands.
-    ``channels``: (channel, wavelength), weights of all channels for light that is equally strong in all bands.
-    ``light``: (wavelength,); None for such light.
+    ``weights``: (wavelength,) photons of the second channel (green) or the only channel; None: all bands weigh the
+    same. ``channels``: (channel, wavelength), weights of all channels for light that is equally strong in all bands.
+    ``light``: (wavelength,), spectrum of the light; None: equally strong in all bands.
     """
 
     weights: FloatArray | None
@@ -49,8 +49,9 @@ class Observed:
     light: FloatArray | None = None
 
     def mean(self, otf: Otf, fy: FloatArray, fx: FloatArray) -> FloatArray:
-        """Return the mean over wavelength, (n,); after a pixel, including the charge that moves between pixels
-        there."""
+        """Return the mean transfer function over wavelength, (n,); after a pixel stage it includes charge that moves
+        between pixels.
+        """
         if otf.behind:
             return one_channel(otf.channels_along(fy, fx, self.light, self.channels))
         return resolution.mean_otf(otf.along(fy, fx), self.weights)
@@ -63,7 +64,9 @@ class Observed:
 def signed(
     otf: Otf, observed: Observed, towards: tuple[float, float], rendering: bool
 ) -> Callable[[FloatArray], FloatArray]:
-    """Return the photon-weighted mean along a direction, with or without the rendering of the chart."""
+    """Return a function of frequency (cycles/um): the photon-weighted mean transfer function along a direction, with or
+    without the rendering of the chart.
+    """
 
     def value(f: FloatArray) -> FloatArray:
         fy, fx = towards[0] * f, towards[1] * f
@@ -76,13 +79,13 @@ def signed(
 def response(
     otf: Otf, observed: Observed, towards: tuple[float, float], rendering: bool
 ) -> Callable[[FloatArray], FloatArray]:
-    """Return the contrast: the magnitude of `signed`."""
+    """Return contrast as a function of frequency: the magnitude of `signed`."""
     own = signed(otf, observed, towards, rendering)
     return lambda f: np.abs(own(f))
 
 
 def factor_of(stage: Stage) -> str:
-    """Return the factor that a stage with a transfer function belongs to: all before the sensor are the lens."""
+    """Return the factor that a stage with a transfer function belongs to: the lens for all stages before the sensor."""
     if ends_in_sum(type(stage)):
         return "geometry"
     return "diffusion" if isinstance(stage, InSilicon | ChannelTransfer) else "lens"
@@ -91,8 +94,8 @@ def factor_of(stage: Stage) -> str:
 def half_contrast(
     otf: Otf, observed: Observed, towards: tuple[float, float], highest: float, nodes: int, solved: bool = True
 ) -> float:
-    """Return the MTF50 of a camera without the rendering of its chart; NaN where contrast does not fall to one half up
-    to ``highest``.
+    """Return the MTF50 of a camera without the rendering of its chart, cycles/um; NaN if contrast does not fall to one
+    half up to ``highest``.
     """
     own = signed(otf, observed, towards, rendering=False)
     grid = resolution.search_nodes(highest, nodes)
@@ -119,7 +122,9 @@ def gains(otf: Otf, mtf50: Callable[[Otf], float], nyquist: float, highest: floa
 
 
 def factor_curves(otf: Otf, observed: Observed, towards: tuple[float, float], pitch: float) -> FloatArray:
-    """Return the contrast of each factor's stages alone, (factor, frequency); 1 without stages, NaN for sampling."""
+    """Return the contrast after the stages of each factor alone, (factor, frequency); 1 for a factor without stages,
+    NaN for sampling.
+    """
     names = {name: factor_of(stage) for name, stage in otf.stages}
     alone = [otf.without([name for name, own in names.items() if own != factor]) for factor in FACTORS[:-1]]
     found = [response(one, observed, towards, rendering=False)(curves.PER_PIXEL / pitch) for one in alone]
@@ -294,7 +299,7 @@ class Resolution(Probe):
         return otf.once(("resolution", *observed.key, towards, how), make)
 
     def half(self, otf: Otf, observed: Observed, towards: tuple[float, float], known: Mapping[Any, float]) -> float:
-        """Return the MTF50 of a camera, cached where it may be needed again."""
+        """Return the MTF50 of a camera, cycles/um, from ``known`` or else from the cache."""
         if otf.stages in known:
             return known[otf.stages]
         how = (self.highest, self.places(), self.solved)
@@ -329,7 +334,8 @@ class Resolution(Probe):
         """Return a bound on the errors of all metrics (relative for frequencies and separations), caused by splines,
         their crossings, and the integral for a point.
 
-        Solved crossings are accurate to 1e-9, where splines reach 1e-3. Below 48 nodes a point may lose its ring.
+        Solved crossings are accurate to 1e-9, where splines reach 1e-3. With fewer than 48 ``point_nodes``, the dark
+        ring of a point may not be found.
         """
         on_splines = 0.0 if self.solved else 1.7e-2 * (128 / self.places()) ** 1.5
         points = 8e-5 * (48 / self.point_nodes) ** 2 if self.point_nodes >= 48 else 1.0
@@ -357,7 +363,7 @@ def _shares(weights: FloatArray) -> FloatArray:
 
 
 def one_channel(values: FloatArray) -> FloatArray:
-    """Return the values of the second channel (green), or of the only one."""
+    """Return the values of the second channel (green), or of the only channel."""
     return values[min(1, len(values) - 1)]
 
 
@@ -365,7 +371,7 @@ _FIGURES = ("mtf50", "mtf10", "cut_off", "mtf_nyquist", "aliasing", "rayleigh", 
 
 
 def picture_height(transfers: Sequence[tuple[str, Otf]]) -> float:
-    """Return the height of the pixels that are read, um; NaN without a pixel stage."""
+    """Return the height of the area of pixels that is read out, um; NaN without a pixel stage."""
     for _, otf in transfers:
         if otf.weights is not None and otf.grid is not None:
             line = otf.grid.line("y")

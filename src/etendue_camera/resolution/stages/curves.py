@@ -4,11 +4,11 @@ edge.
 In:  transfer functions, measured edges; the pitch of the pixels.
 Out: contrast over ``frequency`` (cycles/pixel), and the same frequencies in cycles/mm.
 
-Frequencies are in cycles/pixel: 65 from 0 to 1, so that Nyquist is the 33rd for every pitch, cells of a sweep over
-the pitch share one coordinate, and every sample is a binary fraction. At 1 cycle/pixel a pixel without gaps has its
-first zero, and a measured edge ends there. Linear interpolation between samples has an error below 1e-3 in contrast
-where the lens cut-off is above half a cycle per pixel. The error is larger for slower lenses: 3e-2 where all contrast
-is in the first five samples.
+Frequencies are in cycles/pixel: 65 from 0 to 1, so that Nyquist is the 33rd sample for every pitch, cells of a sweep
+over the pitch share one coordinate, and every sample is a binary fraction. At 1 cycle/pixel the MTF of a pixel without
+gaps has its first zero, and the measured response of an edge ends. Linear interpolation between samples has an error
+below 1e-3 in contrast where the lens cut-off is above half a cycle per pixel. The error is larger for slower lenses:
+3e-2 where all contrast is in the first five samples.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def of_edge(frequency: FloatArray, sfr: FloatArray, per_pixel: float) -> FloatAr
     picture's range.
 
     ``per_pixel``: samples of the picture per pixel. A cubic spline through the 201 samples of the response is within
-    2e-4 of the edge itself where MTF50 is above 0.05 cycles/sample, within 2e-3 at 0.015.
+    2e-4 of the exact response of the edge where MTF50 is above 0.05 cycles/sample, and within 2e-3 at 0.015.
     """
     wanted = PER_PIXEL / per_pixel
     seen = wanted <= frequency[-1] * (1 + 1e-12)

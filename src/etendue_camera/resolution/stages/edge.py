@@ -1,7 +1,7 @@
 """Measured resolution: a slanted edge in every picture of a run, compared with the transfer functions.
 
 In:  the pictures, transfer functions and white of all stages.
-Out: measured MTF50 with its interval, the analytic one along the same normal, their difference, flags, by ``stage``;
+Out: measured MTF50 with its interval, analytic MTF50 along the same normal, their difference, flags, by ``stage``;
      the limiting factor.
 """
 
@@ -237,7 +237,7 @@ class EdgeProbe(PictureProbe):
         return once_for(array, (window, self.tails, weighed), make)
 
     def window(self, grid: Grid) -> Window | None:
-        """Return the region in a picture as slice limits; None if there is no edge."""
+        """Return the region in a picture as slice limits; None if no region is given and the edge is searched."""
         if not self.region_height > 0:
             return None
         y, x = grid.line("y"), grid.line("x")
@@ -257,8 +257,8 @@ class EdgeProbe(PictureProbe):
     def analytic(
         self, transfers: Sequence[tuple[str, Otf]], observed: Observed, found: Any
     ) -> dict[str, tuple[float, Any]]:
-        """Return MTF50 and the curve along the normal of each picture's edge, NaN where no product of transfer
-        functions describes the picture.
+        """Return the analytic MTF50 (cycles/um) and MTF curve of each picture along the normal of its edge, NaN where
+        no product of transfer functions describes the picture.
         """
         by_name = dict(transfers)
         values: dict[str, tuple[float, Any]] = {}
@@ -309,8 +309,8 @@ class EdgeProbe(PictureProbe):
     def known_gains(
         self, transfers: Sequence[tuple[str, Otf]], observed: Observed, edges: list[Edge]
     ) -> tuple[Any, float]:
-        """Return the gains of the transfer functions along the first edge, NaN where they are incomplete; and the ratio
-        of MTF50 after charge has moved between pixels to MTF50 before.
+        """Return the analytic gains along the normal of the first edge, NaN where a transfer function is missing; and
+        the ratio of MTF50 after charge has moved between pixels to MTF50 before.
         """
         pixel = next((otf for _, otf in transfers if otf.weights is not None), None)
         if pixel is None or not pixel.whole or not edges:
@@ -324,15 +324,15 @@ class EdgeProbe(PictureProbe):
         return gain, half(pixel) / half(replace(pixel, behind=())) if pixel.behind else 1.0
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
-        """Bound the error for a noise-free edge before the mosaic, and of the transfer functions by the number of
-        nodes. With noise, use the interval instead.
+        """Bound the error of a noise-free edge before the mosaic, plus the error of the analytic MTF50 due to the
+        number of nodes. With noise, use the interval instead.
         """
         return 5e-3 + 1e-6 * (64 / self.nodes) ** 3, "measured"
 
 
 def _noise(first: dict[str, tuple[Edge | None, float]]) -> float:
-    """Return the smaller uncertainty of the mosaic and of the first picture in camera channels; inf where noise hides
-    their edges, NaN where no picture has noise.
+    """Return the relative MTF50 interval width of the mosaic or of the first picture in camera channels, whichever is
+    smaller; inf if noise hides both edges, NaN if no picture has noise.
     """
     read_out = [seen for variable, seen in first.items() if variable not in NOISE_FREE]
     two = [first[variable] for variable in ("mosaic_linear", "rgb_camera") if variable in first] or read_out[:1]
@@ -341,7 +341,7 @@ def _noise(first: dict[str, tuple[Edge | None, float]]) -> float:
 
 
 def _span(centre: float, size: float, start: float, step: float, count: int) -> tuple[int, int]:
-    """Return the slice limits of the pixels in a range on the image plane; empty if it is outside."""
+    """Return the slice limits of the pixels in a range on the image plane; empty for a range outside the picture."""
     low = round((centre - 0.5 * size - start) / step + 0.5)
     high = round(low + size / step)
     return min(max(low, 0), count), min(max(high, 0), count)

@@ -28,7 +28,7 @@ COLUMNS = (
 
 
 def row(edge: Edge | None, step: float, pitch: float) -> dict[str, float]:
-    """Return the columns for an edge in samples of ``step`` um, with pixels of ``pitch`` um."""
+    """Return the columns for an edge measured in samples of ``step`` um, for camera pixels of ``pitch`` um."""
     if edge is None:
         return {**dict.fromkeys(COLUMNS, math.nan), "edge_flags": FLAGS["no_edge"]}
     per_pixel = pitch / step
@@ -60,7 +60,8 @@ def carry_clipped(rows: dict[str, dict[str, float]], mosaic: list[str], stage: A
 
 
 def effective(edge: Edge, per_pixel: float, spread: float = 1.0) -> float:
-    """Return MTF50 in cycles/pixel, capped at Nyquist; NaN above the range of a coarse grid.
+    """Return MTF50 in cycles/pixel, capped at Nyquist; NaN if it is above the frequency range of a grid coarser than
+    the pixels.
 
     ``spread``: ratio of MTF50 after charge has moved between pixels to MTF50 before.
     """

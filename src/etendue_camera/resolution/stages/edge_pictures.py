@@ -32,7 +32,7 @@ REMEMBERED = 512
 
 @dataclass(frozen=True)
 class Edge:
-    """Frequencies in cycles per sample of the picture, along the normal; the interval is NaN without noise."""
+    """Metrics of one edge: frequencies in cycles per picture sample, along the normal; interval NaN without noise."""
 
     mtf50: float
     mtf50_low: float
@@ -63,7 +63,7 @@ _lock = threading.Lock()
 
 
 def once_for(array: FloatArray, asked: Any, make: Callable[[], Edge | None]) -> Edge | None:
-    """Return the result of ``make`` for an array, once: cells of a sweep with the same array share it."""
+    """Return the result of ``make``, computed once per array: cells of a sweep with the same array share it."""
     key = (id(array), asked)
     with _lock:
         known = _seen.get(key)
@@ -85,8 +85,8 @@ def known_edge(
     tails: bool,
     bordered: bool = False,
 ) -> Edge | None:
-    """Return the edge in a window, or the strongest; ``draws`` is 0 for a picture without noise, ``bordered`` marks a
-    picture that is continued by its mirror image.
+    """Return the edge in a window, or the strongest edge of the picture; None if there is none. ``draws`` is 0 for a
+    picture without noise, ``bordered`` marks a picture that is continued by its mirror image.
     """
     key = (picture.digest, window, limits, draws, tails, bordered)
     with _lock:
@@ -149,8 +149,8 @@ def _slices(window: Window) -> tuple[slice, slice]:
 def _inner(window: Window, shape: tuple[int, ...]) -> Window | None:
     """Return the part of a window in the middle of the frame; None if this part is too small to measure.
 
-    Beyond its border the light is continued by its mirror image. Near the border, widely scattered light therefore
-    comes from the mirror image and not from an edge.
+    Beyond the border of the frame the light is continued by its mirror image. Near the border, widely scattered light
+    therefore comes from the mirror image and not from an edge.
     """
     found: list[int] = []
     for low, high, size in ((*window[:2], shape[0]), (*window[2:], shape[1])):
@@ -171,7 +171,7 @@ def _strong(found: EdgeResponse) -> EdgeResponse:
 
 
 def _middle(plane: FloatArray) -> tuple[slice, slice]:
-    """Return the slices of the middle of the edge, of limited length."""
+    """Return the slices (y, x) of the middle part of an edge, at most `LONGEST` pixels along it."""
 
     gy, gx = (float(np.square(np.diff(plane, axis=axis)).sum()) for axis in (0, 1))
     cut = [slice(None), slice(None)]

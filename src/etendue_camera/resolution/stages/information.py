@@ -98,7 +98,7 @@ class Information(KnownNoise, Probe):
         shares, (light, noise) = self.shares(), self.light_and_noise(charge, currents, sheets)
 
         def quanta(otf: Otf, fy: FloatArray, fx: FloatArray) -> FloatArray:
-            """Return the quanta of all channels together, (m, n)."""
+            """Return the NEQ of all channels together, quanta per pixel, (m, n)."""
             return sum(
                 share * information.neq(e * contrast, variance)
                 for share, e, variance, contrast in zip(
@@ -161,6 +161,6 @@ class Information(KnownNoise, Probe):
 
     @staticmethod
     def colours(weights: FloatArray, light: FloatArray | None) -> FloatArray:
-        """Return the photon distribution of a grey surface, (channel, wavelength)."""
+        """Return each channel's photon distribution for a grey surface, (channel, wavelength), normalised to sum 1."""
         own = np.asarray(weights, dtype=float) * (1.0 if light is None else light)
         return own / own.sum(axis=1, keepdims=True)

@@ -76,7 +76,7 @@ def decoded(picture: FloatArray, encoding: str, exponent: float) -> FloatArray:
 
 
 def check_encoding(linear: Seen, encoded: Seen, encoding: str, exponent: float) -> None:
-    """Raise ValueError unless the encoding is the encoding between the last linear and the last encoded picture."""
+    """Raise ValueError unless the last encoded picture, decoded, equals the last linear picture within 0.01."""
     if not linear or not encoded:
         return
     apart = float(np.abs(np.clip(linear[-1][1], 0, 1) - decoded(encoded[-1][1], encoding, exponent)).max(initial=0.0))
@@ -89,18 +89,18 @@ def check_encoding(linear: Seen, encoded: Seen, encoding: str, exponent: float) 
 
 
 def channels_of(transfers: Sequence[tuple[str, Otf]]) -> FloatArray | None:
-    """Return the weights of the pixel, (channel, wavelength); None without one."""
+    """Return the photon weights of the pixel stage, (channel, wavelength); None without a pixel stage."""
     return next((otf.weights for _, otf in transfers if otf.weights is not None), None)
 
 
 def second_of(transfers: Sequence[tuple[str, Otf]]) -> FloatArray | None:
-    """Return the second channel's weights, or the only one's, (wavelength,)."""
+    """Return the weights of the second channel, or of the only channel, (wavelength,); None without a pixel stage."""
     weights = channels_of(transfers)
     return None if weights is None else np.asarray(one_channel(weights), dtype=float)
 
 
 def first_exposure(array: FloatArray, variable: str) -> FloatArray:
-    """Return the first of several exposures."""
+    """Return the picture of the first exposure, without the axis of the frames."""
     dims = 2 if variable == "mosaic_linear" else 3
     array = np.asarray(array)
     return array.reshape(-1, *array.shape[-dims:])[0]
@@ -114,7 +114,7 @@ def _mixed(weights: FloatArray | None, planes: FloatArray) -> FloatArray:
 
 
 def _luminance(matrices: Seen, whites: Seen) -> FloatArray | None:
-    """Return Y of camera RGB through the fitted matrix, (channel,); None without one."""
+    """Return the weights that give Y from camera RGB by the fitted matrix, (channel,); None without a matrix."""
     if not matrices or not whites or len(whites[-1][1]) != matrices[-1][1].shape[1] or not np.all(whites[-1][1] > 0):
         return None
     return np.asarray(matrices[-1][1], dtype=float)[1] / np.asarray(whites[-1][1], dtype=float)

@@ -85,8 +85,8 @@ class StarProbe(_Pictures):
 
     Contrast is relative to the star before the lens (the limit of the outer rings of the first ``irradiance`` towards
     frequency 0), so that veiling glare counts as lost contrast. The result is NaN if there is no star with this many
-    cycles about the centre, if its contrast is below 2 % or the fit residual, if the picture is clipped or too small
-    for rings below half contrast, or if half contrast is not reached at ``highest``.
+    cycles about the centre, if its contrast is below 2 % or below the fit residual, if the picture is clipped or too
+    small for rings below half contrast, or if half contrast is not reached at ``highest``.
     """
 
     writes: ClassVar = {
@@ -148,7 +148,7 @@ class StarProbe(_Pictures):
         return {"star_mtf50": rows[:, 0], "star_mtf50_cycles": rows[:, 1], "star_mtf10": rows[:, 2]}
 
     def measured(self, plane: FloatArray, grid: Grid, contrast: float) -> StarResponse | None:
-        """Return the star of a picture; None if there is no star; contrast 0 where it is unknown."""
+        """Return the response of the star in a picture, None if there is no star; ``contrast`` is 0 if unknown."""
         places = [
             (c - start) / step for c, (start, step) in zip((self.centre_y, self.centre_x), _lines(grid), strict=True)
         ]
@@ -186,9 +186,9 @@ class LeavesProbe(_Pictures):
     cross-spectrum with the light before the lens.
 
     The reference is the first ``irradiance``. If the grids of chart and picture differ, the chart is blurred by a
-    Gaussian of one pixel, which is divided out again, and interpolated at the pixel centres. The rendering of the chart
-    is in both and cancels: the result is the response of the stages after it, averaged over all directions. Noise and
-    aliases are not in the reference and do not count.
+    Gaussian of one pixel, whose transfer function is divided out again, and interpolated at the pixel centres. The
+    rendering of the chart affects both and cancels: the result is the response of the stages after the chart, averaged
+    over all directions. Noise and aliases are not in the reference and are not counted.
 
     Luminance is measured as in ``edge_resolution``, over the whole of every picture; a mosaic of several colours is
     skipped. The result is NaN if there is no texture (uniform light, or edges of one direction), if the picture is
@@ -250,8 +250,8 @@ def _lines(grid: Grid) -> tuple[tuple[float, float], tuple[float, float]]:
 
 
 def _reference(plane: FloatArray, grid: Grid, shape: tuple[int, int], wanted: Grid) -> tuple[Any, float]:
-    """Return the light at the positions of another grid, and the rms width (pixels) of its blur; None where it has no
-    texture.
+    """Return the light interpolated at the positions of another grid, and the rms width of its blur (pixels of that
+    grid); None instead of light without texture.
     """
     own, other = _lines(grid), _lines(wanted)
     if shape == plane.shape and np.allclose(own, other, rtol=1e-9, atol=1e-9 * own[1][1]):
@@ -264,7 +264,7 @@ def _reference(plane: FloatArray, grid: Grid, shape: tuple[int, int], wanted: Gr
 
 
 def _textured(plane: FloatArray) -> bool:
-    """Return whether a picture has slopes in all directions."""
+    """Return whether a picture has contrast, and slopes in all directions."""
     down, across = np.gradient(plane)
     tensor = np.array([[np.sum(down**2), np.sum(down * across)], [np.sum(down * across), np.sum(across**2)]])
     least, most = np.linalg.eigvalsh(tensor)

@@ -151,11 +151,11 @@ class RichardsonLucy(Inverse):
     """Richardson-Lucy deconvolution with the pipeline's own transfer function: iterative, positive, preserves the sum.
 
     Iteration ends when the blurred estimate differs from the picture by no more than the camera's noise times ``stop``,
-    or after ``iterations``; the default of ``stop`` is below 1 because demosaicing averages some of the noise. Negative
-    values are kept, by a pedestal. The iteration starts from the picture, so the result is never less sharp. Each
-    channel has its own transfer function and number of iterations. The metrics apply to small contrasts on a uniform
-    background, where the iterations are a linear filter of known response. They do not include the reduction of the
-    noise gain by total variation.
+    or after ``iterations``; the default of ``stop`` is below 1 because demosaicing averages some of the noise. A
+    pedestal preserves negative values. The iteration starts from the picture, so the result is never less sharp than
+    the picture. Each channel has its own transfer function and number of iterations. The metrics apply to small
+    contrasts on a uniform background, where the iterations are a linear filter of known response. They do not include
+    the reduction of the noise gain by total variation.
     """
 
     reads: ClassVar = LOOKS
@@ -199,7 +199,7 @@ class RichardsonLucy(Inverse):
 
     def restored(self, picture: FloatArray, system: System) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the picture, the transfer function (channel or 1, Ny, Nx // 2 + 1) that was deconvolved, and the
-        iterations by channel.
+        number of iterations by channel.
         """
         transfer = system.plane(*deconvolution.frequencies(*picture.shape[-2:]))
         shot, floor = self.noise_model()

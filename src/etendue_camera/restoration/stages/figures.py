@@ -31,11 +31,11 @@ FIGURES = {"rgb_camera": "channel y x [1]", "mtf50_gain": "[1] nan optional", "n
 
 @dataclass(frozen=True)
 class System:
-    """The transfer function of the camera before a picture: each channel's photon-weighted mean over wavelength, at
-    frequencies of its pixels.
+    """The transfer function of all stages before a picture: each channel's photon-weighted mean over wavelength, by
+    cycles/pixel.
 
-    Only the baseband counts: the transfer function at the frequency itself. Content that aliases onto it is noise for a
-    restoration.
+    Only the baseband is included: the transfer function at the frequency itself. Content that aliases onto this
+    frequency is noise for a restoration.
     """
 
     otf: Any  # None: no blur
@@ -45,7 +45,7 @@ class System:
 
     @property
     def whole(self) -> bool:
-        """Return whether this is all of the blur: every preceding stage that moves light has a transfer function."""
+        """Return whether the transfer function is complete: every preceding stage that moves light has one."""
         return self.otf is None or bool(self.otf.whole)
 
     @classmethod
@@ -68,7 +68,8 @@ class System:
 
     def plane(self, fy: FloatArray, fx: FloatArray) -> FloatArray:
         """Return the OTF (channel or 1, m, n) at frequencies fy (m,), fx (n,), cycles/pixel: exact, or from a table up
-        to 1."""
+        to 1 cycle/pixel.
+        """
         if self.otf is None:
             return np.ones((1, fy.size, fx.size))
         if not self.nodes:
@@ -97,7 +98,7 @@ class System:
 
 
 def one_channel(values: FloatArray) -> FloatArray:
-    """Return the second of some channels: green, or the only one."""
+    """Return the values of the second channel (green), or of the only channel."""
     return values[min(1, len(values) - 1)]
 
 

@@ -25,7 +25,7 @@ class MergeFrames(KnownNoise):
     the median of the frames (motion, cosmic rays); ``hdr`` weights every frame by its known noise and rejects clipped
     values. ``clipping_level`` is the level of the shortest frame, which saturates last. ``merged_variance`` is the
     variance of a mosaic value with this weighting, from shot noise and read-out noise; a demosaicer that averages
-    neighbours leaves less.
+    neighbours reduces it further.
     """
 
     role: ClassVar = "merging"

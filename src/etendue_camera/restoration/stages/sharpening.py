@@ -36,7 +36,7 @@ class Laplacian(Stage):
         return (1e-6 if precision == "float32" else 3e-15) * (1 + 16 * self.strength), "proved"
 
     def growth(self, facts: Mapping[str, Facts]) -> float:
-        """Return the gain at the Nyquist frequency of one axis."""
+        """Return the gain at the Nyquist frequency of both axes, (1/2, 1/2) cycles/pixel."""
         return 1.0 + 8.0 * self.strength
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
@@ -72,7 +72,7 @@ class Sharpen(Laplacian, Bounded, Haloed):
 @dataclass(frozen=True, kw_only=True)
 class SharpenMosaic(Laplacian, Bounded, Haloed):
     """Sharpen the mosaic with a Laplacian before demosaicing, the order of the paper's section 2.8 (its other sections
-    sharpen after it).
+    sharpen after demosaicing).
 
     ``planes = "own"`` uses neighbours of the same colour, a mask period apart, which keeps colours separate. The gain
     is then largest at a quarter of the sampling frequency. ``"mixed"`` is the printed kernel across colours: their

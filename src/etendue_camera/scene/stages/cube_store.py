@@ -86,7 +86,7 @@ def _check_unit(name: str, path: str, attributes: Any, unit: str) -> None:
 
 
 def values_of(path: str, group: Any, name: str, shape: tuple[int, ...], unit: str) -> FloatArray:
-    """Return a coordinate, complete and finite."""
+    """Return the values of a coordinate; raise ValueError unless they are complete and finite."""
     array = group[name]
     if getattr(array, "shape", None) != shape:
         raise ValueError(f"{name} has the shape {getattr(array, 'shape', ())}; the cube requires {shape}")
@@ -138,7 +138,7 @@ def _missing(path: str, key: str, array: Any) -> str:
 
 
 def _names(path: Path) -> set[str]:
-    """Return every file of an array, by its path inside."""
+    """Return the path of every file of an array, relative to the array's folder."""
     return {
         os.path.relpath(os.path.join(folder, name), path).replace(os.sep, "/")
         for folder, _, files in os.walk(path)

@@ -29,7 +29,9 @@ BLOCK = 1 << 15  # pixels whose temporaries stay in the cache
 
 @dataclass(frozen=True)
 class LinearPicture(Sequence[FloatArray]):
-    """Linear sRGB, red, green and blue; or codes of a file and the light of each code, in an eighth of the memory."""
+    """The red, green and blue planes of a picture in linear sRGB. They are stored as such, or in an eighth of the
+    memory as the codes of the file and a table of the light of each code.
+    """
 
     values: Array  # (1 or 3, rows, columns)
     table: FloatArray | None
@@ -39,7 +41,7 @@ class LinearPicture(Sequence[FloatArray]):
         return 3
 
     def __getitem__(self, colour: Any) -> Any:
-        """Return the light of a colour, (rows, columns)."""
+        """Return the linear plane of one colour, (rows, columns)."""
         values = self.values[min(range(3)[colour], len(self.values) - 1)]
         if self.table is None:
             return values
@@ -90,7 +92,7 @@ def _counted(path: str, state: tuple[int, int]) -> tuple[int, int]:
 
 @lru_cache(maxsize=4)
 def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int]) -> LinearPicture:
-    """Return the largest centred crop of the right shape, area-averaged in linear light, and a note."""
+    """Return the largest centred crop with the grid's aspect ratio, area-averaged onto the grid in linear light."""
     picture = read_picture(path)
     height, width = picture.values.shape[:2]
     scale = min(height / rows, width / columns)
@@ -110,7 +112,7 @@ def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int])
 
 
 def _table(kind: np.dtype, full: float) -> FloatArray | None:
-    """Return the light of every code of a picture of whole numbers."""
+    """Return the linear light of every code of an integer picture of up to 16 bits; None for other pictures."""
     if kind.kind != "u" or kind.itemsize > 2:
         return None
     return srgb_decode(np.arange(np.iinfo(kind).max + 1.0) / full)
@@ -137,7 +139,7 @@ class Photograph(Scene):
         return 0.5 / self.spacing
 
     def discretisations(self) -> dict[str, str]:
-        """Return bins, spacing and margin; samples finer than the pixels of the file add nothing."""
+        """Return bins, spacing and margin; the spacing is fixed if half of it would be finer than the file's pixels."""
         rows, columns = self.size()
         height, width = _pixels(self.file)
         finer = min(height / rows, width / columns) < 2

@@ -114,8 +114,8 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
 
 
 def tables_of(stage: Any, edges: tuple[float, ...]) -> tuple[FloatArray, ...]:
-    """Return the fractions of charge that stay and move, by wavelength, and the distribution of the moved charge along
-    both axes.
+    """Return the fractions of charge that stays and that moves, by wavelength, and the distribution of the moved charge
+    along both axes.
     """
     diode = (stage.depletion_depth, stage.diffusion_depth, stage.diffusion_length, stage.back)
     pixel = (stage.pixel_pitch, stage.aperture_fraction, stage.aperture_offset_y, stage.aperture_offset_x)
@@ -136,7 +136,9 @@ def _tables(edges: tuple[float, ...], diode: tuple[Any, ...], pixel: tuple[float
 
 
 def channel_kernels(photons: FloatArray, tables: tuple[FloatArray, ...], beyond: float) -> FloatArray:
-    """Return the kernels of the channels: means over wavelength with these weights, (channel, wavelength)."""
+    """Return the kernel of each channel, averaged over wavelength with the weights ``photons`` (channel,
+    wavelength).
+    """
     kept, moved, along_y, along_x = tables
     share = shares_of(photons)
     return crosstalk.kernels(share @ kept, share @ moved, along_y, along_x, beyond)[0]
@@ -150,8 +152,8 @@ def shares_of(photons: FloatArray) -> FloatArray:
 
 
 def mixing_of(stage: Any, edges: tuple[float, ...], photons: FloatArray) -> FloatArray:
-    """Return the mixing matrix of uniform light by crosstalk, (channel, channel); the identity where charge stays in
-    its plane.
+    """Return the matrix by which crosstalk mixes the channels of uniform light, (channel, channel); the identity if
+    diffusion is per plane.
     """
     if stage.crosstalk == "per_plane":
         return np.eye(len(photons))

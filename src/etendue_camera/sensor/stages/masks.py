@@ -24,9 +24,7 @@ def _mask(pattern: str, state: tuple[int, int]) -> cfa.Mask:
 
 
 def bayer_order(pattern: str, what: str) -> str:
-    """Return the name of a Bayer order; raise ValueError for another array, with the name of the method that does not
-    support it.
-    """
+    """Return the name of a Bayer order; for any other array raise ValueError, naming the method ``what``."""
     mask = mask_of(pattern)
     if mask.bayer is None:
         raise ValueError(
@@ -36,5 +34,5 @@ def bayer_order(pattern: str, what: str) -> str:
 
 
 def first_pixel(y: FloatArray, x: FloatArray) -> tuple[int, int]:
-    """Return row and column on the sensor at which a window starts, from its coordinates."""
+    """Return the row and column on the sensor of a window's first pixel, from the coordinates of the window."""
     return (round(float(y[0])) if len(y) else 0), (round(float(x[0])) if len(x) else 0)

@@ -57,8 +57,8 @@ def of_the_light(
     Returns
     -------
     float
-        In the norm of the content, with the errors of the bands added in phase, relative to a lower bound on the
-        largest signal of the channel.
+        Error in the norm of the content: the errors of the bands are added in phase, and divided by a lower bound on
+        the largest signal of the channel.
     """
     edges = light.bands().edges
     steps = (light.line("y").step, light.line("x").step)
@@ -88,8 +88,8 @@ def _highest(light: Grid, kept: float) -> float:
 
 @lru_cache(96)
 def _left(before: tuple[Transfer, ...], edges: tuple[float, ...], rings: tuple[float, ...], width: float) -> FloatArray:
-    """Return the smallest value of the transfer function of the stages and the aperture in every ring of frequencies,
-    (band or 1, ring).
+    """Return the smallest transfer function of stages and aperture together in every ring of frequencies, (band or 1,
+    ring).
     """
     points = scene_rings.frequencies_in(np.array(rings))
     found = np.abs(effects.in_directions(before, edges, points)).min(axis=0)
@@ -100,9 +100,7 @@ def _left(before: tuple[Transfer, ...], edges: tuple[float, ...], rings: tuple[f
 
 @lru_cache(256)
 def passed(width: float, rings: tuple[float, ...]) -> FloatArray:
-    """Return the largest value over all directions of the aperture's transfer function, (frequency,), at radial
-    frequencies.
-    """
+    """Return the aperture's transfer function at radial frequencies, the largest over all directions, (frequency,)."""
     frequency = scene_rings.frequencies_in(np.array(rings))
     found = np.zeros_like(frequency)
     for angle in np.linspace(0, math.pi / 4, 7):

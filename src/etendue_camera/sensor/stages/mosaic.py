@@ -48,7 +48,7 @@ class Mosaic(Haloed):
         return {"photocurrent": planes.take(("y", "x"))}
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Return the range of all planes: a value comes from one of them."""
+        """Return the range of all planes, since every value comes from one of the planes."""
         planes = facts["photon_rate"]
         return Facts(low=planes.low, high=planes.high, mean=planes.mean, brightest=planes.brightest)
 

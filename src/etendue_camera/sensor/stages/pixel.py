@@ -90,7 +90,7 @@ class Diffusion(Transfer, Bounded, InSilicon):
         return (0.0, "the scene is uniform: diffusion changes nothing") if facts.uniform else None
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Keep the range of a uniform plane only, as every blur does."""
+        """Keep the range only if the plane is uniform, because a blur changes the range of any other plane."""
         return facts["irradiance"] if facts["irradiance"].uniform else Facts(uniform=facts["irradiance"].uniform)
 
     def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
@@ -265,7 +265,7 @@ class Pixel(Collecting, Summed):
         return self.kept_frequencies
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
-        """Return the charge range, from the darkest to the brightest light in any channel."""
+        """Return the range of ``photon_rate``, from the darkest to the brightest light in any channel."""
         light = facts["irradiance"]
         if light.content is None or light.low is None or light.high is None:
             return Facts(uniform=light.uniform)

@@ -125,8 +125,8 @@ def _columns_of(stage: Sensitive, names: tuple[str, ...]) -> list[int | None]:
 def quantum_efficiency(stage: Sensitive, edges: tuple[float, ...]) -> FloatArray:
     """Return electrons per incident photon, (channel, wavelength), at zero spatial frequency.
 
-    A relative table is scaled to ``peak_qe`` per channel at its own peak, independently of the bins of the light; a
-    clear pixel without a column transmits everything. ``system_qe`` tables include the silicon;
+    Each channel of a relative table is scaled so that its peak is ``peak_qe``, independently of the bins of the light;
+    a clear pixel without a column transmits everything. ``system_qe`` tables include the silicon;
     ``filter_transmittance`` tables are multiplied by the collection D(0) and the surface transmission.
     """
     if stage.sensitivity == FLAT:
@@ -153,7 +153,7 @@ def _of_the_silicon(stage: Sensitive, edges: tuple[float, ...], relative: FloatA
 
 
 def _relative(stage: Sensitive, columns: list[int | None], table: FloatArray, edges: tuple[float, ...]) -> FloatArray:
-    """Return the channels' columns per photon up to a factor, (channel, wavelength)."""
+    """Return each channel's relative response per photon, (channel, wavelength)."""
     centres = _centres(edges)
     found = np.stack([np.ones(centres.size) if column is None else table[:, column] for column in columns])
     if stage.sensitivity_per == "energy":
@@ -231,7 +231,7 @@ def cut_off_notes(stage: Sensitive, edges: tuple[float, ...]) -> list[str]:
 
 
 def collection_at_zero(stage: Sensitive, wavelength_nm: FloatArray) -> FloatArray:
-    """Return D(0) at each wavelength."""
+    """Return the collection D(0) at each wavelength, electrons per photon that enters the silicon."""
     alphas = silicon.absorption(np.asarray(wavelength_nm) * 1e-3)
     diode = (stage.depletion_depth, stage.diffusion_depth, stage.diffusion_length, stage.back)
     return np.array([_collected_at_zero(float(a), *diode) for a in alphas])
@@ -243,7 +243,7 @@ def _collected_at_zero(alpha: float, *diode: Any) -> float:
 
 
 def electrons_per_irradiance(stage: Collecting, edges: tuple[float, ...]) -> FloatArray:
-    """Return electron/s of a pixel per W m-2 nm-1 in each bin, (channel, wavelength): width x lambda/hc x area x
+    """Return electron/s of a pixel per W m-2 nm-1 in each bin, (channel, wavelength): bin width x lambda/hc x area x
     efficiency.
 
     The area is the area of the light-sensitive square times the gain of its microlens.

@@ -1,1 +1,1 @@
-"""The store of an archive, whose chunks are checked against its journal: by chunk, by shard, in columns."""
+"""The verified store of an archive: every chunk is checked against the journal when it is read."""

@@ -32,7 +32,7 @@ _READING = threading.Lock()  # of the module: a column can be pickled and copied
 
 
 class Verified(Protocol):
-    """The verified store."""
+    """The members of the verified store that this module uses."""
 
     archive: StoredArchive
 

@@ -76,7 +76,8 @@ def open_archive(folder: str | Path, journal: Read | None = None) -> xarray.Data
 
 
 class VouchedStore(WrapperStore[LocalStore]):
-    """Reads the files of an archive; files that are not complete on disk are assembled from the journal.
+    """A Zarr store that reads the files of an archive; files that are not complete on disk are assembled as the journal
+    says.
 
     Attributes
     ----------
@@ -198,7 +199,9 @@ class VouchedStore(WrapperStore[LocalStore]):
         return not self.whole and key.split("/")[0] in TABLES
 
     def hold(self, path: str, read: Buffer | None, entire: bool = True) -> None:
-        """Compare metadata, coordinates and tables of a finished run with its manifest."""
+        """Check a file of metadata, a coordinate or a table of a finished run against the manifest; raise an error if
+        it differs.
+        """
         known = self.manifest.metadata.get(path) if self.manifest else None
         if known is None or (read is not None and (not entire or hashlib.sha256(read.to_bytes()).hexdigest() == known)):
             return
@@ -210,7 +213,7 @@ class VouchedStore(WrapperStore[LocalStore]):
 
     @cached_property
     def _elsewhere(self) -> dict[str, dict[int, StoredChunk]]:
-        """Map the files that variables without an array would have to their chunks by slot."""
+        """The chunks, by slot, of each file that a variable without an array would have."""
         return dict(self.left_out.files())
 
     def _has(self, path: str) -> bool:
@@ -284,7 +287,9 @@ class VouchedStore(WrapperStore[LocalStore]):
     # -- metadata, coordinates and status -----------------------------------------------------------------------------
 
     def _made(self, key: str) -> bytes | None:
-        """Return a file for which the journal is more recent than the disk; None to use the file on disk."""
+        """Return the bytes of a file as the journal describes it, if the file on disk may be older; None to use the
+        file on disk.
+        """
         node = key.removesuffix(f"/{ROOT}") if key.endswith(f"/{ROOT}") else key.partition("/c/")[0].removesuffix("/c")
         if node in self.left_out.by_node:
             return self.left_out.metadata.get(key)
@@ -297,7 +302,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         return self.small[node].get(key)
 
     def _array(self, group: str, name: str, axes: Mapping[str, list[Any]]) -> Mapping[str, bytes]:
-        """Return the files of an array along axes that may have grown since it was written."""
+        """Return, by path, the files of an array whose axes may have grown since it was written."""
         document = disk.read_document(self.folder / DATA / group / name / ROOT)
         if document is None or document.get("node_type") != "array":
             return {}
@@ -353,8 +358,8 @@ class VouchedStore(WrapperStore[LocalStore]):
 
     @cached_property
     def _ended(self) -> dict[str, dict[tuple[int, ...], str]]:
-        """Map each group and position to the status of a cell that ended without a result. Such cells have no chunks,
-        so their group follows only from their axis values.
+        """Return, by group and position, the status of every cell that ended without a result. Such cells have no
+        chunks, so their group follows only from their axis values.
         """
         entries = self.archive.journal.said
         left = {name: entries[name].status for name in entries.having("failed")}

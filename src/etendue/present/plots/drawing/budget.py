@@ -82,7 +82,7 @@ def budget(holdings: Holdings, blame: DocumentView | None = None, place: str = "
 
 
 def _draw_time(axes: Axes, at: Mapping[str, list[AxisValue]]) -> None:
-    """Draw bars of CPU time by stage, spent and saved."""
+    """Draw bars of the CPU time that each stage has spent and saved."""
     rank = np.arange(len(at["stage"]))
     seconds, saved = np.nan_to_num(np.array(at["seconds"], float)), np.nan_to_num(np.array(at["seconds_saved"], float))
     axes.barh(rank, seconds, color="#4477aa", label="spent")
@@ -144,7 +144,7 @@ def _draw_error(axes: Axes, at: Mapping[str, list[AxisValue]]) -> None:
 
 
 def _draw_cells(axes: Axes, at: Mapping[str, list[AxisValue]]) -> None:
-    """Draw bars of the share of cells that were left out, coarser or failed."""
+    """Draw bars of the shares of each stage's cells that were left out, computed more coarsely, or failed."""
     rank = np.arange(len(at["stage"]))
     shares = {
         name: np.array(at[name], float) / np.maximum(np.array(at["cells"], float), 1)
@@ -191,7 +191,7 @@ def _known(share: Any) -> float:
 
 
 def _with_shares(rows: list[list[Any]], losses: Sequence[DocumentView]) -> list[list[Any]]:
-    """Append each stage's share of every loss to its row; stages merged in a loss get a separate row."""
+    """Append each stage's share of every loss to its row; stages whose losses are merged get a separate row."""
     shares = [{one["stage"]: one["share"] for one in loss["stages"]} for loss in losses]
     names = [row[0] for row in rows]
     apart = [name for name in dict.fromkeys(name for own in shares for name in own) if name not in names]

@@ -43,8 +43,8 @@ def curves(
     at: AxisValues | None = None,
     middle: AxisValues | None = None,
 ) -> Plot:
-    """Plot lines of a variable. ``x``: an axis, or a coordinate or variable along its own dim; ``lines``: the dim shown
-    as separate lines.
+    """Plot a variable as curves. ``x``: an axis, or a coordinate or variable along the dim of the curve; ``lines``: the
+    dim shown as separate lines.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def curves(
 
 
 def _scale(grid: Sequence[Axes], held: HeldVariable, spread: PlotDim | None) -> None:
-    """Set scales and labels; ``spread``: the axis along x, if its values require a logarithmic scale."""
+    """Set scales and labels; ``spread``: the dim along x if its values require a logarithmic scale, else None."""
     unit = unit_text(held.units)
     for axes in grid:
         if spread is not None:
@@ -97,7 +97,7 @@ def _draw_panels(
     x: tuple[str, str],
     hue: PlotDim | None,
 ) -> tuple[list[list[Any]], str]:
-    """Draw all panels; return their numbers and the name of the end of x."""
+    """Draw all panels; return the plotted numbers and the name of the end of x."""
     rows: list[list[Any]] = []
     ended = ""
     for axes, where in zip(grid, product(*(dim.values for dim in place.panels)), strict=True):
@@ -115,7 +115,9 @@ def _draw_panels(
 def _draw_lines(
     axes: Axes, holdings: Holdings, held: HeldVariable, x: tuple[str, str], hue: PlotDim | None, at: AxisValues
 ) -> tuple[list[list[Any]], str, str]:
-    """Draw the lines of a panel and the end of x; return their numbers, the title of x, and the name of the end."""
+    """Draw the lines of a panel and mark the end of x; return the plotted numbers, the title of x, and the name of the
+    end.
+    """
     rows: list[list[Any]] = []
     title, ended, seen = "", "", set()
     for colour, value in zip(_colours(hue), hue.values if hue else [None], strict=True):
@@ -145,7 +147,7 @@ def _preferred(holdings: Holdings) -> HeldVariable:
 
 
 def _along(held: HeldVariable, x: str, free: Sequence[str], dims: Sequence[PlotDim]) -> tuple[str, str]:
-    """Return the dim along x, and the coordinate or variable shown in its place."""
+    """Return the dim along x, and the coordinate or variable whose values replace those of the dim ('' if none)."""
     group = held.groups[0]
     if not x:
         if free:
@@ -169,8 +171,8 @@ def _along(held: HeldVariable, x: str, free: Sequence[str], dims: Sequence[PlotD
 
 
 def _told_apart(lines: str, rest: Sequence[PlotDim], chosen: AxisValues) -> str:
-    """Return the dim shown as lines: as requested, else named dims first (stages, factors), then the axis with the most
-    values that lines can show.
+    """Return the dim shown as lines: the requested dim, else the first named dim (stages, factors), else the first
+    axis, provided that it has at most ``MOST_LINES`` values.
     """
     names = [dim.name for dim in rest]
     if lines and lines not in names:
@@ -202,7 +204,7 @@ def _x_of(held: HeldVariable, along: str, beside: str, at: AxisValues) -> tuple[
 
 
 def _end(holdings: Holdings, held: HeldVariable, at: AxisValues, units: str) -> tuple[float, str] | None:
-    """Return the end of x for a line, in its unit, and the name of this end; None if it has no known end."""
+    """Return the natural end of x for a line, in ``units``, and the name of this end; None if no end is known."""
     if units in PER_PIXEL:
         return 0.5, NYQUIST
     group = held.groups[0]

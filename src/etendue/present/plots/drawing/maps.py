@@ -37,7 +37,7 @@ def figure_map(
     at: AxisValues | None = None,
     middle: AxisValues | None = None,
 ) -> Plot:
-    """Plot a map of a metric, or of an index by name. Without ``figure`` a suitable metric is chosen.
+    """Plot a map of a metric, or of the names that an index points to. Without ``figure`` a suitable metric is chosen.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def factor_map(
     at: AxisValues | None = None,
     middle: AxisValues | None = None,
 ) -> Plot:
-    """Plot a map of an index over two axes by the names that it denotes, such as the limiting factor.
+    """Plot a map over two axes of the names that an index points to, such as the limiting factor.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def names_of(held: HeldVariable) -> list[str]:
 
 
 def laid_out(held: HeldVariable, place: Arrangement) -> tuple[Array, Array, Array]:
-    """Return values, whether the cell failed, and whether it was computed, each as (panel, y, x)."""
+    """Return three (panel, y, x) arrays: the values, whether the cell failed, and whether it was computed."""
     at = {dim: value for dim, value in place.fixed.items() if dim in (*held.axes, *held.dims)}
     values, failed = held.values(at), held.failed(at)
     there = held.there(at)
@@ -128,7 +128,7 @@ def laid_out(held: HeldVariable, place: Arrangement) -> tuple[Array, Array, Arra
 
 
 def _over(flags: xarray.DataArray, order: Sequence[str], values: xarray.DataArray) -> Array:
-    """Broadcast flags over the axes to all dims of the values."""
+    """Broadcast flags, which have only the axes of the sweep, to all dims of the values."""
     whole = flags.expand_dims({dim: values.sizes[dim] for dim in order if dim not in flags.dims})
     return whole.transpose(*order).values
 
@@ -162,7 +162,7 @@ def _title(what: str, holdings: Holdings, place: Arrangement) -> str:
 
 
 def _table(held: HeldVariable, place: Arrangement, values: Array) -> tuple[list[str], list[list[Any]]]:
-    """Return a row for each number."""
+    """Return the names of the columns, and a row for each plotted number."""
     dims = [*place.panels, *(side for side in (place.y, place.x) if side)]
     fixed = [name for name in place.fixed if name in (*held.axes, *held.dims)]
     columns = [*fixed, *(dim.name for dim in dims), held.variable]

@@ -52,7 +52,7 @@ def map_of_figures(
     failed: Array | None = None,
     there: Array | None = None,
 ) -> Figure:
-    """Show numbers by colour on one scale, each also written in its cell.
+    """Show numbers as colours on one scale, and write each number in its cell.
 
     Parameters
     ----------
@@ -126,9 +126,10 @@ def map_of_names(
     said: str = "no value",
     tints: Mapping[str, str] | None = None,
 ) -> Figure:
-    """Show names by colour with a legend; ``indices`` (panel, y, x) point into ``names``; NaN stays white.
+    """Show names as colours with a legend. ``indices`` is a (panel, y, x) array of indices into ``names``; cells with
+    NaN stay white.
 
-    ``said``: meaning of white; ``tints``: colours of names that have a colour.
+    ``said``: what the legend says about white cells; ``tints``: colours of the names that have a fixed colour.
 
     Raises
     ------
@@ -190,7 +191,7 @@ def _mark(panel: Axes, row: int, column: int, text: str, colour: str, room: floa
 
 
 def _explain(figure: Figure, failed: Array | None, values: Array, there: Array | None) -> None:
-    """Explain below the panels the marks that appear in them."""
+    """Explain, below the panels, the marks that the panels contain."""
     words = [f"{FAILED} the cell failed"] if failed is not None and np.any(failed) else []
     lost = ~np.isfinite(values) & (np.zeros_like(values, bool) if failed is None else ~np.asarray(failed))
     if there is not None and np.any(lost & np.asarray(there) & np.isnan(values)):

@@ -35,7 +35,8 @@ MOST_NAMED = 24
 
 
 def front(points: Any) -> Array:
-    """Return the points that no other point dominates, by being at least as good in every column and better in one.
+    """Return a mask of the points that no other point dominates, that is, equals or exceeds in every column and exceeds
+    in at least one.
 
     Parameters
     ----------
@@ -114,7 +115,7 @@ def pareto(
 
 
 def _behind(held: Sequence[HeldVariable], place: dict[str, AxisValue]) -> list[str]:
-    """Choose the last entry of a named dim, such as the last stage that blurs; return texts that state this choice."""
+    """Add the last stage of each metric with the dim ``stage`` to ``place``; return texts that state this."""
     said = []
     for one in held:
         for dim in one.dims:
@@ -169,7 +170,7 @@ def _at(held: HeldVariable, place: AxisValues) -> xarray.DataArray:
 
 
 class _Drawn(NamedTuple):
-    """The meaning of the points of a front."""
+    """What the points of a front stand for."""
 
     holdings: Holdings
     held: Sequence[HeldVariable]
@@ -241,7 +242,7 @@ def _draw(drawn: _Drawn, values: Array, best: Array, index: Array, title: str) -
 
 
 def _name_points(axes: Axes, values: Array, named: Array, index: Array, drawn: _Drawn) -> list[str]:
-    """Number some points, and return a line for each: its axis values and both metrics."""
+    """Number the points ``named`` in the plot, and return a line of text for each: its axis values and both metrics."""
     lines, dims = [], drawn.dims
     factors = {dim.name: found for dim in dims if (found := factors_of(drawn.holdings, dim.name))}
     units = {dim.name: dim.units for dim in dims} | {f.name: f.units for own in factors.values() for f in own}
@@ -268,7 +269,7 @@ def _name_sides(axes: Axes, held: Sequence[HeldVariable], sense: Sequence[str], 
 
 
 def _marks(dims: Sequence[PlotDim], hue: int | None, shape: int | None, colours: Any) -> list[Any]:
-    """Return legend entries of colours and markers; for many colours, a selection."""
+    """Return legend entries for the markers and for at most eight of the colours."""
     from matplotlib.lines import Line2D
 
     marks: list[tuple[str, Any, str]] = []

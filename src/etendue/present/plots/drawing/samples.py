@@ -43,8 +43,8 @@ class Column:
 def columns_of(
     holdings: Holdings, figures: Sequence[str], at: AxisValues, middle: AxisValues
 ) -> tuple[list[Column], list[Any], str]:
-    """Return factors and metrics over the rows in which all metrics are finished; the rows; the fixed values of other
-    axes.
+    """Return the factors and metrics in all rows in which every metric is finite, these rows, and a text with the fixed
+    values of the other axes.
 
     Raises
     ------
@@ -71,7 +71,9 @@ def columns_of(
 
 
 def _rows_of(held: Sequence[HeldVariable], dim: str) -> list[Any]:
-    """Return the rows on which at least one of some variables depends; none if one of them does not depend on rows."""
+    """Return the rows of a design for which at least one of these variables is stored; none if a variable is the same
+    for all rows.
+    """
     if not all(dim in one.axes for one in held):
         return []
     return sorted({row for one in held for row in one.values_of(dim)})
@@ -162,7 +164,7 @@ def _share(values: Array) -> Array:
 
 
 def _ticks(column: Column) -> list[tuple[str, float]]:
-    """Return texts beside an axis, and their heights."""
+    """Return the tick labels of an axis, and their heights as fractions of the axis."""
     if column.names:
         most = max(len(column.names) - 1, 1)
         return [(name.replace("_", " "), place / most) for place, name in enumerate(column.names)]
@@ -175,7 +177,7 @@ def _ticks(column: Column) -> list[tuple[str, float]]:
 def scatter(
     holdings: Holdings, figures: Sequence[str] = (), at: AxisValues = NOWHERE, middle: AxisValues = NOWHERE
 ) -> Plot:
-    """Plot every two factors and metrics of the samples against each other, each alone on the diagonal."""
+    """Plot every pair of factors and metrics of the samples against each other, with histograms on the diagonal."""
     columns, rows, fixed = columns_of(holdings, figures, at, middle)
     from matplotlib import colormaps
 

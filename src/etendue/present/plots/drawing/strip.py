@@ -55,7 +55,7 @@ class Tile:
 
 
 def strip(holdings: Holdings, variable: str = "", stage: str = "", at: AxisValues | None = None) -> Plot:
-    """Plot all stages of one cell, or one ``variable`` at all values of the only axis that ``at`` does not fix.
+    """Plot all stages of one cell; or one ``variable`` along the only axis that ``at`` does not fix.
 
     Raises
     ------
@@ -135,8 +135,8 @@ def picture_of(held: HeldVariable, at: AxisValues) -> tuple[xarray.DataArray, bo
 
 
 def _open_text(held: HeldVariable, open_: list[str]) -> str:
-    """Return the message that says that a swept variable requires a choice of values, and gives the command that shows
-    all values.
+    """Return a message that asks to choose one value of each open axis, and gives the command that shows all values of
+    the first.
     """
     said = []
     for dim in open_:
@@ -157,14 +157,14 @@ def _open_text(held: HeldVariable, open_: list[str]) -> str:
 
 
 def _words_at(held: HeldVariable, dims: Sequence[str]) -> str:
-    """Return options with the first value of some axes, as typed in a shell."""
+    """Return command-line options that choose the first value of each of these axes."""
     first = {dim: held.values_of(dim)[0] for dim in dims}
     typed = {dim: f"{value:.6g}" if isinstance(value, float) else str(value) for dim, value in first.items()}
     return " ".join(f"--at {dim}={shlex.quote(text)}" for dim, text in typed.items())
 
 
 def _picture(held: HeldVariable, at: AxisValues) -> tuple[xarray.DataArray, bool] | None:
-    """Return one cell of a variable from the group that has it; None if no group has it."""
+    """Return the array of a variable in one cell, and whether the cell failed; None if no group has the cell."""
     values = {dim: value for dim, value in at.items() if dim in held.axes}
     inner = {dim: value for dim, value in at.items() if dim in held.dims}
     for group in held.groups_at(at):
@@ -186,7 +186,9 @@ def drawn_of(held: HeldVariable) -> Drawn:
 
 
 def white_of(holdings: Holdings, held: HeldVariable, at: AxisValues) -> float:
-    """Return the linear value shown as white in the picture of a cell: the same for all existing stages of its kind."""
+    """Return the linear value shown as white in the picture of a cell; all pictures of the same kind in this cell share
+    it.
+    """
     kept = [one for one in holdings.of_kind("picture") if drawn_of(one).shown or one is held]
 
     def bright_of(number: int) -> float | None:
@@ -203,7 +205,7 @@ def white_of(holdings: Holdings, held: HeldVariable, at: AxisValues) -> float:
 
 
 def of_frames(frames: xarray.Dataset) -> list[Tile]:
-    """Return the pictures that a run has stored of one cell."""
+    """Return the pictures of one cell that a run has stored."""
     tiles = []
     preview = frames["preview"].values
     detail = frames["detail"].values if "detail" in frames else None
@@ -222,7 +224,7 @@ def of_frames(frames: xarray.Dataset) -> list[Tile]:
 
 
 def _with_parts(found: list[tuple[str, str, xarray.DataArray, bool, float]]) -> list[Tile]:
-    """Return tiles of stored arrays, each with its value of white and a detail at an edge."""
+    """Return tiles of stored arrays, drawn with their values of white, each with a detail at the same strong edge."""
     drawn = [
         (stage, variable, pictures.drawn(array, white, failed), failed)
         for stage, variable, array, failed, white in found
@@ -295,7 +297,9 @@ def _draw(tiles: list[Tile], title: str) -> Any:
 
 
 def _fitted(shape: tuple[int, int], box: int) -> tuple[int, int]:
-    """Return rows and columns in dots: a whole number per sample if the array is smaller than the box."""
+    """Return the height and width of a picture in dots; a sample takes a whole number of dots if the array fits into
+    the box.
+    """
     largest = max(shape)
     scale = box // largest if box >= largest else box / largest
     return max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale))
@@ -342,7 +346,7 @@ def show(holdings: Holdings, variable: str, stage: str = "", at: AxisValues | No
 
 def show_array(array: xarray.DataArray, failed: bool = False, title: str = "", white: float | None = None) -> Plot:
     """Show one array as a picture, striped where it has no values. ``white``: the linear value shown as white; None:
-    the value is derived from the array alone.
+    derive it from the array alone.
     """
     picture = pictures.drawn(array, white, failed)
     rows, columns = picture.shape[:2]

@@ -49,7 +49,7 @@ UNREADABLE = (EtendueError, OSError, ValueError, KeyError, RuntimeError)
 
 @dataclass(frozen=True)
 class Metric:
-    """One metric of one cell, with its min and max over the sweep; unknown: NaN."""
+    """The value of one metric in one cell, with its minimum and maximum over the sweep; unknown numbers are NaN."""
 
     name: str
     title: str
@@ -64,7 +64,9 @@ class Metric:
 
     @property
     def spanned(self) -> str:
-        """Return min and max over the sweep as text; '' if unknown or equal to the value of the cell."""
+        """Return minimum and maximum over the sweep as text; '' if they are unknown, or both equal the value of the
+        cell.
+        """
         ends = list(dict.fromkeys(f"{end:.4g}" for end in (self.least, self.most)))
         known = math.isfinite(self.least) and (len(ends) > 1 or not math.isfinite(self.value))
         return f"{' … '.join(ends)} {unit_text(self.units)}".strip() if known else ""
@@ -223,8 +225,8 @@ def _damage(folder: Path) -> str:
 
 
 def _cell(holdings: Holdings) -> Document:
-    """Return the cell to show: the cell of the run's pictures; else, among the cells that have progressed furthest, the
-    cell nearest the middle.
+    """Return the axis values of the cell to show: the cell of the run's pictures; else, among the cells finished up to
+    the latest stage, the one nearest the middle of the sweep.
     """
     said = shown_at(holdings)
     if said:
@@ -244,7 +246,7 @@ def _cell(holdings: Holdings) -> Document:
 
 
 def _finished(one: HeldVariable) -> list[Document]:
-    """Return a mask of the finished cells of a stage, from its status alone; no other array is read."""
+    """Return the axis values of each finished cell of a stage; only the status array is read."""
     found = []
     for group in one.groups:
         if "status" in group:
@@ -256,9 +258,7 @@ def _finished(one: HeldVariable) -> list[Document]:
 
 
 def _is_finished(one: HeldVariable, at: AxisValues) -> bool:
-    """Return whether the cell at some values of the sweep is finished; a variable that no axis affects counts as
-    finished.
-    """
+    """Return whether the cell at these axis values is finished; a variable that no axis affects counts as finished."""
     place = {dim: at[dim] for dim in one.axes}
     for group in one.groups:
         if "status" in group and all(value in group[dim].values.tolist() for dim, value in place.items()):
@@ -283,7 +283,7 @@ def _figures(holdings: Holdings, at: AxisValues) -> list[Metric]:
 
 
 def _figure(one: HeldVariable, at: AxisValues) -> Metric | None:
-    """Return a metric of one cell and its range over the sweep; None if neither is known."""
+    """Return the value of a metric in one cell and the range over the sweep; None if neither is known."""
     cells = math.prod(len(one.values_of(dim)) for dim in one.axes)
     ranged = cells <= RANGED
     place = {dim: value for dim, value in at.items() if dim in one.axes}
@@ -341,7 +341,7 @@ def _going_on(place: str, folder: Path | None, state: str) -> list[tuple[str, st
 
 
 def _places(one: HeldVariable, at: AxisValues) -> str:
-    """Return the values along swept axes, as keyword arguments of a call."""
+    """Return the values of the swept axes as keyword arguments in the text of a call."""
     axes = {dim: one.values_of(dim) for dim in one.axes if dim.isidentifier()}
     return "".join(f", {dim}={at.get(dim, values[0])!r}" for dim, values in axes.items() if len(values) > 1)
 

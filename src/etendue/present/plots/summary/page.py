@@ -72,7 +72,7 @@ def page(one: Glance, run: str = "") -> str:
 
 
 def _figures(one: Glance) -> str:
-    """Return the table of metrics; numbers stay with their units."""
+    """Return the table of metrics; no line breaks between a number and its unit."""
     columns: list[Column] = [
         ("metric", "left", lambda own: own.title + f" ({own.name})" * (own.title.replace(" ", "_") != own.name)),
         (_unbroken(f"at {one.at}") if one.at else "value", "left", lambda own: _unbroken(own.said)),
