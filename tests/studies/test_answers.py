@@ -405,7 +405,7 @@ def test_command_line_states_plans_and_stores_errors(tmp_path: Any, monkeypatch:
 
 def test_python_writes_errors_beside_the_values(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path))
-    monkeypatch.setattr("etendue.builder.simulating.SHARE", 1e3)  # a run this small has no time for it
+    monkeypatch.setattr("etendue.accuracy.answers.recalled.SHARE", 1e3)  # a run this small has no time for it
     value = simulate(pipeline())["exposure_report"]["mean_snr"]
     assert value.attrs["error"] > 0
     assert value.attrs["error_parts"].startswith("\u00b1")

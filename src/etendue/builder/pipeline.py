@@ -291,7 +291,7 @@ class Pipeline(Extended, PipelineSource):
         ----------
         archive : folder that keeps the results and from which a run resumes; None: in memory
         want : variable or variables to compute, instead of the pipeline's ``wanted``
-        errors : whether to measure the errors of the wanted variables, in at most 10 % of the run's time; a number is
+        errors : whether to measure the errors of the wanted variables, in at most 10 % of the stages' time; a number is
             the maximum time in seconds, ``math.inf``: no limit
 
         Returns

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.accuracy.answers.evaluations import PLANNING
-from etendue.accuracy.answers.recalled import SHARE, answer_errors, recalled
+from etendue.accuracy.answers.recalled import answer_errors, recalled, usual_budget
 from etendue.archive import places
 from etendue.archive.records.choices import with_kept_choices
 from etendue.calls import called
@@ -47,7 +47,7 @@ def simulate(
     want : variable or variables to compute, instead of the file's ``wanted``
     scheduler, workers : as for ``--scheduler`` (``etendue run --help``); number of threads or processes
     leave_out : whether stages may be left out if they have no effect on the results
-    errors : whether to measure the errors of the wanted variables, in at most 10 % of the run's time; a number is the
+    errors : whether to measure the errors of the wanted variables, in at most 10 % of the stages' time; a number is the
         maximum time in seconds, ``math.inf``: no limit. The errors are stored as the attributes ``error`` (in the
         variable's unit, or relative to full scale) and ``error_parts``
     **parameters : shared quantities by name, ``stage__parameter`` for parameters of stages, ``seed``, ...; a list makes
@@ -89,9 +89,9 @@ def at_choices_of(pipeline: PipelineFile, archive: str | Path | None) -> Pipelin
 
 def with_errors(outcome: Outcome, errors: bool | float = True) -> None:
     """Measure the errors of a run's wanted variables and add them to the outcome. ``errors``: the maximum time in
-    seconds; True for 10 % of the run's time; False for no measurement.
+    seconds; True for 10 % of the time of its stages; False for no measurement.
     """
-    budget = SHARE * outcome.seconds if isinstance(errors, bool) else errors
+    budget = usual_budget(outcome) if isinstance(errors, bool) else errors
     folder = outcome.archive if isinstance(outcome.archive, Path) else None
     if not errors or outcome.failed or (budget < 5 * PLANNING and recalled(outcome.plan, folder) is None):
         return

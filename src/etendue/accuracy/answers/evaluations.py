@@ -180,11 +180,9 @@ class Evaluations:
         if the stages refuse one of the evaluations.
         """
         try:
-            try:
-                return self.all_of(*which)
-            except TooDear:
-                some = self.affordable(*which)
-                return self.all_of(*which, asked=some) if some else None
+            some = self.affordable(*which)
+            whole = len(some) == len(self.point.wanted)
+            return self.all_of(*which, asked=None if whole else some) if some else None
         except TooDear:
             return None
 

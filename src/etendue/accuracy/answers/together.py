@@ -132,7 +132,8 @@ class Together:
             pair = next(filter(None, (self.evaluations.most_of(*one) for one in which)), None)
             finer: Parts = {one: {} for one in self.parts}
             if pair is not None:
-                known = [one for one in self.affected[name] if name in self.parts[one] and one in pair[0][1]]
+                made = pair[0][1].keys() & pair[1][1].keys()
+                known = [one for one in self.affected[name] if name in self.parts[one] and one in made]
                 compare(finer, self.missing, pair, name, known)
                 for one, own in self.parts.items():
                     own.update(finer[one])

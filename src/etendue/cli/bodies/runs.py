@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from etendue.accuracy.answers.error import AnswerErrors
-from etendue.accuracy.answers.recalled import AT_LEAST, SHARE, answer_errors
+from etendue.accuracy.answers.recalled import AT_LEAST, answer_errors, usual_budget
 from etendue.archive import places
 from etendue.archive.records.choices import with_kept_choices
 from etendue.archive.records.remembered import ANSWER, forget
@@ -96,7 +96,7 @@ def _answers(
     if outcome.failed or not errors:
         forget(folder, ANSWER)
         return None
-    budget = max(most, SHARE * outcome.seconds)
+    budget = max(most, usual_budget(outcome))
     try:
         parts = held.chosen.parts if held and held.chosen else {}
         return answer_errors(outcome, installed(), budget, folder, watched, parts).document()
