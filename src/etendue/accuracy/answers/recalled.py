@@ -26,13 +26,14 @@ from etendue.session import Outcome
 from etendue.telling import plain, where
 from etendue.types.documents import DocumentView
 
-# Budget on the command line: a fraction of the seconds of the stages, but at least a time too short to notice.
-SHARE, AT_LEAST = 0.1, 0.2
+# Budget on the command line: a tenth of the seconds of the stages, less what evaluations may take longer than predicted,
+# but at least a time too short to notice.
+SHARE, AT_LEAST = 0.09, 0.2
 MORE = 1.5  # if the budget has grown by this factor, evaluations that exceeded it are tried again
 
 
 def usual_budget(run: Outcome) -> float:
-    """Return a tenth of the CPU seconds of a run's stages, or of the time that passed if this is less."""
+    """Return the share of the CPU seconds of a run's stages, or of the time that passed if this is less."""
     return SHARE * min(run.reports.seconds_of(), run.seconds)
 
 
