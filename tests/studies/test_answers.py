@@ -17,6 +17,7 @@ from etendue import simulate
 from etendue.accuracy.answers import pilots, recalled, refinement
 from etendue.accuracy.answers.cached import answer_key
 from etendue.accuracy.answers.error import Part, answers_of, part_between
+from etendue.accuracy.answers.evaluations import Evaluations
 from etendue.accuracy.answers.pilots import state_errors
 from etendue.accuracy.answers.refinement import DRAWN, Point
 from etendue.archive.records.remembered import ANSWER, latest
@@ -219,6 +220,29 @@ def test_the_plan_of_one_point_computes_what_that_point_alone_computes(place: tu
     shot = point.base.of("shot_noise")[0].ref
     draws = [collect(with_draw(point.base, number), {shot: ["charge"]}).arrays[shot]["charge"] for number in (0, 1, 1)]
     assert np.array_equal(draws[1], draws[2]) and not np.array_equal(draws[0], draws[1])
+
+
+def test_what_is_too_short_for_pictures_refines_cheap_numbers_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other variables keep the errors that they have, or stay not measured for want of time."""
+    monkeypatch.setattr(pilots, "THRIFT", 1e12)
+    made = pipeline() | {"wanted": ["photon_rate", "mean_snr", "resolution"]}
+    made["stages"].append({"use": "resolution"})
+    whole = stated(made, 1e6).errors
+    cheap = {one for one in whole if whole[one].stage == "resolution"}
+    affordable = Evaluations.affordable
+
+    def few(self: Evaluations, *which: Any) -> frozenset[Any]:
+        return frozenset(one for one in affordable(self, *which) if one[0] == "resolution")
+
+    monkeypatch.setattr(Evaluations, "affordable", few)
+    found = stated(made, 1e6).errors
+    assert {"mtf", "mtf50_lp_mm"} <= cheap
+    for name, error in found.items():
+        assert set(error.open) == set(whole[name].open), name
+        if name in cheap:
+            assert error.parts == whole[name].parts, name
+        else:
+            assert list(error.parts) == ["bins and margin and omissions and spacing"], name
 
 
 def test_a_number_that_grows_without_limit_has_no_error() -> None:

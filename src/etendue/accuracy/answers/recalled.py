@@ -26,8 +26,8 @@ from etendue.session import Outcome
 from etendue.telling import plain, where
 from etendue.types.documents import DocumentView
 
-# Budget on the command line: a tenth of the seconds of the stages, less what evaluations may take longer than predicted,
-# but at least a time too short to notice.
+# Budget on the command line: a tenth of the seconds of the stages, with room for evaluations that take longer than
+# predicted, but at least a time too short to notice.
 SHARE, AT_LEAST = 0.09, 0.2
 MORE = 1.5  # if the budget has grown by this factor, evaluations that exceeded it are tried again
 
