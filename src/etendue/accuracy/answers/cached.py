@@ -17,7 +17,7 @@ from etendue.present.terminal.answer_texts import is_sound
 from etendue.types.documents import Document
 
 KIND = "answer"
-FORM = 6  # version of the stored documents and of how errors are measured: increase it to discard earlier ones
+FORM = 7  # version of the stored documents and of how errors are measured: increase it to discard earlier ones
 
 
 def cached(plan: Plan) -> Document | None:
