@@ -8,9 +8,11 @@ import pytest
 import etendue
 from etendue.archive.read.reading import open_archive
 from etendue.archive.structure import cutting
-from etendue.errors import RequestError
+from etendue.compute.tables import TABLES
+from etendue.errors import PluginError, RequestError
 from etendue.plan import cost
-from etendue.transfer import expansion, sampling
+from etendue.testing.examples import BlurAndSum
+from etendue.transfer import expansion, products, sampling
 
 
 def camera(**pixel):
@@ -135,6 +137,46 @@ def test_an_expansion_leaves_uniform_light_exact():
     }
     one, all_ = (etendue.simulate(d, leave_out=False)["pixel"].photon_rate.values for d in (document, exact))
     np.testing.assert_allclose(one, all_, rtol=1e-12)
+
+
+PITCHES = tuple(float(pitch) for pitch in np.linspace(2.0, 6.0, 10))
+
+
+@pytest.mark.parametrize("precision", ("float32", "float64"))
+def test_pixels_of_every_size_share_the_transforms_of_their_light(monkeypatch, precision):
+    """The weights of ten sizes differ in their last bits, but the light is gathered into planes and transformed once."""
+    made = []
+    monkeypatch.setattr(sampling, "transform", lambda *given, real=sampling.transform: made.append(1) or real(*given))
+    document = camera(wavelength_terms=3, rows=8, columns=12) | {"precision": precision}
+    document["camera"] |= {"peak_qe": [0.36, 0.44, 0.40], "aperture_fraction": 0.741}
+    document["stages"][0] |= {"wavelength_to": 720}
+
+    def transforms_of(*pitches):
+        TABLES.clear()
+        made.clear()
+        document["sweep"] = {"pixel_pitch": list(pitches)}
+        found = list(etendue.simulate(document, leave_out=False)["pixel"].subtree)[-1]
+        return found["photon_rate"].values, len(made)
+
+    together, count = transforms_of(*PITCHES)
+    for one, pitch in zip(together, PITCHES, strict=True):
+        alone, own = transforms_of(pitch)
+        assert own == count
+        np.testing.assert_array_equal(one, np.squeeze(alone))
+
+
+class Lopsided(BlurAndSum):
+    """A sum whose shares are not its weights."""
+
+    def shares(self, prepared):
+        return np.full_like(prepared, 0.5)
+
+
+def test_shares_that_are_not_those_of_the_weights_are_refused():
+    weights = np.array([[1.0, 3.0], [0.0, 0.0]])
+    assert products.shares(BlurAndSum(), weights, weights).tolist() == [[0.25, 0.75], [0.0, 0.0]]
+    with pytest.raises(PluginError, match="Lopsided.shares must give the weights divided by the sum of their channel"):
+        products.shares(Lopsided(), weights, weights)
 
 
 def test_fewer_terms_than_channels_are_refused():

@@ -56,7 +56,7 @@ def test_a_stage_gets_the_transfer_functions_in_front_of_it():
     pixel = stages[-1]
     wavelength = np.array([0.45, 0.55, 0.65])[:, None, None]
     edges = plan.of("pixel")[0].input_grids["irradiance"].bands().edges
-    weights = pixel.prepare({"wavelength_edges": np.array(edges), "wavelength": wavelength.ravel() * 1e3})
+    weights = pixel.prepare({"wavelength_edges": np.array(edges), "wavelength": wavelength.ravel() * 1e3})[0]
     otf = np.ones((3, 1, 1))
     for stage in stages:
         otf = otf * stage.transfer(

@@ -77,6 +77,13 @@ class Summed(Transfer):
     def weights(self, prepared: Any) -> Array:
         """(channel, band): the weights of the sum."""
 
+    def shares(self, prepared: Any) -> Array | None:
+        """(channel, band): the weights divided by the sum of their channel. None: they are calculated from the weights.
+        Stages whose weights differ only by a common factor, as pixels of several sizes do, share transforms if this
+        method gives the same bits for them.
+        """
+        return None
+
     def segment_error(
         self, before: tuple[Transfer, ...], facts: Any, grid: Mapping[str, Grid], precision: str
     ) -> tuple[float | None, str]:

@@ -143,3 +143,18 @@ def weights(stage: Summed, prepared: Any) -> Array:
         raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers by (channel, band)")
     found.flags.writeable = False
     return found
+
+
+def shares(stage: Summed, prepared: Any, weights: Array) -> Array:
+    """Return the weights (channel, band) divided by the sum of their channel; 0 for a channel without weight."""
+    sums = weights.sum(axis=1, keepdims=True)
+    own = np.divide(weights, sums, out=np.zeros_like(weights), where=sums != 0)
+    name = f"{type(stage).__name__}.shares"
+    with foreign(name):
+        given = stage.shares(prepared)
+    if given is None:
+        return own
+    found = np.array(given, dtype=float)
+    if found.shape != own.shape or not np.allclose(found, own, rtol=1e-9, atol=1e-12):
+        raise PluginError(f"{name} must give the weights divided by the sum of their channel")
+    return found

@@ -24,6 +24,7 @@ from etendue.contract.stage import state_of
 from etendue.plan.model import CellRef
 from etendue.transfer import expansion, sampling
 from etendue.transfer.products import Product
+from etendue.transfer.products import shares as shares_of
 from etendue.transfer.products import weights as weights_of
 from etendue.transfer.sampling import ComplexArray
 from etendue.types.arrays import Array
@@ -180,7 +181,7 @@ def from_bands(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array |
     if sums is None:
         channels = _exact(light, joined, weights)
     else:
-        shares = np.divide(weights, sums[:, None], out=np.zeros_like(weights), where=sums[:, None] != 0).round(DIGITS)
+        shares = shares_of(stage, prepared, weights).round(DIGITS)
         channels = _shared(job, light, joined, shares, stage.terms() if few else 0)
     kind = channels[0].dtype
     y, x = grid.line("y"), grid.line("x")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import ClassVar
 
@@ -273,13 +274,22 @@ class Balance(Viewed, Haloed):
         return white_of(self.target) if self.gains == "white" else None
 
     def run(self, xyz_scene: FloatArray, white_xyz: FloatArray, prepared: FloatArray) -> dict[str, Array]:
-        cones = matrices.TRANSFORMS[SPACES[self.space]]
         if self.gains == "as_printed":
+            cones = matrices.TRANSFORMS[SPACES[self.space]]
             matrix, floored = np.linalg.solve(cones, np.diag(PRINTED_GAINS) @ cones), 0
         else:
-            source, floored = np.asarray(white_xyz, dtype=float), 0
-            if self.floor > 0:
-                responses, floored = white_balance.lifted(cones @ source, self.floor)
-                source = np.linalg.solve(cones, responses) if floored else source
-            matrix = matrices.von_kries_matrix(source, prepared, cones)
+            source, target = (tuple(map(float, white)) for white in (white_xyz, prepared))
+            matrix, floored = _adaptation(source, target, self.space, self.floor)
         return {"xyz_scene": matrices.apply_matrix(matrix, xyz_scene), "cones_floored": np.array(float(floored))}
+
+
+@lru_cache(64)  # takes longer than the multiplication of a small picture
+def _adaptation(
+    source: tuple[float, ...], target: tuple[float, ...], space: str, floor: float
+) -> tuple[FloatArray, int]:
+    """Return the matrix from a source white to a target white, and the number of cones lifted to the floor."""
+    cones, white, floored = matrices.TRANSFORMS[SPACES[space]], np.array(source), 0
+    if floor > 0:
+        responses, floored = white_balance.lifted(cones @ white, floor)
+        white = np.linalg.solve(cones, responses) if floored else white
+    return matrices.von_kries_matrix(white, target, cones), floored

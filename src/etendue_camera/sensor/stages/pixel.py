@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -219,10 +219,14 @@ class Pixel(Collecting, Summed):
             )
         return Line(size, float(first), 1.0, "1", (start, self.pixel_pitch))
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
-        return electrons_per_irradiance(self, tuple(coordinates["wavelength_edges"]))
+    def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, FloatArray]:
+        edges = tuple(coordinates["wavelength_edges"])
+        return electrons_per_irradiance(self, edges), np.array(self._shares(edges))
 
-    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray, prepared: FloatArray) -> FloatArray:
+    def _shares(self, edges: tuple[float, ...]) -> missing.Weights:
+        return shares(tuple(getattr(self, name) for name in SEEN_BY), state_of(self)[1], edges)
+
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray, prepared: Any) -> FloatArray:
         width = self.pixel_pitch * self.aperture_fraction
         aperture = photodiode.aperture_otf(fy, width) * photodiode.aperture_otf(fx, width)
         if self.aperture_offset_y == 0 == self.aperture_offset_x:
@@ -232,8 +236,11 @@ class Pixel(Collecting, Summed):
             * np.exp(2j * np.pi * self.pixel_pitch * (self.aperture_offset_y * fy + self.aperture_offset_x * fx))
         )[None]
 
-    def weights(self, prepared: FloatArray) -> FloatArray:
-        return prepared
+    def weights(self, prepared: tuple[FloatArray, FloatArray]) -> FloatArray:
+        return prepared[0]
+
+    def shares(self, prepared: tuple[FloatArray, FloatArray]) -> FloatArray:
+        return prepared[1]
 
     def segment_error(
         self, before: tuple[Transfer, ...], facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str
@@ -247,7 +254,7 @@ class Pixel(Collecting, Summed):
         if not few and self.kept_frequencies == 1:
             return bound, how
         lost = missing.of_the_light(
-            shares(tuple(getattr(self, name) for name in SEEN_BY), state_of(self)[1], light.bands().edges),
+            self._shares(light.bands().edges),
             before,
             light,
             facts["irradiance"].content,
