@@ -142,9 +142,9 @@ def test_an_expansion_leaves_uniform_light_exact():
 PITCHES = tuple(float(pitch) for pitch in np.linspace(2.0, 6.0, 10))
 
 
-@pytest.mark.parametrize("precision", ("float32", "float64"))
+@pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_pixels_of_every_size_share_the_transforms_of_their_light(monkeypatch, precision):
-    """The weights of ten sizes differ in their last bits, but the light is gathered into planes and transformed once."""
+    """The weights of ten sizes differ in their last bits; the light is gathered into planes and transformed once."""
     made = []
     monkeypatch.setattr(sampling, "transform", lambda *given, real=sampling.transform: made.append(1) or real(*given))
     document = camera(wavelength_terms=3, rows=8, columns=12) | {"precision": precision}
