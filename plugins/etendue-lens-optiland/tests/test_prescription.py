@@ -126,7 +126,7 @@ def test_broken_tables_are_refused(tmp_path, text, what):
 
 
 def test_unknown_lenses_and_files_are_refused_with_what_there_is(tmp_path):
-    with pytest.raises(ValueError, match="perhaps ReverseTelephoto"):
+    with pytest.raises(ValueError, match="did you mean ReverseTelephoto"):
         load("ReversedTelephoto")
     with pytest.raises(ValueError, match="must be a Zemax file"):
         load("", str(tmp_path / "lens.seq"))
