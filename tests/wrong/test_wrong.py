@@ -122,3 +122,17 @@ def test_faults_of_a_setting_name_no_line_of_the_file(capsys, monkeypatch):
         ["plan", "smallest.toml", "--set", "camera.focal_length=-1 mm", "--set", "pixel.rows=x"], capsys
     )
     assert [line.partition(" ")[0] for line in err.splitlines()] == ["smallest.toml:", "smallest.toml:"]
+
+
+def test_a_setting_of_an_absent_stage_names_the_stages_there_are(capsys, monkeypatch):
+    monkeypatch.chdir(FOLDER.parent.parent / "pipelines")
+    _, _, err = etendue(["plan", "smallest.toml", "--set", "wavefront.z4=1"], capsys)
+    assert "cannot set 'wavefront': unknown name; the stages of this pipeline: scene, irradiance, " in err
+    _, _, err = etendue(["plan", "smallest.toml", "--set", "demosic.floor=1"], capsys)
+    assert "did you mean 'demosaic'?" in err
+
+
+def test_a_line_that_is_not_toml_is_shown_without_its_comment(tmp_path, capsys):
+    (tmp_path / "twice.toml").write_text("seed = = 1    # the same for all noise\n")
+    _, _, err = etendue(["plan", str(tmp_path / "twice.toml")], capsys)
+    assert ":1: not valid TOML: Invalid value: 'seed = = 1'; text, " in err

@@ -67,7 +67,9 @@ def diff() -> None:
 @command("verify")
 @_ARCHIVE
 @click.option(
-    "--repair", is_flag=True, help="Restore damaged content from a second copy, or recompute it; change nothing else."
+    "--repair",
+    is_flag=True,
+    help="Restore damaged content from a second copy, or recompute it; move foreign files in data.zarr aside.",
 )
 @click.option(
     "--from",
@@ -93,8 +95,8 @@ def verify() -> None:
     records, inputs, journal.
 
     No stage needs to be installed, and nothing is changed. With --repair, damaged content is restored from a second
-    copy if there is one, or recomputed from the archive's own pipeline; files that do not belong to the archive are
-    moved to its folder 'strays'.
+    copy if there is one, or recomputed from the archive's own pipeline; files in data.zarr that no run has written are
+    moved to the archive's folder 'strays'.
 
     `verify` cannot detect a change after which all digests in the archive were rewritten too. `reproduce` detects such
     a change if a result differs from the recomputed result; the digest printed by --digest, if you kept it elsewhere,

@@ -243,14 +243,15 @@ def _not_toml(text: str, message: str) -> Fault:
     if not match:
         return Fault("", f"not valid TOML: {message}")
     number = int(match[1])
-    line = text.splitlines()[number - 1].strip()[:80] if number <= len(text.splitlines()) else ""
+    line = text.splitlines()[number - 1] if number <= len(text.splitlines()) else ""
+    line = re.sub(r"\s#[^\"']*$", "", line).strip()[:80]  # without its comment
     reason = message[: match.start()]
     hint = ""
     if "overwrite" in reason or "twice" in reason:
         hint = "; a key or a table appears twice"
     elif "newline" in reason or "Invalid value" in reason:
         hint = '; text, and a number with a unit, must be in quotes: "5.4 um"'
-    return Fault("", f"not valid TOML: {reason}, at: {line}{hint}", number)
+    return Fault("", f"not valid TOML: {reason}: {line!r}{hint}" if line else f"not valid TOML: {reason}{hint}", number)
 
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([\w.\-]+)\s*\]\]?\s*(?:#.*)?$")

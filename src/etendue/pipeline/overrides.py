@@ -9,7 +9,7 @@ axis.
 from __future__ import annotations
 
 from etendue.contract.values import quantities
-from etendue.contract.values.tables import table_in, tables
+from etendue.contract.values.tables import SHARED, table_in, tables
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.form import ARCHIVE
 from etendue.pipeline.zipped import is_axis
@@ -172,7 +172,8 @@ def _meant(document: DocumentView, head: str, tail: str) -> str:
     called = next((name for name, (_, stage) in named.items() if stage.get("use") == head), "")
     if called:
         return f"; in this file the stage {head} is named {called!r}: {called}.{tail}"
-    return nearest(head, [*named, *tables(), "sweep"])
+    close = nearest(head, [*named, *(name for name in tables() if name != SHARED), "sweep"])
+    return close if "did you mean" in close else f"; the stages of this pipeline: {', '.join(named)}"
 
 
 def _quantities(document: DocumentView) -> tuple[str, ...]:

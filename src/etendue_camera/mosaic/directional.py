@@ -30,7 +30,8 @@ FLOOR = 1e-3  # of full scale, 1
 
 
 def directional(mosaic: NDArray, pattern: str, floor: float = FLOOR) -> NDArray:
-    """Interpolate G - R and G - B along rows and columns, weighted by direction similarity.
+    """Interpolate G - R and G - B along rows and along columns, and average both estimates, weighted by the smoothness
+    of the colour difference along each.
 
     Parameters
     ----------

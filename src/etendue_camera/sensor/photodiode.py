@@ -323,9 +323,10 @@ def _field_free(x: FloatArray, a: Floats, back: str) -> FloatArray:
     a = alpha L, a scalar or (n, 1).
 
     g is the probability to reach the top from depth y: sinh(x(1 - y))/sinh(x) over an absorbing back and cosh(x(1 -
-    y))/cosh(x) over a reflecting back. With E1(u) = (1 - exp(-u))/u, which is 1 at 0, both are [E1(a + x) -+ T] / (1 -+
-    exp(-2x)), T = E1(|x - a|) exp(-x - min(x, a)), without overflow or a singularity at a = x. The difference cancels
-    for small x; there sinh is expanded, which leaves a sum of positive moments.
+    y))/cosh(x) over a reflecting back. With E1(u) = (1 - exp(-u))/u, which is 1 at 0, the integral is [E1(a + x) -+ T]
+    / (1 -+ exp(-2x)), with the upper signs for an absorbing back and T = E1(|x - a|) exp(-x - min(x, a)). This form has
+    no overflow and no singularity at a = x. With the upper signs the difference cancels for small x; there sinh is
+    expanded, which leaves a sum of positive moments.
     """
     if back == "reflecting":
         return (_decline(a + x) + _returning(x, a)) / (1.0 + np.exp(-2.0 * x))

@@ -26,8 +26,8 @@ def sensitivity() -> None:
 
     For a design with method = "saltelli", the command gives first-order and total Sobol' indices with 95 % intervals.
     For any design, it gives standardised regression coefficients, rank correlations, main effects (the share of the
-    variance that a factor explains alone) and products of two factors. If the sweep has other axes, the command repeats
-    all of this for every combination of their values.
+    variance that a factor explains alone), and the share that the product of two factors explains in addition. If the
+    sweep has other axes, the command repeats all of this for every combination of their values.
     """
 
 

@@ -87,8 +87,8 @@ def losses() -> None:
     of a stage is the loss that its replacement adds, averaged over all orders of replacement. The shares sum to the
     total loss. A stage that reduces the loss, such as sharpening, has a negative share. Contrast (mean up to Nyquist)
     and SNR of a grey card are in decibels, in which the effects of blurs and gains add up. Colour is the mean squared
-    CIEDE2000 difference from the ideal camera, as defined by `etendue quality`. For pairs of stages, the decrease of
-    the loss if both are ideal is predicted from the shares, computed, and both are printed.
+    CIEDE2000 difference from the ideal camera, as defined by `etendue quality`. For pairs of stages, the command
+    prints by how much the loss decreases if both stages are ideal: as predicted from the shares, and as computed.
 
     For numerical error by stage, see `etendue accuracy`.
     """

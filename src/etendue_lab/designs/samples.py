@@ -152,7 +152,7 @@ def samples_of(folder: Path, name: str = "") -> Samples:
     pipeline = run.pipeline()
     name = shlex.quote(name or str(folder))
     if not pipeline.design:
-        raise RequestError(f"{name} holds a grid, not a design; add [design] to its pipeline, or use --design")
+        raise RequestError(f"{name} holds a grid, not a design; run its pipeline with [design], or with --design")
     holdings = Holdings(opened(folder), name)
     held = [one for one in holdings if SAMPLE in one.axes]
     numbers = tuple(sorted({int(row) for one in held for row in one.values_of(SAMPLE)}))

@@ -167,9 +167,10 @@ def pairs_of(
     registry, names = installed_stages(), tuple(dict.fromkeys(variables))
     ranges = read_ranges(pipeline, registry, over)
     if pipeline.sweep.keys() - {one.key for one in ranges}:
-        axes = ", ".join(pipeline.sweep.keys() - {one.key for one in ranges})
+        axes = ", ".join(sorted(pipeline.sweep.keys() - {one.key for one in ranges}))
         raise RequestError(
-            [Fault("sweep", f"every pair has one camera: give {axes} one value (--set), or draw its values (--over)")]
+            f"the pipeline sweeps {axes}, but every pair has one camera; set each to one value (--set), or draw it at "
+            "random (--over)"
         )
     found = Pairs(pipeline, photographs_of(photographs), ranges, names, seed, count, _scene_of(pipeline, registry))
     plan = found.session.plan(list(names), found.settings(0))

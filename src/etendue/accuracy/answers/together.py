@@ -1,12 +1,12 @@
 """The error of several discretisations together, for budgets that are too small to measure one after the other.
 
-In:  evaluations of a point.
-Out: the parts of the errors of the wanted variables: one part for bins and spacing, and one for margin and omissions;
-     with one more evaluation, each discretisation has its own part; if the budget allows only one comparison of both
-     chains at once, all together have one part.
+Evaluations form two chains, one for bins and spacing, and one for margin and omissions; each step of a chain changes
+one thing. The difference between the ends of a chain gives the error of all its steps; an evaluation in between
+separates the steps.
 
-Evaluations form chains; each step of a chain changes one thing. The difference between both ends gives the error of all
-steps; an evaluation in between separates the steps.
+In:  evaluations of a point.
+Out: the parts of the errors of the wanted variables: one part for each chain; with one more evaluation of a chain, one
+     part for each of its steps; if the budget allows only one comparison over both chains, one part for everything.
 """
 
 from __future__ import annotations

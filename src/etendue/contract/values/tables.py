@@ -69,6 +69,14 @@ def tables() -> dict[str, Table]:
     return {**{name: replace(table, name=name) for name, table in own.items()}, SHARED: Table()}
 
 
+def table_of(quantity: str) -> str:
+    """Return the name of the table that the distribution of a quantity declares; if it declares none, the first."""
+    found, every = discovery.installed(), list(tables())
+    own = found.first("quantities", quantity)
+    origin = {name: found.first("tables", name) for name in every}
+    return next((name for name, by in origin.items() if own and by and by.distribution == own.distribution), every[0])
+
+
 def table_in(document: DocumentView) -> Table:
     """Return the table in a document; if it has none, the first table."""
     every = tables()

@@ -204,7 +204,7 @@ class HeldVariable:
         return array, _loaded(chosen["status"], self).transpose(*axes).values
 
 
-def _variable(dims: Sequence[str], array: Array, attrs: Mapping[Any, Any] | None = None) -> xarray.Variable:
+def _variable(dims: Sequence[str], array: Array, attrs: DocumentView | None = None) -> xarray.Variable:
     """Return a variable with a numpy array. Without ``fastpath``, xarray imports dask, which takes 0.2 s."""
     return xarray.Variable(dims, array, attrs, fastpath=True)
 

@@ -182,7 +182,8 @@ def _missing(document: DocumentView) -> list[str]:
                 others.setdefault((name, why), []).append(one["variable"])
     seconds = human_seconds(number(document["dear"]))
     of = f" for {_few(list(whose))}" if len(whose) < len(document["errors"]) else ""
-    said = [f"not measured: {', '.join(costly)}{of}; --measure does, in about {seconds}"] if costly else []
+    time = f", in about {seconds}" if number(document["dear"]) >= 1e-3 else ""
+    said = [f"not measured: {', '.join(costly)}{of}; --measure does{time}"] if costly else []
     return said + [f"not measured for {_few(names)} ({part}): {why}" for (part, why), names in others.items()]
 
 

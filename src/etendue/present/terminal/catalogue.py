@@ -13,7 +13,7 @@ from inspect import cleandoc
 from rich.console import Console
 from rich.padding import Padding
 
-from etendue.contract.values.tables import tables
+from etendue.contract.values.tables import table_of, tables
 from etendue.plugins.discovery import OWN
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.types.documents import Document
@@ -83,7 +83,7 @@ def _print_parameter(console: Console, key: str, p: Document) -> None:
         text
         for text in (
             "required" if p["required"] else "",
-            f"under [{next(iter(tables()))}]" if p["shared"] else "",
+            f"under [{table_of(key)}]" if p["shared"] else "",
             allowed,
         )
         if text

@@ -104,7 +104,7 @@ def _product(names: Iterable[str]) -> str:
 
 
 def _axis(axis: Document, short: str) -> str:
-    """Return a line such as 'spacing = grid_spacing: 2.8 .. 5.4 um (2)'."""
+    """Return a line such as 'spacing = grid_spacing: 2.8, 5.4 um (2)'; of more than four values, the first and last."""
     values = [f"{v:g}" if isinstance(v, float) else str(v) for v in axis["values"]]
     units = f" {axis['units']}" if axis["units"] not in (None, "1") else ""
     shown = ", ".join(values) if len(values) <= 4 else f"{values[0]} .. {values[-1]}"

@@ -109,7 +109,7 @@ def _print_where(console: Console, document: Document) -> None:
     """Print the causes of the differences, and the cells that only one archive has."""
     if any(stage["differing"] for stage in document["stages"]):
         console.print(
-            "max, rms: difference of the worst cell; relative: its rms divided by full scale (inf: full scale is 0)",
+            "largest, rms: of the difference of the worst cell; relative: rms divided by full scale (inf: it is 0)",
             soft_wrap=True,
         )
     for stage in document["stages"]:

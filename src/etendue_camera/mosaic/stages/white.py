@@ -53,7 +53,7 @@ class White(GainChain, Collecting):
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"white": Grid.of({"channel": Labels(self.channels)})}
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, tuple[float, ...]]:
         edges = tuple(coordinates["wavelength_edges"])
         return electrons_per_irradiance(self, edges), edges
 
@@ -69,7 +69,7 @@ class White(GainChain, Collecting):
         low, high = _per_second(one, state_of(one)[1], grid["white_irradiance"].bands().edges, light)
         return Facts(low=low * shortest, high=high * longest, contrast=high / low if low > 0 else math.inf)
 
-    def run(self, white_irradiance: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, white_irradiance: FloatArray, prepared: tuple[FloatArray, tuple[float, ...]]) -> dict[str, Array]:
         rates = prepared[0] * white_irradiance
         electrons = mixing_of(self, prepared[1], rates) @ rates.sum(axis=1) * self.integration_time
         diffuse = electrons * (self.dn_per_electron() / self.white())

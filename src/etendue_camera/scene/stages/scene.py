@@ -127,6 +127,10 @@ class Scene(Source, Banded, Discretised):
         return max(own["width"], own["height"]) / AROUND if cls.extends else 0.0
 
     def edges(self) -> tuple[float, ...]:
+        require.that(
+            self.wavelength_from < self.wavelength_to,
+            f"wavelength_from, {self.wavelength_from:g} nm, must be below wavelength_to, {self.wavelength_to:g} nm",
+        )
         quotient = (self.wavelength_to - self.wavelength_from) / self.bin_width
         too_many = beyond(quotient, "bands", MOST_BANDS, f"bin_width {self.bin_width:g} nm is too narrow")
         if too_many:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -226,7 +226,9 @@ class Pixel(Collecting, Summed):
     def _shares(self, edges: tuple[float, ...]) -> missing.Weights:
         return shares(tuple(getattr(self, name) for name in SEEN_BY), state_of(self)[1], edges)
 
-    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray, prepared: Any) -> FloatArray:
+    def transfer(
+        self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray, prepared: tuple[FloatArray, FloatArray]
+    ) -> FloatArray:
         width = self.pixel_pitch * self.aperture_fraction
         aperture = photodiode.aperture_otf(fy, width) * photodiode.aperture_otf(fx, width)
         if self.aperture_offset_y == 0 == self.aperture_offset_x:
