@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import etendue
 from etendue import stages as s
 from etendue.api import RequestError
+from etendue.contract.values.tables import table_of, tables
 
 SPEED = 343.0
 PIPELINES = Path(__file__).parents[1] / "pipelines"
@@ -132,3 +133,9 @@ def test_a_stage_on_labels_may_be_called_with_arrays():
     stage = DelayAndSum()
     by_place, by_name = stage.run(phasor, *where), stage.run(**dict(zip(names, (phasor, *where), strict=True)))
     assert_array_equal(by_place["beam"], by_name["beam"])
+
+
+def test_a_quantity_is_shown_under_the_table_of_its_own_distribution():
+    assert table_of("sound_speed") == "array"
+    assert table_of("f_number") == "camera"
+    assert table_of("of no distribution") == next(iter(tables()))
