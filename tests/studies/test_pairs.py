@@ -152,7 +152,7 @@ def test_blocks_hold_the_pairs_and_stay(photographs, tmp_path):
         (TEXT, {"variables": ["raww"]}, "'raw'"),
         (TEXT, {"variables": ["irradiance"]}, "has the dims wavelength y x; expected y x, or channel y x"),
         (TEXT, {"variables": ["clipped_fraction"]}, "expected y x"),
-        (TEXT + "\n[sweep]\nf_number = [2, 4]\n", {"over": []}, "give f_number one value"),
+        (TEXT + "\n[sweep]\nf_number = [2, 4]\n", {"over": []}, "the pipeline sweeps f_number, but every pair"),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_is_computed(photographs, text, how, says):
