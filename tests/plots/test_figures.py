@@ -240,7 +240,7 @@ def test_the_name_of_a_variable_says_how_it_is_drawn(holdings, word, kind):
         ("map", PlotRequest(("mean_snt",)), "did you mean 'mean_snr'"),
         ("map", PlotRequest(("rgb_display",)), "plot it with show or strip"),
         ("map", PlotRequest(("mean_snr",), x="f_numbr"), "did you mean 'f_number'"),
-        ("map", PlotRequest(("mean_snr",), at={"f_number": 3}), "available: f/2, f/2.8, f/5.6"),
+        ("map", PlotRequest(("mean_snr",), at={"f_number": 3}), "available: 2.0, 2.8, 5.6"),
         ("mp", PlotRequest(), "neither a kind of plot"),
         ("pareto", PlotRequest(("mean_snr", "fit_condition")), "--better fit_condition=higher"),
         ("pareto", PlotRequest(("mean_snr",)), "a front needs two metrics"),

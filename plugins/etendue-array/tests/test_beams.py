@@ -136,8 +136,7 @@ def test_a_stage_on_labels_may_be_called_with_arrays():
     assert_array_equal(by_place["beam"], by_name["beam"])
 
 
-@pytest.mark.parametrize(("stage", "table"), [("delay_and_sum", "array"), ("irradiance", "camera")])
-def test_a_quantity_is_shown_under_the_table_of_its_own_distribution(stage, table):
-    command = [sys.executable, "-m", "etendue", "stages", stage]
+def test_a_quantity_is_shown_under_the_table_of_its_own_distribution():
+    command = [sys.executable, "-m", "etendue", "stages", "delay_and_sum"]
     said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert f"(under [{table}]; " in said
+    assert "(under [array]; " in said

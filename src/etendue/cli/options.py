@@ -87,7 +87,7 @@ DESIGNS = click.option(
     "designs",
     multiple=True,
     metavar="NAME=VALUE",
-    help='Sample parameters: method=sobol, points=256, seed=1, or a factor such as "gain={ from = 1, to = 8 }"'
+    help='Draw values of parameters: method=sobol, points=256, seed=1, or a factor such as "gain={ from = 1, to = 8 }"'
     + REPEAT,
 )
 WANT = click.option(
@@ -106,7 +106,7 @@ ROUND = click.option(
 NOTHING_LEFT_OUT = click.option(
     "--nothing-left-out",
     is_flag=True,
-    help="Compute the reference: run every stage, in 64 bits, with every knob not set by the file at its finest.",
+    help="Use the reference: every stage, in 64 bits, with every accuracy setting that the file omits at its finest.",
 )
 NO_STAND_INS = click.option(
     "--no-stand-ins",

@@ -95,7 +95,9 @@ def clipped_figures(array: Array) -> tuple[int, Array, Array]:
 
 
 def beside(job: Job, results: Mapping[CellRef, Result]) -> CellArrays:
-    """Return the arguments of ``run`` other than the arrays of its ports."""
+    """Return the arguments of ``run`` that are not read from earlier cells: what the stage sees of other stages
+    (variables, transfer functions, data sheets), and special arguments such as ``prepared`` and ``rng``.
+    """
     given: CellArrays = {}
     looking = job.looking or NOTHING
     for port, what, pairs in looking.ports:

@@ -117,8 +117,8 @@ class Sampler:
         self.dy, self.dx = (a[self.inside] * self.spacing for a in np.meshgrid(grid, grid, indexing="ij"))
 
     def kernels(self, y_um: FloatArray, x_um: FloatArray) -> FloatArray:
-        """Return kernels (P, L, size, size) of image points (P,), (P,) at the wavelengths of the bank, each with a sum
-        of 1.
+        """Return kernels (P, L, size, size), each with a sum of 1, of the image points at ``y_um`` and ``x_um``, both
+        (P,), at the L wavelengths of the tables.
         """
         y_um, x_um = np.asarray(y_um, dtype=float), np.asarray(x_um, dtype=float)
         out = np.zeros((y_um.size, len(self.tables), self.size, self.size))

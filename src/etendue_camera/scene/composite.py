@@ -298,8 +298,9 @@ def _centre(region: Region) -> tuple[float, float]:
 
 
 def _tilted_squares(y: FloatArray, x: FloatArray, panel: float, angle_deg: float, drawn: Rendering) -> FloatArray:
-    """Return the reflectance of a tilted dark square inside a light square on grey. The softening Gaussian is round, so
-    tilted squares stay separable.
+    """Return the reflectance of a dark square inside a light square on grey, both tilted by the same angle. The
+    softening Gaussian is isotropic, so a softened square is the product of two profiles, each across one pair of its
+    sides.
     """
     angle = np.deg2rad(float(angle_deg))
     outer, inner = (

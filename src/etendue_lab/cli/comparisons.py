@@ -125,8 +125,8 @@ def quality() -> None:
 def noise() -> None:
     """Report the noise after every stage of a camera that views a grey card, predicted and measured in noise frames.
 
-    The prediction uses shot noise, read noise, fixed patterns, rounding, and the response of the stages after the
-    mosaic to one pixel. Stages that adapt to their picture also adapt to its noise; their measured noise differs from
+    The prediction uses shot noise, read noise, fixed patterns, rounding, and the impulse response of the stages after
+    the mosaic. Stages that adapt to their picture also adapt to its noise; their measured noise differs from
     the prediction. Correlations between channels indicate how coloured the noise looks, correlations between
     neighbouring pixels how coarse it looks.
     """

@@ -89,8 +89,8 @@ def pairs() -> None:
 
     Every pair is one photograph seen by one camera whose settings are drawn at random from the ranges given by --over.
     It consists of the raw frame (raw) and the noise-free mean charge of the same pixels (expected_charge), or of any
-    other variables with the dims y x or channel y x. The same seed and number give the same pair on any machine of one
-    platform, in any order and with any number of workers.
+    other variables with the dims y x or channel y x. A pair depends only on the seed and its number (0, 1, ...): it is
+    the same on any machine of one platform, in any order and with any --workers.
 
     A file pairs-00000.npz holds each variable as float32 (number, channel, y, x); pairs-00000.json holds the settings
     of its pairs. Complete files are kept: after an interruption, or with a larger --count, the same command continues.

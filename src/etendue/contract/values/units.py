@@ -128,13 +128,16 @@ def to_unit(value: Decimal | int | str, unit: str) -> float:
         if isinstance(value, str):
             match = _NUMBER.match(value)
             if not match:
-                raise UnitError(f"{as_written(value)} is not a number with a unit")
+                raise UnitError(f"{as_written(value)} is not a number{'' if unit == '1' else ' with a unit'}")
             number = Decimal(match["number"])
             if match["unit"]:
                 factor, dims = parse_unit(match["unit"])
                 own_factor, own_dims = parse_unit(unit)
                 if dims != own_dims:
-                    raise UnitError(f"{as_written(value)} has unit {match['unit']}, which is incompatible with {unit}")
+                    wanted = (
+                        "a number without a unit is expected" if unit == "1" else f"which is incompatible with {unit}"
+                    )
+                    raise UnitError(f"{as_written(value)} has unit {match['unit']}, {wanted}")
                 number = number * factor / own_factor
         elif isinstance(value, Decimal | int) and not isinstance(value, bool):
             number = Decimal(value)

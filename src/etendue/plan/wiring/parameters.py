@@ -58,7 +58,9 @@ def resolve_file(text: str, folder: Path, folders: bool = False) -> Path:
             hint = nearest(path.name, [p.name for p in path.parent.iterdir()]) if path.parent.is_dir() else ""
             if "did you" not in hint:
                 hint = (
-                    "" if text.startswith("package:") else f"; relative paths start at the pipeline's folder, {folder}"
+                    ""
+                    if text.startswith("package:")
+                    else f"; relative paths start at the pipeline's folder, {folder.absolute()}"
                 )
             raise Unfit(f"no such file: {as_written(text)}{hint}")
         if not path.is_dir():

@@ -105,7 +105,7 @@ def resolved(held: Sequence[HeldVariable], at: AxisValues) -> Document:
         if match:
             found[dim] = match[0]
             continue
-        shown = ", ".join(value_text(v, units, dim) for v in values[:12]) + (", ..." if len(values) > 12 else "")
+        shown = ", ".join(map(str, values[:12])) + (", ..." if len(values) > 12 else "")  # as they are typed
         faults.append(Fault(f"{name}={asked}", f"{dim} has no such value; available: {shown}"))
     if faults:
         raise RequestError(faults)
